@@ -111,7 +111,10 @@ async def _http(_: Request, error: Exception) -> Response:
 
 
 class _Shield:
-    """Turns an error of ours into an answer, before the server logs its message, which may hold what a caller sent."""
+    """Turns an error of ours into a response before the server logs its message.
+
+    That message may hold text that a caller sent.
+    """
 
     def __init__(self, app: ASGIApp) -> None:
         self._app = app

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
 ACTOR = "bootstrap"
-"""Who stands in the ledger for what nobody on the wire did."""
+"""Actor in the ledger for acts that nobody did over the wire."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ _HASH: Final = re.compile(r"[0-9a-f]{64}")
 
 
 class DefectCode(StrEnum):
-    """What is wrong with a ledger."""
+    """Defect of a ledger."""
 
     LINE_MALFORMED = "LINE_MALFORMED"
     NOT_CANONICAL = "NOT_CANONICAL"
@@ -87,7 +87,7 @@ class _Found(Exception):  # noqa: N818  it carries the defect out
 
 
 def verify(lines: Iterable[bytes | str], trust: TrustBundle) -> Verified | Defect:
-    """Whether these lines are the whole, unchanged ledger that the identity provider signed.
+    """Result of checking that these lines are the whole, unchanged ledger that the identity provider signed.
 
     Args:
         lines: of the export, without line ends; the last one is the checkpoint.

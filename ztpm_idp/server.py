@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 HEADER_BYTES = 32_768
 """Headers that are read: a token of 16 KiB, its proof, and room."""
 GRACE_S = 5
-"""How long open requests may take to end after SIGTERM."""
+"""Seconds that open requests may take to end after SIGTERM."""
 
 
 class _Announcing(uvicorn.Server):

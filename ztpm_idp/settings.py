@@ -1,4 +1,4 @@
-"""What a deployment states, read strictly.
+"""Settings of a deployment, read strictly.
 
 A service with an unsafe or empty security setting does not start, and says which one.
 """
@@ -39,7 +39,7 @@ _DRIVER: Final = "sqlite+aiosqlite"
 
 
 class Lifetimes(BaseModel):
-    """How long things live, in seconds. Each can only be shorter than what the profile allows."""
+    """Lifetimes in seconds. Each can only be shorter than the profile allows."""
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
 
@@ -48,18 +48,18 @@ class Lifetimes(BaseModel):
 
 
 class Stated(BaseModel):
-    """Where the identity provider is and how it keeps its state, but for its keys.
+    """Address of the identity provider and the way it keeps its state, all but its keys.
 
     Attributes:
         issuer: its base URL with a path; every endpoint is below it, every proof names it.
-        host, port: where it listens.
+        host, port: its listener's address.
         database_url: `sqlite+aiosqlite:///FILE`.
-        policy: by what delegations are decided: the name of a shipped policy set, or a TOML file.
+        policy: the set that decides on delegations: the name of a shipped policy set, or a TOML file.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
         open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
-            seconds of reading each they take one person four minutes, inside the life of an ask; a queue that nobody
-            can read in time is approved unread.
+            seconds of reading each they take one person four minutes, inside the life of an ask; a queue too long
+            to be read in time is approved unread.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -84,7 +84,7 @@ class Stated(BaseModel):
 
 
 class Settings(Stated):
-    """What `create_app` needs.
+    """Settings that `create_app` needs.
 
     Attributes:
         root_key_id: number of the root key that signs, in every token.
@@ -149,7 +149,9 @@ class FileSettings(Stated):
 
 
 def load_settings(path: Path) -> FileSettings:
-    """The settings of a TOML file, every one of them known and safe. File names are taken from the file's folder.
+    """Settings of a TOML file, each known and safe.
+
+    File names are taken from the file's folder.
 
     Raises:
         SettingsError: naming the first setting that is refused.

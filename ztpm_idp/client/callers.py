@@ -61,7 +61,7 @@ class ClientError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Issued:
-    """What was lent.
+    """Token that was lent.
 
     Attributes:
         token: its text. It is not shown when this is printed; only the holder's key makes it useful, still keep it to
@@ -78,7 +78,7 @@ class Issued:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """An agent's evidence for one request, as it hands it to whoever delegates to it."""
+    """Evidence of an agent for one request, to be handed to its delegator."""
 
     agent: str
     jws: str
@@ -491,10 +491,10 @@ class Operator(_Caller):
 
 
 def issue_request(agent: str, scope: Scope, *, purpose: str) -> dict[str, object]:
-    """What a sponsor asks for: the agent's evidence names the digest of this."""
+    """Request of a sponsor for a token: the agent's evidence names its digest."""
     return {"agent": agent, "purpose": purpose, "scope": scope_to_json(scope)}
 
 
 def delegate_request(delegate: str, restriction: Restriction, *, purpose: str) -> dict[str, object]:
-    """What a holder asks for: the delegate's evidence names the digest of this."""
+    """Request of a holder to delegate: the delegate's evidence names its digest."""
     return {"delegate": delegate, "purpose": purpose, "restriction": restriction_to_json(restriction)}

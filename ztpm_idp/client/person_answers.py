@@ -1,4 +1,4 @@
-"""A person's answers, made from what the person was shown: nothing is signed but the digest of a text that was read."""
+"""Answers of a person to a shown ask: only the digest of a text that was read is signed."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capabilities.statements.ask import Ask
 
 LIFETIME_S: Final = 120
-"""How long an approval lives unless the approver says otherwise, in seconds (DESIGN section 6)."""
+"""Life of an approval in seconds, unless the approver states another (DESIGN section 6)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,7 +32,7 @@ class ShownAsk:
 
 @dataclass(frozen=True, slots=True)
 class Terms:
-    """What an approval grants.
+    """Terms of an approval.
 
     Attributes:
         uses: how often, 1 to 100.

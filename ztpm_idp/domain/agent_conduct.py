@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AgentConduct:
-    """What is known of one agent: the reducers' states, and when a person last restored it (seconds), or None."""
+    """Conduct of one agent: the reducers' states, and the second at which a person last restored it, or None."""
 
     trust: TrustState = NOTHING_REPORTED
     behaviour: BehaviourState = NOTHING_KNOWN
@@ -28,7 +28,7 @@ class AgentConduct:
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """What enforcement points are told of an agent.
+    """Conduct of an agent as it is published to enforcement points.
 
     Attributes:
         scores: trust in each edge into it that something was ever reported about, in permille.
@@ -45,7 +45,7 @@ class Published:
 
 @dataclass(frozen=True, slots=True)
 class Concerned:
-    """What records are about: requests whose PERMIT may be open, and the hops under which was asked."""
+    """Subjects of records: requests whose PERMIT may be open, and the hops under which they were asked."""
 
     requests: frozenset[str] = frozenset()
     hops: frozenset[str] = frozenset()
@@ -53,14 +53,14 @@ class Concerned:
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """What the state knows of the agents concerned.
+    """Conduct that the state holds of the concerned agents.
 
     Attributes:
         agents: by id; one that is not here is one of which nothing was reported.
         open: reports of PERMITs of the enforcement point, by request id: as if nothing had been sent.
         made: the edge of each concerned hop that was ever made.
-        peers: for agents that are too young for a baseline of their own, what others of their sponsor's with the same
-            role usually do, by agent; at most `conduct.PEERS` of each.
+        peers: for agents that are too young for a baseline of their own, the histories of others of the same sponsor
+            and role, by agent; at most `conduct.PEERS` of each.
     """
 
     agents: Mapping[str, AgentConduct] = field(default_factory=lambda: MappingProxyType({}))

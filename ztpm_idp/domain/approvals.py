@@ -1,7 +1,7 @@
-"""Who may ask people, who may answer, and who may let a safety-critical act be asked for at all.
+"""Asks, votes and openings: the rights to ask people, to answer, and to let a safety-critical act be asked for.
 
-The provider takes what is signed and carries it; it signs no vote. What is refused here leaves no trace but its entry
-in the ledger.
+The provider takes and carries signed statements; it signs no vote. A refused act leaves no trace but its entry in the
+ledger.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ SHARE_OF_ONE_AGENT: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class _Refusing:
-    """How refusals of one act are made: with what the ledger keeps of the attempt."""
+    """Maker of the refusals of one act, each with the record of the attempt for the ledger."""
 
     act: str
     id: str
@@ -240,7 +240,10 @@ def _too_late(asked: Asked, vote: Vote, at_ms: int) -> tuple[Code, str] | None:
 
 
 def _whose(rules: Rules, state: State, text: str, error: StatementError, *, kind: str, not_yours: IdpCode) -> Code:
-    """The code for a statement that the caller's key did not sign: one that another approver did sign is told apart."""
+    """Code for a statement that the caller's key did not sign.
+
+    A statement that another approver did sign gets a code of its own.
+    """
     owner = state.owner_of_thumbprint
     other = None if owner is None else active_person(state, owner, PersonRole.APPROVER)
     if error.code is not FaultCode.STATEMENT_UNTRUSTED or other is None:
@@ -316,7 +319,10 @@ def _opening_record(opening: Opening, digest: str, text: str) -> OpeningRecord:
 
 
 def close_opening(state: State, command: CloseOpening) -> Outcome:
-    """By any approver, whoever opened: closing only takes away. Nothing happens again when it is closed already."""
+    """Closes an opening for any approver, not only its opener: closing only takes away.
+
+    A second closing has no effect.
+    """
     refused = _Refusing("closing", command.opening_id, command.by, "", None)
     if active_person(state, command.by, PersonRole.APPROVER) is None:
         return refused(IdpCode.NOT_PERMITTED, "approvers close")

@@ -27,11 +27,11 @@ approval lives by default.
 OPENINGS: Final = 16
 """Most openings of one audience in force at a time; a quarter of what an `answers` statement may hold."""
 ANSWERED_MEMORY_S: Final = 600
-"""How long after its end an ask is still told to its enforcement point, in seconds (the wire contract of approvals)."""
+"""Seconds for which an ended ask is still told to its enforcement point (the wire contract of approvals)."""
 
 
 class AskState(StrEnum):
-    """How an ask stands, as `capabilities.statements.answers.STATES` spells it."""
+    """State of an ask, as `capabilities.statements.answers.STATES` spells it."""
 
     OPEN = "open"
     GRANTED = "granted"
@@ -41,7 +41,7 @@ class AskState(StrEnum):
 
 
 class Answer(StrEnum):
-    """What a vote says, as `capabilities.statements.vote.ANSWERS` spells it."""
+    """Answer of a vote, as `capabilities.statements.vote.ANSWERS` spells it."""
 
     APPROVE = "approve"
     DENY = "deny"
@@ -50,7 +50,7 @@ class Answer(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class AskRecord:
-    """What of an ask decides; all the rest is in its text.
+    """Part of an ask that decides; all the rest is in its text.
 
     Attributes:
         ask_id, nonce: 32 hex digits each.
@@ -81,7 +81,7 @@ class VoteRecord:
 
     Attributes:
         approver, answer, not_after: as it says.
-        active: its approver is still active now; an approval by somebody disabled since does not count.
+        active: its approver is still active now; an approval by a person disabled since does not count.
         text: as it was signed.
     """
 
@@ -100,7 +100,10 @@ class Asked:
     votes: tuple[VoteRecord, ...] = ()
 
     def state(self, at_ms: int) -> AskState:
-        """How it stands at this wall-clock time. Advice: the enforcement point counts the votes itself."""
+        """State of the ask at this wall-clock time.
+
+        It is advice: the enforcement point counts the votes itself.
+        """
         answers = {vote.answer for vote in self.votes}
         approvals = [vote for vote in self.votes if vote.answer is Answer.APPROVE and vote.active]
         if Answer.DENY in answers:  # one denial ends it
@@ -122,10 +125,10 @@ class OpeningRecord:
     Attributes:
         opening_id: 32 hex digits.
         digest: SHA-256 (hex) of its text.
-        opener: who signed it.
-        audience, agent, object, operation: for what.
+        opener: the person who signed it.
+        audience, agent, object, operation: the acts that it opens.
         not_before, not_after: seconds since the epoch.
-        closed: whether somebody took it back.
+        closed: whether a person took it back.
         text: as it was signed.
     """
 

@@ -32,7 +32,7 @@ NO_REQUEST: Final = bytes(32)
 
 @dataclass(frozen=True, slots=True)
 class AcceptedEvidence:
-    """What evidence was accepted for.
+    """Accepted evidence of an agent.
 
     Attributes:
         spent: its nonce.
@@ -151,7 +151,7 @@ def judge(
 
 
 def _unproven(rules: Rules, agent: RegisteredAgent, token: str, at_ms: int) -> Refusal | None:
-    """Why the platform's token does not prove this agent ([WLD-1] to [WLD-5])."""
+    """Refusal where the platform's token does not prove this agent, or None ([WLD-1] to [WLD-5])."""
     if rules.platform is None:
         return _invalid("this provider trusts no platform")
     try:

@@ -83,13 +83,13 @@ Code = FaultCode | IdpCode | Reason
 
 @dataclass(frozen=True, slots=True)
 class Refusal:
-    """Why a command is refused: the negative half of `events | refusal`.
+    """Refusal of a command: the negative half of `events | refusal`.
 
     Attributes:
         code: the reason.
         detail: for the caller, once authenticated, and for the record; holds no token, no key and no text of a
             stranger.
-        recorded: what is kept of the attempt, for refusals that the ledger must show.
+        recorded: the records of the attempt, for refusals that the ledger must show.
         explanation: of `NOT_NARROWER`, for the holder whose scope it compares with.
     """
 

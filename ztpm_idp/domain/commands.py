@@ -1,4 +1,4 @@
-"""What can be asked of the identity provider, closed, and what each command must see to be judged.
+"""Commands to the identity provider, closed, with the state that each needs to be judged.
 
 Every field has been parsed strictly at the edge: ids match their grammar, keys are 32 bytes, texts are clean and
 bounded.
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Initialise:
-    """Put the first people into an empty store. Has no caller: it is run beside the store, never over the wire."""
+    """Puts the first people into an empty store.
+
+    It has no caller: it is run beside the store, never over the wire.
+    """
 
     people: tuple[RegisteredPerson, ...]
 
@@ -164,7 +167,7 @@ class Delegate:
 
 @dataclass(frozen=True, slots=True)
 class Revoke:
-    """Someone wants something dead, for ever."""
+    """Revokes one subject, for ever."""
 
     by: str
     kind: RevocationKind
@@ -239,7 +242,7 @@ Command = (
 
 
 def wanted(command: Command) -> Wanted:
-    """What must be loaded to judge `command`."""
+    """State that must be loaded to judge `command`."""
     match command:
         case Initialise(people=people):
             return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))

@@ -1,8 +1,8 @@
-"""How agents conduct themselves, as enforcement points' records tell it, and this provider's own word on delegations.
+"""Conduct of agents, from the records of enforcement points and from this provider's own delegations.
 
-The reducers are those of `policies`; here is what they are fed, and by whom. A report counts when it is of authority
-that this provider lent, to the agent that acted, and of an audience that the reporter serves. What is not that is kept
-in the ledger like every record, and counts for nothing.
+The reducers are those of `policies`; here they are fed. A report counts when its authority was lent by this provider to
+the agent that acted, for an audience that the reporter serves. Any other report is kept in the ledger like every
+record, and counts for nothing.
 """
 
 from __future__ import annotations
@@ -35,14 +35,14 @@ DELEGATE: Final = "delegate"
 PEERS: Final = 8
 """With how many others of its role a young agent is compared."""
 OPEN_RECORDS: Final = 4_096
-"""How many records after a PERMIT its outcome is waited for: one that comes later makes no report."""
+"""Most records that may follow a PERMIT before its outcome; a later outcome makes no report."""
 
 
 # --- from records ----------------------------------------------------------------------------------------------------
 
 
 def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
-    """What must be loaded for these records, of any shape."""
+    """Subjects that must be loaded for these records, of any shape."""
     requests, hops = set[str](), set[str]()
     for record in records:
         match record:
@@ -60,7 +60,7 @@ def concerned(records: Iterable[Mapping[str, object]]) -> Concerned:
 def reported(
     rules: Rules, state: State, pep: RegisteredPep, taken: Iterable[RecordTaken], at_ms: int
 ) -> tuple[Event, ...]:
-    """What new records of an enforcement point's journal, in order, say of the agents that acted."""
+    """Events that new records of a journal, in order, tell of the agents that acted."""
     events: list[Event] = []
     reports, open_ = list[Report](), dict(state.held.open)
     for record in taken:
@@ -91,19 +91,19 @@ def reported(
 
 
 def _plain(name: str) -> bool:
-    """Whether every database can look for it."""
+    """True where every database can look the name up."""
     return len(name) <= TEXT_MAX and name.isprintable()
 
 
 def _ours(state: State, pep: RegisteredPep, found: journal_reports.RecordedDecision) -> bool:
-    """Whether it is of an audience of the enforcement point's, and of a hop that was made for just this edge."""
+    """True where the record has an audience of the enforcement point, and a hop made for just this edge."""
     if not _plain(found.report.request_id):
         return False
     return found.audience in pep.audiences and state.held.made.get(found.hop_id) == found.report.edge
 
 
 def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) -> tuple[ConductObserved, ...]:
-    """What the reports make of what was known, once for each agent that they are about."""
+    """Conduct after the reports, one event for each agent that they are about."""
     parameters, now, known = rules.policies.parameters, at_ms // 1_000, dict[str, AgentConduct]()
     for report in reports:
         before = known.get(report.agent) or of(state, report.agent)
@@ -171,12 +171,12 @@ def of_delegation(rules: Rules, chain: Chain, request_id: str, *, at_ms: int, re
 
 
 def of(state: State, agent: str) -> AgentConduct:
-    """What is known of an agent that the command wanted to see."""
+    """Conduct of an agent that the command wanted to see."""
     return state.held.agents.get(agent) or AgentConduct()
 
 
 def published(agent: str, conduct: AgentConduct, *, at: int, parameters: Parameters) -> Published:
-    """What enforcement points are told of an agent, as of `at` (seconds)."""
+    """Conduct of an agent as published to enforcement points, as of `at` (seconds)."""
     return Published(
         scores={edge: trust.score(conduct.trust, edge, at, None, parameters) for edge in conduct.trust.accounts},
         default_permille=parameters.trust_prior_permille,

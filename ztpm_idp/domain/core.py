@@ -88,7 +88,7 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
 
 
 def caller_refused(state: State, caller: str) -> Refusal | None:
-    """Why this caller may do nothing at all: unknown, a sensor, or revoked since it proved who it is."""
+    """Refusal of a caller that may do nothing at all: unknown, a sensor, or revoked since it was authenticated."""
     party = state.parties.get(caller)
     if party is None or isinstance(party, RegisteredSensor):
         return Refusal(IdpCode.CALLER_UNKNOWN, "not registered")

@@ -1,7 +1,7 @@
-"""Whether the policies let a holder lend on (e2): decided on this provider's own knowledge, before anything is signed.
+"""Policies on delegation (e2): decided from this provider's own state, before anything is signed.
 
-Lending moves nothing, so its tier is 0: how far the holder is trusted with consequences is asked where what it lent is
-used, of every edge of the chain. Nobody is asked here: where the policies want a person's answer, nothing is lent.
+Delegating moves nothing, so its tier is 0. Trust for consequential acts is judged where the token is used, over every
+edge of the chain. Nobody is asked here: where the policies want a person's answer, nothing is delegated.
 """
 
 from __future__ import annotations
@@ -28,18 +28,20 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.state import State
 
 DONE_HERE: Final = frozenset({ObligationKind.RECORD, ObligationKind.REATTEST})
-"""What is done with every delegation: it stands in the ledger, and the delegate is attested for it. A policy that asks
-for more permits nothing here."""
+"""Obligations that every delegation meets: it stands in the ledger, and the delegate is attested for it.
+
+A policy that asks for more permits nothing here.
+"""
 
 
 def judged(
     rules: Rules, state: State, command: Delegate, chain: Chain, *, audience: str, at_ms: int
 ) -> tuple[Decision, Refusal | None]:
-    """What the policies say, and the refusal that follows unless they permit.
+    """Decision of the policies, and the refusal that follows unless they permit.
 
     Args:
         rules: name the policies.
-        state: with what is known of every holder in the chain.
+        state: with the conduct of every holder in the chain.
         command: of the holder.
         chain: the holder's, verified; its possession is proven.
         audience: one that the token is good for.
@@ -98,5 +100,5 @@ def _trust(rules: Rules, state: State, chain: Chain, *, at: int) -> TrustReading
 
 
 def _all_seen(state: State, chain: Chain) -> bool:
-    """Whether everything that is known of each holder was loaded: of one that was not, nothing is known to be well."""
+    """True where the conduct of each holder was loaded; without it nothing is known to be well."""
     return all(isinstance(state.parties.get(hop.agent), RegisteredAgent) for hop in chain.hops)

@@ -1,4 +1,4 @@
-"""What the ledger keeps of each event.
+"""Ledger entries, one for each event.
 
 No capability token, no private key; requests and evidence as they were signed, so that an auditor can verify them.
 Evidence may hold a platform's workload token: it is over within minutes and good for one key and this provider alone.

@@ -1,4 +1,4 @@
-"""What can have happened, closed. The store writes each to its tables and to the ledger in one transaction."""
+"""Events, closed. The store writes each to its tables and to the ledger in one transaction."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 class RevocationKind(StrEnum):
-    """What a revocation names."""
+    """Kind of subject that a revocation names."""
 
     TOKEN = "token"  # noqa: S105  a word, not a secret
     HOP = "hop"
@@ -112,9 +112,9 @@ class TokenDelegated:
 
 @dataclass(frozen=True, slots=True)
 class DelegationRefused:
-    """A holder tried to lend what it does not have, or may not lend now. Kept: an attempt is recorded and refused.
+    """Attempt of a holder to delegate more than it has, or at a time when it may not.
 
-    `decision` is that of the policies, where they were asked.
+    It is recorded, though refused. `decision` is that of the policies, where they were asked.
     """
 
     token_id: str
@@ -238,13 +238,13 @@ class OpeningClosed:
 
 @dataclass(frozen=True, slots=True)
 class ApprovalActRefused:
-    """Somebody tried to ask, answer, open or close and may not. Kept: an attempt is recorded and refused.
+    """Attempt to ask, answer, open or close without the right to; recorded, though refused.
 
     Attributes:
         act: "ask", "vote", "opening" or "closing".
         id: of the ask or opening; empty when it is not known.
         by: the caller.
-        code: why.
+        code: the reason.
         digest: SHA-256 (hex) of the statement that was offered, empty for a closing.
         signed: the request, where it is small and shows whose key was behind it.
     """

@@ -71,7 +71,7 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
 
 
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
-    """One more hop, when the holder lends strictly less than it has to an agent that is attested for exactly this."""
+    """Appends one hop, when the holder delegates strictly less than it has to an agent attested for exactly this."""
     # 1. The token verifies in full against what is revoked in this very transaction.
     verified = _verified(rules, state, command, at_ms)
     if isinstance(verified, Refusal):
@@ -164,7 +164,7 @@ def _told(error: CapabilityError, chain: Chain, command: Delegate) -> Refusal:
 
 @dataclass(frozen=True, slots=True)
 class _Refusing:
-    """How a holder's attempt is refused: with what the ledger keeps of it, and what it says of the holder."""
+    """Maker of refusals of a holder's attempt, with its record for the ledger and its effect on conduct."""
 
     rules: Rules
     state: State
@@ -193,6 +193,6 @@ class _Refusing:
 def _observed(
     rules: Rules, state: State, chain: Chain, hop_id: str, *, at_ms: int, refused: Code | None = None
 ) -> tuple[Event, ...]:
-    """What the attempt, whose possession was proven, says of the holder."""
+    """Conduct of the holder after the attempt, whose possession was proven."""
     report = conduct.of_delegation(rules, chain, hop_id, at_ms=at_ms, refused=refused)
     return () if report is None else conduct.observed(rules, state, (report,), at_ms)

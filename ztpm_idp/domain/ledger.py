@@ -73,9 +73,9 @@ def record_digest(record: dict[str, object]) -> str:
 
 
 def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -> Outcome:
-    """The new records, in order; one already taken is skipped when it is the same, and refused when it is not.
+    """Takes the new records, in order; skips one that was taken before, and refuses one that differs.
 
-    All or nothing: one refused record refuses the batch. What they say of agents' conduct counts with them.
+    All or nothing: one refused record refuses the batch. Their reports on agents' conduct count with them.
     """
     pep = state.parties.get(command.by)
     if not isinstance(pep, RegisteredPep) or pep.standing is not Standing.ACTIVE:
@@ -106,7 +106,10 @@ def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -
 
 
 def _malformed(record: dict[str, object]) -> Refusal | None:
-    """What is wrong with a record's shape: seven fields, each of its exact type (neither true nor 1.0 is a 1)."""
+    """Refusal of a record for its shape, or None.
+
+    A record has seven fields, each of its exact type (neither true nor 1.0 is a 1).
+    """
     if record.keys() != RECORD_FIELDS:
         return Refusal(IdpCode.BODY_MALFORMED, "a record has exactly v, pep, seq, prev, at_ms, kind and body")
     whole = all(type(record[name]) is int for name in ("v", "seq", "at_ms"))

@@ -1,4 +1,4 @@
-"""Who is registered: people, agents, enforcement points and sensors, each with one key; and the audiences' tools.
+"""Parties: people, agents, enforcement points and sensors, each with one key; and the audiences' tools.
 
 Ids are unique over all kinds, so that a delegator's name in a token can mean one party only. One key has one owner
 and one role.
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class PersonRole(StrEnum):
-    """What a person may do. A person may hold several."""
+    """Role of a person. A person may hold several."""
 
     SPONSOR = "sponsor"
     APPROVER = "approver"
@@ -23,7 +23,10 @@ class PersonRole(StrEnum):
 
 
 class Standing(StrEnum):
-    """Where a party is in its life. There is no way back from `REVOKED`: an id is never used again."""
+    """Standing of a party in its life.
+
+    There is no way back from `REVOKED`: an id is never used again.
+    """
 
     REGISTERED = "registered"
     """An agent that has not been attested yet."""

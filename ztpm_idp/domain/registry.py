@@ -1,4 +1,4 @@
-"""Who may register whom, with one key and one role each; who may state trust, and who restores an agent."""
+"""Registry: the rights to register parties, each with one key and one role, to state trust, to restore agents."""
 
 from __future__ import annotations
 
@@ -40,10 +40,16 @@ if TYPE_CHECKING:
 Outcome = tuple["Event", ...] | Refusal
 
 AGENTS_OF_ONE: Final = 256
-"""Most living agents of one sponsor. They end with it in one transaction, while no heartbeat is sent: 256 took 80 ms on
-two loaded cores (`tests/ztpm_idp/domain/test_bounds.py` prints it), and a moving arm may go 2 s without."""
+"""Most living agents of one sponsor.
+
+They end with it in one transaction, while no heartbeat is sent: 256 took 80 ms on two loaded cores
+(`tests/ztpm_idp/domain/test_bounds.py` prints it), and a moving arm may go 2 s without.
+"""
 TRUSTED_OF_ONE: Final = 128
-"""Most agents for which one sponsor's trust is stated: an eighth of a snapshot's, so that none can fill it alone."""
+"""Most agents for which one sponsor's trust is stated.
+
+It is an eighth of a snapshot's number, so that no sponsor can fill one alone.
+"""
 
 
 def active_person(state: State, id_: str, role: PersonRole) -> RegisteredPerson | None:
@@ -172,7 +178,10 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
 
 
 def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int) -> Outcome:
-    """By the agent's sponsor or an administrator: who may end an agent may also say that it is all right again."""
+    """Restores an agent, for its sponsor or an administrator.
+
+    A person who may end an agent may also restore it.
+    """
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
     if not isinstance(agent, RegisteredAgent):
@@ -198,7 +207,7 @@ def _full(of_what: str) -> Refusal:
 
 
 def is_sponsor_of(state: State, person: str, agent: RegisteredAgent) -> bool:
-    """Whether the person answers for the agent, now."""
+    """True where the person answers for the agent, now."""
     return agent.sponsor == person and active_person(state, person, PersonRole.SPONSOR) is not None
 
 

@@ -1,4 +1,4 @@
-"""Who may revoke what.
+"""Rights to revoke.
 
 A holder its own hops and what is below them, a sponsor its own trees, an administrator anything, a PEP nothing.
 """

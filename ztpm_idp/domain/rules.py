@@ -1,4 +1,4 @@
-"""What the deployment fixes for the domain: its name, its keys' public halves and its bounds."""
+"""Rules that the deployment fixes for the domain: its name, its keys' public halves and its bounds."""
 
 from __future__ import annotations
 

@@ -49,7 +49,7 @@ class HopRecord:
 
 @dataclass(frozen=True, slots=True)
 class Journal:
-    """How far an enforcement point's journal has been taken in.
+    """Progress in taking an enforcement point's journal.
 
     Attributes:
         seq: of the last record, 0 when there is none.
@@ -109,7 +109,7 @@ Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
 
 @dataclass(frozen=True, slots=True)
 class Wanted:
-    """What a command must see. The store loads exactly this."""
+    """State that a command needs. The store loads exactly this."""
 
     parties: frozenset[str] = frozenset()
     keys: frozenset[bytes] = frozenset()
@@ -132,10 +132,13 @@ class Wanted:
     ask: str | None = None
     """An ask, with its votes."""
     asks_of: str | None = None
-    """An audience that asks: every ask that may wait for people, and every one of this audience that may be granted."""
+    """An audience that asks.
+
+    Every ask that may wait for people is loaded, and every one of this audience that may be granted.
+    """
     opening: str | None = None
     openings_of: str | None = None
-    """An audience: its openings that may be in force, and whether anybody serves it."""
+    """An audience: its openings that may be in force, and whether an enforcement point serves it."""
     concerned: Concerned | None = None
     """Of the journal: its open PERMITs among these requests, the edges of these hops, and the agents of both."""
     conduct_of: frozenset[str] = frozenset()
@@ -144,7 +147,7 @@ class Wanted:
 
 @dataclass(frozen=True, slots=True)
 class State:
-    """What was found.
+    """State that was loaded for a command.
 
     Attributes:
         parties: by id.

@@ -66,7 +66,7 @@ class IdpKeys:
         return now if self.ring is None else now | self.ring.all_keys
 
     def trust(self, *, issuer: str, root_key_id: int, version: int = 1) -> TrustBundle:
-        """What verifiers need to know of these keys: what the key ring says, or these five, for ever.
+        """Trust bundle of these keys: that of the key ring, or one of these five, for ever.
 
         Raises:
             BadKeyError: `KEY_WRONG_ROLE` when a key has two roles.

@@ -44,13 +44,13 @@ HEADERS: Final = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""What every page is sent with: nothing but its own style, which is named by its hash, and no frame around it."""
+"""Headers of every page: no content but its own style, named by its hash, and no frame around it."""
 RELOAD_S: Final = 10
-"""How often the page of an open ask is read anew, in seconds: by its own header, without a script."""
+"""Seconds after which the page of an open ask reloads: by its own header, without a script."""
 START_TOLERANCE: Final = "2 mrad"
-"""How far from the shown start an approval still counts (DESIGN section 6)."""
+"""Greatest distance from the shown start at which an approval still counts (DESIGN section 6)."""
 INDEX_TOLERANCE_MILLI: Final = 50
-"""How much higher the index may be at use (DESIGN section 6)."""
+"""Greatest rise of the index between showing and use (DESIGN section 6)."""
 
 TIERS: Final = {
     Tier(0): "no effect",

@@ -1,4 +1,4 @@
-"""What the identity provider publishes, signed: what is revoked and registered, who behaves how, the ledger's end."""
+"""Statements that the identity provider publishes: revocations, registry, conduct, answers, and the ledger."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
     from ztpm_idp.store.conduct import Told
 
 INDEX_BYTES: Final = 150_000
-"""Entries of one index, as JSON: in base64 and with the rest they stay below the size of a statement (256 KiB)."""
+"""Most bytes of the entries of one index, as JSON.
+
+In base64 and with the rest they stay below the size of a statement (256 KiB).
+"""
 INDEX_ENTRIES: Final = revocation.ENTRIES
 """Most entries of one index."""
 _ENTRY_BYTES: Final = 60
@@ -42,7 +45,7 @@ ANSWERS_BYTES: Final = 190_000
 _ASK_BYTES: Final = 90
 """An ask of an `answers` statement without its votes, as JSON, at most."""
 _QUOTES_BYTES: Final = 3
-"""What a text costs beside itself, as JSON."""
+"""Bytes of JSON that a text costs beside itself."""
 
 
 class Heartbeat:
@@ -203,10 +206,10 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
 
 
 async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
-    """How the asks and openings of an audience stand, signed, with the votes and openings as people signed them.
+    """Asks and openings of an audience, signed, with the votes and openings as people signed them.
 
-    `as_of` is taken first: everything acknowledged before it is in the statement. What is open or granted is there
-    always (`STANDING_ASKS` and `OPENINGS` see to it); of what is over, as much as fits, the latest first. So what is
+    `as_of` is taken first: everything acknowledged before it is in the statement. An open or granted ask is always
+    in it (`STANDING_ASKS` and `OPENINGS` see to it); of ended asks, as many as fit, the latest first. So an ask that is
     not in the statement is not approved.
 
     Raises:

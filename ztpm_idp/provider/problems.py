@@ -121,7 +121,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
 }
 """Status and title of each code that can reach a caller; anything else is an error of ours."""
 DECIDED: Final = (403, "The policies do not permit it.")
-"""Status and title of whatever policies decided against."""
+"""Status and title of everything that policies decided against."""
 
 
 class Problem(Exception):  # noqa: N818  RFC 9457's word

@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Done:
-    """What a command did, durable.
+    """Result of a command, durable.
 
     Attributes:
         events: in order; empty when it had been done before.
@@ -56,7 +56,7 @@ class Done:
 
 
 def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, policies: PolicySet) -> Rules:
-    """What a deployment's settings, keys and policies fix for the domain."""
+    """Rules that a deployment's settings, keys and policies fix for the domain."""
     trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
     return Rules(
         issuer=settings.issuer,

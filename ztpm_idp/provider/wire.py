@@ -1,4 +1,4 @@
-"""What comes over the wire, as strict models: what passes is clean, bounded and of the right type."""
+"""Bodies of requests as strict models: a body that passes is clean, bounded and of the right type."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ class PersonBody(Body):
 
 
 class ReasonBody(Body):
-    """Why something ends."""
+    """Reason for an end."""
 
     reason: Text
 
@@ -123,7 +123,7 @@ class TrustBody(Body):
 
 
 class RestoreBody(Body):
-    """Why an agent is all right again; with `relearn` its baseline is learned anew."""
+    """Reason for which an agent is restored; with `relearn` its baseline is learned anew."""
 
     reason: Text
     relearn: bool = False
@@ -162,7 +162,7 @@ class NothingBody(Body):
 
 
 class IssueRequest(Body):
-    """What a sponsor signs; its canonical form is what the agent's evidence names."""
+    """Request that a sponsor signs; the agent's evidence names its canonical form."""
 
     agent: Name
     purpose: Text
@@ -177,7 +177,7 @@ class IssueBody(Body):
 
 
 class DelegateRequest(Body):
-    """What a holder signs; its canonical form is what the delegate's evidence names."""
+    """Request that a holder signs; the delegate's evidence names its canonical form."""
 
     delegate: Name
     purpose: Text
@@ -192,7 +192,7 @@ class DelegateBody(Body):
 
 
 class RevocationBody(Body):
-    """What to revoke."""
+    """Subject of a revocation."""
 
     kind: Annotated[RevocationKind, Field(strict=False)]
     id: Annotated[str, Field(min_length=1, max_length=256)]
@@ -234,7 +234,7 @@ REVOCATION_IDS: Final[dict[RevocationKind, re.Pattern[str]]] = {
 """The only form of each id: a revocation that could match nothing must not be acknowledged."""
 
 _FIELDS: Final = frozenset(name for model in Body.__subclasses__() for name in model.model_fields)
-"""Names of ours: a field that a stranger invented is not repeated to anybody."""
+"""Names of our own fields: a name that a stranger invented is not repeated to any caller."""
 
 B = TypeVar("B", bound=Body)
 

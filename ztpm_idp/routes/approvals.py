@@ -38,7 +38,7 @@ async def take_ask(request: Request, call: Caller) -> JSONResponse:
 
 @router.get("/approvals/answers", response_class=PlainTextResponse)
 async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
-    """How the asks and openings of an audience stand, signed, echoing the nonce; for whoever serves the audience."""
+    """Answers to the asks and openings of an audience, signed, with the nonce, for a PEP that serves it."""
     audience, nonce = query_of(request, "audience", "nonce")
     echoed = nonce_of(nonce)
     if not isinstance(call.party, RegisteredPep) or audience not in call.party.audiences:
@@ -97,9 +97,9 @@ async def cast_vote(request: Request, ask_id: str, call: Caller) -> JSONResponse
 
 @router.get("/approvals/{ask_id}/page", response_class=HTMLResponse)
 async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
-    """The ask as a plain page: the canonical action, and how to answer it.
+    """Shows the ask as a plain page: the canonical action, and the ways to answer it.
 
-    Whoever has the link can read it: the ask's id is 128 random bits that the enforcement point made, and the link goes
+    Anyone with the link can read it: the ask's id is 128 random bits that the enforcement point made, and the link goes
     to the caller and to people. The page holds no token, no key that opens anything, and takes no answer: a vote needs
     an operator's key, which no page holds.
     """

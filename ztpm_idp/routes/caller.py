@@ -1,4 +1,4 @@
-"""Who calls: the body within its cap, the proof of possession over it, and the registered party behind the proof."""
+"""Caller of a request: the body within its cap, the proof of possession over it, and the proven party."""
 
 from __future__ import annotations
 

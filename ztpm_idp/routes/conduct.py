@@ -1,4 +1,4 @@
-"""How agents conduct themselves: the word on it for enforcement points, and a person's restoration of an agent."""
+"""Conduct of agents: the statement for enforcement points, and a person's restoration of an agent."""
 
 from __future__ import annotations
 

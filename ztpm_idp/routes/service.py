@@ -1,4 +1,4 @@
-"""Whether the service lives, whether it can work, and which keys to trust."""
+"""State of the service: alive, ready, and the keys to trust."""
 
 from __future__ import annotations
 

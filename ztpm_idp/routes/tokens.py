@@ -87,7 +87,10 @@ async def delegate(request: Request, call: Caller) -> dict[str, Any]:
 
 
 def _named(token: bytes, provider: Provider) -> frozenset[str]:
-    """The holders that a token names, as far as it can be read; whether it is good is asked where it counts."""
+    """Holders that a token names, as far as it can be read.
+
+    The token is verified later, where that counts.
+    """
     try:
         hops = inspect_token(token, provider.rules.trust, provider.rules.caps)["hops"]
     except CapabilityError:
@@ -97,7 +100,10 @@ def _named(token: bytes, provider: Provider) -> frozenset[str]:
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))
 async def revoke(request: Request, call: Caller) -> dict[str, int]:
-    """A token, hop, agent, key, sponsor or audience is revoked, for ever; the answer is its epoch or a later one."""
+    """Revokes a token, hop, agent, key, sponsor or audience, for ever.
+
+    The answer is its epoch or a later one.
+    """
     body = call.body(wire.RevocationBody)
     if not wire.REVOCATION_IDS[body.kind].fullmatch(body.id):
         raise Problem(IdpCode.BODY_MALFORMED, "id: not of this kind")
@@ -116,7 +122,10 @@ async def revocations(request: Request) -> PlainTextResponse:
 
 @router.get("/revocations/wait")
 async def wait_for_revocation(request: Request) -> dict[str, int]:
-    """The epoch, as soon as it is above `since`, else after 20 s. A hint, unsigned: what counts is the signed index."""
+    """Waits until the epoch is above `since`, at most 20 s, and answers it.
+
+    It is an unsigned hint: the signed index counts.
+    """
     (since,) = query_of(request, "since")
 
     async def gone() -> None:

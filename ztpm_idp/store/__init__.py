@@ -1,4 +1,4 @@
-"""Where the identity provider's state lives: one SQL schema, one transaction for each command."""
+"""Store of the identity provider's state: one SQL schema, one transaction for each command."""
 
 from ztpm_idp.store.engine import Store
 from ztpm_idp.store.errors import ConflictError, OnceOnlyError, StoreError, StoreUnavailableError

@@ -1,4 +1,4 @@
-"""Asks, votes and openings in their tables: what a command or a reader wants of them, and what their events leave."""
+"""Asks, votes and openings in their tables: reads for commands and readers, writes of their events."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _ASK = (
 
 
 class Approvals:
-    """What one transaction sees of asks, votes and openings, and writes of them."""
+    """Access of one transaction to asks, votes and openings."""
 
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
@@ -54,7 +54,7 @@ class Approvals:
         return {ask_id: (text, bytes(key)) for ask_id, text, key in found}
 
     async def not_long_over(self, *, since_s: int, audience: str | None = None) -> list[Asked]:
-        """Asks that end, or have a vote that ends, at `since_s` or later, in the order in which they were taken.
+        """Asks that end, or have a vote that ends, at `since_s` or later, oldest first.
 
         Args:
             since_s: seconds since the epoch.

@@ -34,7 +34,7 @@ IDS: Final = 500
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What was told of conduct after some version.
+    """Changes of conduct after some version.
 
     Attributes:
         edges, agents: each in the order of their versions.
@@ -45,7 +45,7 @@ class Told:
 
 
 class Conduct:
-    """What one transaction sees of agents' conduct, and writes of it."""
+    """Access of one transaction to agents' conduct."""
 
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
@@ -53,7 +53,7 @@ class Conduct:
     # --- reading -----------------------------------------------------------------------------------------------------
 
     async def held(self, agents: frozenset[str], concerned: Concerned | None, pep: str | None) -> Held:
-        """What is known of these agents and of those that the records of `pep`'s journal are about."""
+        """Conduct of these agents and of those that the records of `pep`'s journal are about."""
         open_, made = dict[str, Report](), dict[str, Edge]()
         if concerned is not None and pep is not None:
             open_ = await self._open(pep, concerned.requests)
@@ -64,7 +64,7 @@ class Conduct:
         return Held(agents=found, open=open_, made=made, peers=peers)
 
     async def told(self, *, since: int, most: int) -> Told:
-        """What was told after `since` of living parties: the oldest, at most `most` edges and as many agents."""
+        """Changes after `since` of living parties: the oldest, at most `most` edges and as many agents."""
         e, c = t.edges.c, t.conduct.c
         living = sa.select(t.parties.c.id).where(t.parties.c.standing != Standing.REVOKED.value)
         edges = await self._connection.execute(
@@ -105,7 +105,7 @@ class Conduct:
         return found
 
     async def _made(self, hops: frozenset[str]) -> dict[str, Edge]:
-        """Who lent to whom in each of these hops: the first is the sponsor's."""
+        """Edge of each of these hops; the delegator of a first hop is its sponsor."""
         parent, found = t.hops.alias("above"), dict[str, Edge]()
         for ids in _some(hops):
             rows = await self._connection.execute(
@@ -126,7 +126,10 @@ class Conduct:
         return found
 
     async def _peers(self, agent: str) -> dict[str, AgentHistory]:
-        """What others do that live, of the same sponsor and role: who answers for one answers for what it is like."""
+        """Histories of other living agents of the same sponsor and role.
+
+        A sponsor answers for one agent and for what it is compared with.
+        """
         other, own, c = t.agents.alias("other"), t.agents.alias("own"), t.conduct.c
         rows = await self._connection.execute(
             sa.select(c.agent, c.behaviour)
@@ -227,7 +230,7 @@ def _behaviour(text: str) -> BehaviourState:
 
 
 def _young(agent: str, known: AgentConduct | None) -> bool:
-    """Whether there is no baseline of its own yet."""
+    """True where the agent has no baseline of its own yet."""
     career = None if known is None else known.behaviour.careers.get(agent)
     return career is None or career.baseline is None
 
@@ -249,7 +252,10 @@ def _standing(published: Published) -> dict[str, Any]:
 
 
 def _told(standing: dict[str, Any]) -> tuple[object, ...]:
-    """What of a standing is news: not how many acts it rests on, nor how far a feature has left its baseline by now."""
+    """Part of a standing whose change is news.
+
+    The number of acts that it rests on is none, nor how far a feature has left its baseline by now.
+    """
     features = tuple((d["feature"], d["since"]) for d in standing["deviations"])
     return features, standing["deviated_at"], standing["contracted"], standing["restored_at"]
 

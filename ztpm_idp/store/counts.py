@@ -1,4 +1,4 @@
-"""How many there are of those of whom there may be a bounded number, and whom a person takes along when it ends."""
+"""Counts of the parties whose number is bounded, and the agents that end with a person."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 async def count(connection: AsyncConnection, crowd: Crowd | None) -> tuple[int, int]:
-    """How many of a crowd there are: of the same sponsor where sponsors are bounded singly, and of all."""
+    """Number in a crowd: of the same sponsor where sponsors are bounded singly, and of all."""
     living = t.parties.c.standing != Standing.REVOKED.value
     match crowd:
         case None:

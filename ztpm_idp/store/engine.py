@@ -20,9 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
 BUSY_TIMEOUT_MS: Final = 5_000
-"""How long SQLite waits for another process's write before it is a storage fault."""
+"""Milliseconds for which SQLite waits for another process's write before it is a storage fault."""
 PROOF_GRACE_MS: Final = 600_000
-"""How much longer than its life a proof id is remembered: a clock set back by less than this revives no proof."""
+"""Milliseconds beyond its life for which a proof id is remembered.
+
+A clock that is set back by less revives no proof.
+"""
 _SQLITE: Final = "sqlite"
 
 
@@ -136,7 +139,10 @@ class Store:
 
 
 def _make_private(path: str | None) -> None:
-    """A new database is its owner's alone from its first instant; SQLite gives its log and its index the same mode."""
+    """Makes a new database private to its owner from its first instant.
+
+    SQLite gives its log and its index the same mode.
+    """
     if path is None or path == ":memory:":
         return
     try:

@@ -1,4 +1,4 @@
-"""What can go wrong in the store, as one small tree."""
+"""Errors of the store, as one small tree."""
 
 from __future__ import annotations
 

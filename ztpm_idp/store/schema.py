@@ -210,8 +210,10 @@ conduct = sa.Table(
     sa.Column("standing", sa.Text, nullable=False),
     sa.Column("version", sa.BigInteger, nullable=False, index=True),
 )
-"""What is known of each agent that something was reported about: the reducers' states, the standing that is told of,
-and the version at which that was new; 0 while there is nothing to tell."""
+"""Conduct of each reported agent: the reducers' states, the published standing, and its version.
+
+The version is the one at which the standing was new; 0 while there is nothing to publish.
+"""
 
 edges = sa.Table(
     "edges",
@@ -237,5 +239,6 @@ counters = sa.Table(
 )
 """One row.
 
-Whoever changes the state updates it first and so holds its lock: epochs and ledger entries come in commit order.
+A transaction that changes the state updates it first and so holds its lock: epochs and ledger entries come in commit
+order.
 """

@@ -61,7 +61,7 @@ _T = TypeVar("_T")
 BATCH = 128
 """Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
 NONCE_MEMORY_MS = 600_000
-"""How long a nonce's row is kept: ten times the longest age at which it counts."""
+"""Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +77,7 @@ class Counters:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where a new hop stands."""
+    """Place of a new hop."""
 
     token_id: str
     sponsor: str
@@ -142,7 +142,7 @@ class Transaction:
         return Counters(*found)
 
     async def party_of_key(self, key: bytes) -> Party | None:
-        """Who owns a key."""
+        """Party that owns a key."""
         found = (await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.key == key))).one_or_none()
         return None if found is None else rows.party(found)
 

@@ -1,4 +1,4 @@
-"""What the platform calls an agent."""
+"""Name that the platform gives an agent."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How agents conduct themselves: trust, behaviour, and what is told of both."""
+"""Conduct of agents: trust, behaviour, and the published part of both."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Nothing is known of anybody yet; the first word on conduct has version 1."""
+    """Adds empty tables of conduct; its first published version is 1."""
     op.create_table(
         "permits",
         sa.Column("pep", sa.String(length=64), nullable=False),
