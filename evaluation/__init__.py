@@ -1,1 +1,1 @@
-"""What we claim, measured: each module makes one measurement on a running cell and says what it saw."""
+"""Measurements behind our claims: each module makes one on a running cell and reports it."""

@@ -40,7 +40,10 @@ def stops(
     out: Annotated[Path | None, typer.Option(help="Directory for stops.json, and stops.png with matplotlib.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
-    """Stop times on an embedded cell; the exit status is not 0 when a stop left the model or came too late."""
+    """Stop times on an embedded cell.
+
+    The exit status is not 0 when a stop left the model or came too late.
+    """
     from evaluation.stops.measure import MeasureError, StageError, measure
     from evaluation.stops.report import plot, rows, table
 

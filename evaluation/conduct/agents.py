@@ -134,7 +134,7 @@ def reported(draft: Draft, *, at: int, n: object, agent: str = "worker", reporte
 
 
 def drifter(milli_per_act: int) -> Callable[[random.Random, int, Draft], Draft]:
-    """Each act a little closer to its limit than the one before; at 1000 permille it is over it, and refused."""
+    """Script whose acts come closer to their limit one by one; over 1000 permille they are refused."""
 
     def script(_: random.Random, k: int, draft: Draft) -> Draft:
         if draft.near is None:

@@ -1,4 +1,4 @@
-"""False alarms: of the detectors on streams of exactly the share that they are for, and of honest agents as a whole."""
+"""False alarms: of the detectors on streams of exactly their assumed share, and of honest agents as a whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How sure a count is, and where the middle and the end of some numbers lie."""
+"""Confidence interval of a count, and quantiles of some numbers."""
 
 from __future__ import annotations
 

@@ -30,11 +30,11 @@ QUICK: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """What becomes of an agent, and how soon it has to be noticed.
+    """Change of an agent, with the delay within which it has to be noticed.
 
     Attributes:
         name, title: of the change.
-        script: what it does from then on.
+        script: its acts from then on.
         bar: acts until the first deviation in nine of ten runs, at most.
         change_at: acts before it.
     """

@@ -123,7 +123,10 @@ def _detectors(pyplot: Any, seed: int) -> Any:
 
 
 def _levels(script: Callable[[random.Random, int, Draft], Draft], acts: int, seed: int) -> dict[Watch, list[float]]:
-    """Each detector's level as a share of its limit, from a hundred acts before the change; an alarm is at least 1."""
+    """Level of each detector as a share of its limit, from a hundred acts before the change.
+
+    An alarm is at least 1.
+    """
     rng = random.Random(seed)  # noqa: S311 - draws, no secrets
     state, levels = NOTHING_KNOWN, {watch: list[float]() for watch in Watch}
     for n, report in enumerate(islice(life(Worker(rng), change_at=LEARNED, script=script), LEARNED + acts)):

@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 
 ODDS: Final = 4
-"""The change that is looked for: four times the odds, e.g. 5 % to 17 %, 20 % to 50 %, 50 % to 80 %."""
+"""Factor of the odds in the wanted change, e.g. 5 % to 17 %, 20 % to 50 %."""
 SHARES: Final = (
     *(10, 15, 20, 25, 30, 35, 40, 50, 60, 70, 80, 100, 120, 150),
     *(200, 250, 300, 350, 400, 450, 500, 550, 600, 650, 700, 750, 800),

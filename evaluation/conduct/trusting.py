@@ -33,8 +33,11 @@ EVERY_S: Final = 36
 """A hundred acts an hour."""
 ON_OFF_AT_ONCE: Final = 9
 ON_OFF_A_DAY: Final = 6
-"""Wrongs that an on-off attacker can afford: credit at its cap carries (s0 + cap) * (prior - theta) / theta = 8.6 at
-once, and as much times ln 2 within each half-life, 5.9."""
+"""Wrongs that an on-off attacker can afford in a day.
+
+Credit at its cap carries (s0 + cap) * (prior - theta) / theta = 8.6 at once, and as much times ln 2 within each
+half-life, 5.9.
+"""
 
 
 def after(state: TrustState, reports: Iterable[Report]) -> TrustState:
@@ -61,7 +64,7 @@ def veteran(until: int, *, reporter: str = "pep") -> TrustState:
 
 
 def liars(count: int, lies: int, *, honest: TrustState = NOTHING_REPORTED) -> TrustState:
-    """What so many reporters make of an agent by that many false words each, all at one instant."""
+    """Trust state after so many reporters, each with so many false reports of one agent, all at one instant."""
     return after(
         honest,
         (told(ATTEMPT, BEGIN, f"lie {n}", reporter=f"liar {who}") for who in range(count) for n in range(lies)),
@@ -101,7 +104,7 @@ def _decay(settings: Settings) -> Outcome:
 
 
 def _attempts(_: Settings) -> Outcome:
-    """How many attempts at more authority it takes to fall below theta."""
+    """Number of attempts at more authority, and of wrongs, until trust falls below theta."""
     figures: dict[str, int | float | str] = {}
     faults = []
     for who, state in {"stranger": NOTHING_REPORTED, "veteran": veteran(BEGIN)}.items():

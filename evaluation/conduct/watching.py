@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Caught:
-    """When a change was noticed, from the change on.
+    """Time at which a change was noticed, from the change on.
 
     Attributes:
         acts, seconds: until the first deviation.
@@ -64,7 +64,7 @@ def caught(
     change_at: int,
     patience: int,
 ) -> Caught | None:
-    """What becomes of a worker that changes; None when it is not noticed in `patience` acts.
+    """Time at which the change of a worker was noticed; None when it was not in `patience` acts.
 
     A false alarm before the change is restored by a person, as it would be.
     """

@@ -1,5 +1,5 @@
-"""How long a decision takes, ours and that of general policy engines on an equivalent rule set, in one run.
+"""Time of a decision, ours and that of general policy engines on an equivalent rule set, in one run.
 
-`facts` are what is known of a case; `rules` are those of our shipped set, compiled into plain conditions over facts;
-each engine's module writes these conditions in its own language. What they answer is compared before anything is timed.
+`facts` holds the facts of a case; `rules` holds those of our shipped set, compiled into plain conditions over facts;
+each engine's module writes these conditions in its own language. Their answers are compared before anything is timed.
 """

@@ -127,9 +127,9 @@ def agree(engines: Iterable[Engine], policies: PolicySet) -> int:
 
 
 def _blames(said: Said, right: Said, situation: Situation) -> bool:
-    """Whether an engine blames our leading primitive, where anybody is to blame and it can say whom.
+    """True where an engine blames our leading primitive, or where there is none to blame or it cannot say.
 
-    A chain that is not verified fails every rule that needs one; which of them owns the fault, ours alone knows.
+    A chain that is not verified fails every rule that needs one; only our engine knows which of them owns the fault.
     """
     if not right.blamed or said.blamed is None or situation.facts["chain"] != VERIFIED:
         return True

@@ -1,4 +1,7 @@
-"""What is timed, and every condition broken alone: on all of it the engines must agree before anything is timed."""
+"""Timed cases, and each with one condition broken alone.
+
+The engines must agree on all of them before anything is timed.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +24,7 @@ POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """What is timed.
+    """Case that is timed.
 
     Attributes:
         name: as the rows spell it.

@@ -57,7 +57,7 @@ class Cedar:
         return self._cedar.is_authorized(question, self._policies, self._entities)
 
     def read(self, answer: Any) -> Said:
-        """Which effect the rules that speak have."""
+        """Effect of the rules that answered."""
         if answer.allowed:
             return Said(Effect.PERMIT, ())
         names = set(answer.diagnostics.id_annotations_by_reason.values())
@@ -70,7 +70,10 @@ class Cedar:
 
 
 class GroupedCedar(Cedar):
-    """Two `forbid`s alone, one for all that is denied and one for all that is asked: quicker, and it cannot say why."""
+    """Two `forbid`s alone, one for everything denied and one for everything asked.
+
+    It is quicker, and cannot say why.
+    """
 
     name = GROUPED
     checks = "effect alone; facts as JSON text made beforehand; no reason, detail, obligation or digest"

@@ -1,4 +1,4 @@
-"""What every measured engine can do: make a question ready, answer it, and say what the answer means."""
+"""Engine that is measured: it makes a question ready, answers it, and tells the meaning of the answer."""
 
 from __future__ import annotations
 
@@ -43,4 +43,4 @@ class Engine(Protocol):
         """The engine's answer; timed."""
 
     def read(self, answer: Any) -> Said:
-        """What it means; not timed."""
+        """Meaning of the answer; not timed."""

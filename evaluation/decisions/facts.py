@@ -1,4 +1,4 @@
-"""What is known of a case, as plain facts: the one source of our evidence and of every engine's attributes.
+"""Facts of a case, plain: the one source of our evidence and of every engine's attributes.
 
 Ages and the runtime tier are ready numbers: no engine has to compute them, and ours computes them from the readings.
 """
@@ -100,7 +100,7 @@ OF_READING: Final[Mapping[str, tuple[str, ...]]] = MappingProxyType(
         "context": ("unnamed_arguments", "integrities"),
     }
 )  # fmt: skip
-"""The facts of each reading that is not always there; what no policy looks at is not given to anybody."""
+"""Facts of each reading that may be absent; a reading that no policy looks at is given to no engine."""
 
 
 @dataclass(frozen=True, slots=True)

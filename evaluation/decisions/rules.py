@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class Op(StrEnum):
-    """How a fact is compared with a constant, or with another fact."""
+    """Comparison of a fact with a constant, or with another fact."""
 
     EQUAL = "=="
     UNEQUAL = "!="
@@ -117,7 +117,7 @@ def _of_policy(policy: Policy) -> list[Rule]:
 
 
 def _guard(policy: Policy) -> Clause:
-    """Where the policy is asked: its points and operations."""
+    """Clause that limits a policy to its points and operations."""
     guard = [Atom("operation", Op.UNEQUAL, name) for name in sorted(policy.object.without)]
     if policy.object.operations is not None:
         guard.append(Atom("operation", Op.ONE_OF, tuple(sorted(policy.object.operations))))

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a campaign is given.
+    """Settings of a campaign.
 
     Attributes:
         quick: few trials, which show that it runs; the bar is of the full number.
@@ -31,10 +31,10 @@ class Settings:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What a campaign found.
+    """Result of a campaign.
 
     Attributes:
-        trials: how many.
+        trials: their number.
         figures: by name; the ones that the bar is about come first.
         missed: each miss in a few words, the first ones only; empty when the bar is met.
     """
@@ -45,13 +45,13 @@ class Outcome:
 
     @property
     def met(self) -> bool:
-        """Whether the bar is met."""
+        """True where the bar is met."""
         return not self.missed
 
 
 @dataclass(frozen=True, slots=True)
 class Skipped:
-    """Why a campaign did not run."""
+    """Reason for which a campaign did not run."""
 
     why: str
 
@@ -74,7 +74,9 @@ class Campaign:
 
 
 def missed(faults: Mapping[str, bool], failures: Mapping[str, Sequence[str]]) -> tuple[str, ...]:
-    """Where a bar is not met: each fault that is there, and of each kind of failure how many and the first one, whole.
+    """Misses of a bar: each fault that is there, and of each kind of failure the number and the first.
+
+    The first failure is told whole.
 
     Args:
         faults: what is wrong, and whether it is.

@@ -1,4 +1,4 @@
-"""What the campaigns found, as JSON, as a table and as one line."""
+"""Results of the campaigns, as JSON, as a table and as one line."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured on."""
+"""Machine of a measurement."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def machine() -> dict[str, Any]:
-    """What this was measured on."""
+    """Machine that this process runs on: processor, cores, system, Python and load."""
     return {
         "processor": _processor(),
         "cores": os.cpu_count(),

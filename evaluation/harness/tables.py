@@ -23,7 +23,7 @@ def table(title: str, left: Sequence[str], right: Sequence[str] = (), rows: Iter
 
 
 def pivot(title: str, left: Sequence[str], cells: Mapping[Any, str]) -> Table:
-    """A row for each first key and a column for each second one, both in the order in which they come.
+    """Table with a row for each first key and a column for each second one, in order of appearance.
 
     Args:
         title: of the table.

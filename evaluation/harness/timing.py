@@ -1,4 +1,4 @@
-"""Cells called in turns: how long each call takes, once each is known to answer right and wrong as it must."""
+"""Time of each call of cells in turns, once each is known to answer right and wrong as it must."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 K = TypeVar("K")
 TRIES: Final = 20
-"""How often a peer is asked again that gives up for its own limit of time."""
+"""Most tries of a peer that gives up for its own limit of time."""
 
 
 class WrongAnswerError(RuntimeError):
@@ -25,12 +25,12 @@ class WrongAnswerError(RuntimeError):
 
 
 class Verdict(Enum):
-    """What a timed call came to."""
+    """Answer to a timed call."""
 
     ALLOWED = "allowed"
     REFUSED = "refused"
     OVERRUN = "overrun"
-    """The peer gave up for its own limit of time and not for what it was asked: nothing is known, nothing counted."""
+    """The peer gave up for its own limit of time: nothing is known of the answer, and nothing is counted."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +56,7 @@ class Cell(Generic[K]):
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How often each cell is called.
+    """Number of calls of each cell.
 
     Attributes:
         repeats: passes over all groups; each gives a median of its own.

@@ -1,4 +1,4 @@
-"""Work of a campaign, shared among processes, each with a seed of its own; and the sum of what they found."""
+"""Work of a campaign, shared among processes, each with a seed of its own; and the sum of its results."""
 
 from __future__ import annotations
 

@@ -72,11 +72,11 @@ TARGETS: Final[Mapping[PitKey, tuple[float, float]]] = MappingProxyType(
         PitKey(CHECKER, peopled("moveJ", 20)): (20_000.0, 100_000.0),
     }
 )
-"""What we want of the median and of the 99th percentile, microseconds."""
+"""Targets for the median and the 99th percentile, microseconds."""
 SPEEDUPS: Final[Mapping[str, tuple[str, float]]] = MappingProxyType(
     {"kernel_speedup_20": (KERNEL, 100.0), "assess_speedup_20": (ASSESS, 10.0)}
 )
-"""Who is to be so many times faster than sampling."""
+"""Factors by which an engine is to be faster than sampling."""
 _COLOURS: Final = {KERNEL: picture.OURS, RULER: "#3d85c6", ASSESS: "#6fa8dc"}
 
 
@@ -147,9 +147,9 @@ def wanted(row: Row[PitKey]) -> Row[PitKey]:
 
 
 def ratios(rows: Sequence[Row[PitKey]], _: Mapping[str, Any], name: str) -> dict[str, float | None]:
-    """How many times faster than sampling, and shares of the controller's cycle; None for what was not measured.
+    """Speed-ups over sampling, and shares of the controller's cycle; None for one that was not measured.
 
-    `_first`: of the calls before which somebody else was asked, who left the processor's caches as theirs.
+    `_first`: of the calls that follow another engine's, which left its own content in the processor's caches.
     """
     by = {row.of: row for row in rows if row.p50_us is not None}
     sampling = by.get(PitKey(SAMPLED, AMONG_20))

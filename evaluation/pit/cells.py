@@ -46,7 +46,7 @@ BLIND: Final = 0.1
 """Of an index: what samples 8 ms apart miss of it."""
 ABOVE: Final = 0.5
 RATIOS: Final = frozenset({"joint_speed", "acceleration", "tcp_speed", "elbow_speed", "momentum", "torque", "payload"})
-"""What a motion asks of the arm itself: not sampled here."""
+"""Kinds of contribution by the arm's own motion: not sampled here."""
 ABSENT_M: Final = 0.05
 
 
@@ -113,7 +113,10 @@ def _clearance_right(asked: Asked, answer: Any) -> bool:
 
 
 def _assessed_right(asked: Asked, answer: Any) -> bool:
-    """At least what was sampled; of a joint move also no more, but for what it asks of the arm itself."""
+    """Checks that the index is at least the sampled one, and for a joint move not much higher.
+
+    The excess may come from the arm's own motion, which is not sampled.
+    """
     if not isinstance(answer, Assessment) or answer.index < asked.index - ROUNDING:
         return False
     asks = max((c.index_milli / MILLI for c in answer.contributions if c.kind in RATIOS), default=0.0)

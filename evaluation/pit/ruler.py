@@ -32,14 +32,17 @@ FINE_M: Final = 0.02
 DEEPEST_M: Final = 0.3
 """No clearance is below minus this: the radii of two bodies together."""
 REACH_M: Final = COARSE_M - DEEPEST_M
-"""What is farther than this has no clearance that is asked for."""
+"""Greatest distance at which a clearance is asked for."""
 BEYOND: Final = 1.0
 """Index of a thing beyond its band."""
 AT_ZERO: Final = 2.0
 """Index of a thing where its band begins."""
 CREEPING_RAD_S: Final = 1e-6
 MIDDLE: Final = 0.55
-"""Share of the fine band at which the attained clearance is laid: a proven one a coarse step below is on it too."""
+"""Share of the fine band at which the attained clearance is laid.
+
+A proven one that is a coarse step below is on the band too.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,7 +88,7 @@ class Ruler:
                 return Least(zero + FINE_M * (AT_ZERO - found.upper), found.witnesses[0].clearance_m)
 
     def _laid(self, path: CompiledPath, move: Straight, *, zero: float, band: float) -> Certified:
-        """The search over these pairs when the index is 2 at a clearance of `zero` and 1 at `band` beyond it."""
+        """Search over these pairs when the index is 2 at a clearance of `zero` and 1 at `band` beyond it."""
         count = len(self._pairs)
         pairs = replace(self._pairs, uncertainty=np.full(count, zero), band=np.full(count, band))
         profile = profile_of(move, CREEPING_RAD_S)

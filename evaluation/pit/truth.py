@@ -25,15 +25,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asked:
-    """A question made ready, and what pinocchio and coal say of it at instants 8 ms apart.
+    """Question made ready, with the answers of pinocchio and coal at instants 8 ms apart.
 
     Attributes:
-        question: what is asked.
+        question: the asked one.
         angles: joint angles of the instants.
         pin: its pairs in pinocchio and coal.
         nearest: least clearance of any pair, metre.
         index: the highest index: coal's clearances and the kinematics' speeds under the room's laws.
-        extra: whatever else a cell needs.
+        extra: further values that a cell needs.
     """
 
     question: Question
@@ -62,7 +62,7 @@ def ready(question: Question) -> Asked:
 
 
 def _leading(question: Question) -> float:
-    """Speed of the fastest joint on the way, where it is the same for all of it; else none is reckoned with."""
+    """Speed of the fastest joint of a joint move, rad/s; 0 for any other motion."""
     motion = question.motion
     if not isinstance(motion, MoveJ):
         return 0.0
@@ -71,7 +71,7 @@ def _leading(question: Question) -> float:
 
 
 def stop_of(question: Question, leading_rad_s: float) -> Stopping:
-    """How the arm stops when a joint is so fast, asked with the view's age."""
+    """Stopping of the arm when a joint moves at this speed, with the view's age."""
     return stopping(question.cell, perception_age_s=AGE_S, joint_speed_rad_s=leading_rad_s)
 
 

@@ -1,4 +1,4 @@
-"""What is asked: moves of every joint among things of three shapes, lines, sequences and steps of streams."""
+"""Questions of the benchmark: moves of every joint among things of three shapes, lines, sequences, stream steps."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def lines(rng: Generator, things: int, count: int) -> list[Question]:
 
 
 def _proven(drive: TimedCourse) -> bool:
-    """Whether the line is proven to its end, and no joint's speed alone is more than it may be."""
+    """True where the line is proven to its end, and no joint's speed alone exceeds its share."""
     fastest = drive.joint_speeds_rad_s(drive.profile).max(axis=0) / robot().speed_limits_rad_s
     return drive.doubt is None and float(fastest.max()) <= PROVEN_SHARE
 
@@ -177,7 +177,7 @@ def sequences(rng: Generator, things: int, count: int) -> list[Question]:
 
 
 def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Question]:
-    """Steps of a stream under way: all that one target, or a set of joint speeds, lets follow until the arm stands."""
+    """Steps of a stream under way: all that one target, or set of joint speeds, allows until standstill."""
     found: list[Question] = []
     for _ in range(count):
         start, qd = np.array(HOME) + rng.uniform(-0.3, 0.3, 6), rng.uniform(-0.3, 0.3, 6)

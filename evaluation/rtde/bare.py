@@ -26,7 +26,7 @@ class Unjudged:
         pass
 
     def see(self, q_rad: Sequence[float]) -> Shown:  # noqa: ARG002 - the form of what it stands for
-        """The view is fresh, whatever it is."""
+        """View that is always fresh."""
         return Shown(0, None)
 
     def judge(self, *_: Any, **__: Any) -> Judged:

@@ -1,4 +1,4 @@
-"""What a run found: how late commands are through the gateway, and how many never came."""
+"""Results of a run: delays of commands through the gateway, and the number that never came."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 BARS: Final = (0.2, 1.0)
-"""What a gateway may add at the median and at the 99th percentile, ms, with policy, without physics and record."""
+"""Greatest delay that a gateway may add at the median and the 99th percentile, ms.
+
+It is measured with policy, without physics and record.
+"""
 
 
 class StreamBrokenError(RuntimeError):
@@ -25,14 +28,14 @@ class StreamBrokenError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class StreamRow:
-    """One way from the client to the controller.
+    """Result of one way from the client to the controller.
 
     Attributes:
-        way: which.
+        way: its name.
         sent: values of the stream.
-        opening: how many came while the first one was decided; the newest of them is sent once it is permitted.
-        skipped: of the later ones, how many the controller was never given. A client sends the next one over one that
-            its own connection had not taken yet, so some are skipped without anybody in between.
+        opening: values that came while the first one was decided; the newest of them is sent once it is permitted.
+        skipped: number of the later ones that the controller was never given. A client sends the next one over one that
+            its own connection had not taken yet, so some are skipped even without a gateway.
         opened_us: from the call of the first value to the controller's port: a whole decision, and its record.
         p50_us, p99_us, most_us: the same of the later ones.
     """
@@ -48,10 +51,10 @@ class StreamRow:
 
 
 def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int]) -> StreamRow:
-    """What one stream came to.
+    """Result of one stream.
 
     Args:
-        way: which.
+        way: its name.
         sent: time of each call in ns, and its value, in order.
         came: time in ns at which each value came to the controller's port.
 

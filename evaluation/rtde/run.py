@@ -74,7 +74,7 @@ def run(seconds: float, *, told: Callable[[str], None]) -> StreamResult:
 
 @dataclass(frozen=True, slots=True)
 class _Place:
-    """Where it happens.
+    """Place of a run.
 
     Attributes:
         cell: identity provider, controller and sensor run.
@@ -145,7 +145,7 @@ def _place(root: Path) -> Iterator[_Place]:
 
 
 def _scope(audience: str) -> Scope:
-    """What the demo lends, and streams of joint angles within the robot's own limits."""
+    """Scope of the demo, with streams of joint angles within the robot's own limits."""
     scope = sweep_scope(audience, delegates=frozenset(), now=int(time.time()), lifetime_s=LIFETIME_S)
     grants = (*scope.grants, widest(SERVO_JOINT))
     return replace(scope, grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))))

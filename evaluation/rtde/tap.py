@@ -48,7 +48,7 @@ class Tap:
             threading.Thread(target=self._accept, args=(server, port), daemon=True).start()
 
     def written(self) -> list[tuple[int, float]]:
-        """What came for the first time since this was last asked."""
+        """Values that came for the first time since the last call, with their times in ns."""
         found: dict[float, int] = {}
         for heard in self._heard:
             for came_ns, value in _values(list(heard)):

@@ -107,7 +107,7 @@ class Report:
 
     @property
     def ok(self) -> bool:
-        """Whether no stop left the model, and the reaction is within 150 ms at p99."""
+        """True where no stop left the model, and the reaction is within 150 ms at p99."""
         if not self.stops:
             return False
         p99 = spread([stop.reaction_s * 1000 for stop in self.stops])["p99"]

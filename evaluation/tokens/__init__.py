@@ -1,1 +1,1 @@
-"""What we claim about tokens, shown."""
+"""Claims about tokens, shown."""

@@ -15,13 +15,15 @@ if TYPE_CHECKING:
 
 
 class Kind(StrEnum):
-    """What is timed."""
+    """Kind of timed call."""
 
     FIRST = "first"
     """From wire bytes to a decision, where nothing at all is remembered, not even what is common to all tokens."""
     COLD = "cold"
-    """From wire bytes that were never seen to a decision, by a verifier that has served other tokens of such a scope:
-    a renewed token, or the next agent's."""
+    """From unseen wire bytes to a decision, by a verifier that has served other tokens of such a scope.
+
+    These are a renewed token, or the next agent's.
+    """
     NOVEL = "novel"
     """The same, under limits that were never seen either."""
     WARM = "warm"
@@ -54,10 +56,10 @@ class TokenKey:
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """What a peer makes of one scope at one depth.
+    """Cells of a peer for one scope at one depth.
 
     Attributes:
-        cells: what is measured of it, or why not.
+        cells: the measured cells, or rows that say why there is none.
         bytes: of the token on the wire, before any base64; None when there is no token.
     """
 
@@ -76,5 +78,5 @@ class Peer(Protocol):
 
 
 def endless(made: Iterator[Any]) -> Callable[[], Any]:
-    """What was made beforehand, one at each call."""
+    """Function that answers the next prepared value at each call."""
     return made.__next__

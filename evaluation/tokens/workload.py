@@ -1,4 +1,4 @@
-"""What is lent in the benchmark, as plain integers that every peer restates in its own form.
+"""Scope that the benchmark lends, as plain integers that every peer restates in its own form.
 
 Both sides of a comparison get the same operations, parameters and bounds, in the same integers. A serial number is
 subtracted from every upper bound, so that no two tokens of a run share a block or a scope.
@@ -53,7 +53,7 @@ class Workload:
 
     @property
     def limits(self) -> int:
-        """How many limits the root lends."""
+        """Number of limits that the root lends."""
         return sum(len(limits) for _, limits in self.operations)
 
     def lent(self, hop: int, serial: int) -> tuple[tuple[str, tuple[Limit, ...]], ...]:

@@ -45,16 +45,16 @@ _LEAST_SPLIT: Final = 0.1
 
 @dataclass(slots=True)
 class AttenuationTally:
-    """What one run found.
+    """Tally of one run.
 
     Attributes:
         chains: by number of hops.
         pairs: by the dimension whose boundary they are at.
-        split: those that some holders of the chain are allowed and others not.
-        widened: pairs in which a child was allowed what one of its parents was not.
+        split: pairs that some holders of the chain are allowed and others not.
+        widened: pairs in which a child was allowed a request that one of its parents was not.
         parted: pairs in which the verifier and the twin part, or Biscuit and the twin.
         by_biscuit, by_issuing: answers of Biscuit's authorizer; hops that were asked for of the real issuer.
-        forged: hops signed past the rules, by what they have too much of; "fair" ones narrow.
+        forged: hops signed past the rules, by their excess; "fair" ones narrow.
         wrong: forged hops that were accepted and had to be refused, or the other way round.
     """
 
@@ -71,7 +71,7 @@ class AttenuationTally:
 
 @dataclass(frozen=True, slots=True)
 class AttenuationFigures:
-    """What the campaign shows.
+    """Figures of the campaign.
 
     Attributes:
         count: pairs that were wanted.
@@ -83,7 +83,7 @@ class AttenuationFigures:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Where the bar is not met; nowhere when as many pairs as were wanted meet it, on both sides of every line."""
+        """Misses of the bar; none when all wanted pairs meet it, on both sides of every line."""
         found = self.tally
         least = max(1, LEAST_PER_DIMENSION * self.count // COUNT)
         one_sided = [each for each in DIMENSIONS if found.split[each] < found.pairs[each] * _LEAST_SPLIT]
@@ -106,7 +106,7 @@ class AttenuationFigures:
 
 
 def may_act(verifier: Verifier, token: bytes, act: Act) -> bool:
-    """Whether the library permits a request to the holder of a token: steps 1 to 9, 11 and 12."""
+    """True where the library permits a request to the holder of a token: steps 1 to 9, 11 and 12."""
     chain = verifier.verify(token, at=act.at, audience=act.audience, view=VIEW, lease_ms=LEASE_MS)
     if isinstance(chain, Fault):
         return False
@@ -117,7 +117,7 @@ def may_act(verifier: Verifier, token: bytes, act: Act) -> bool:
 
 
 def may_lend(issuer: Issuer, chain: Chain, lend: Lend) -> bool:
-    """Whether the library's rules of a hop permit it; nothing is signed."""
+    """True where the library's rules of a hop permit it; nothing is signed."""
     added = block.HopBlock(
         len(chain.hops), issuer.holder(lend.agent, chain.leaf.agent, role=lend.role), whole(lend.scope)
     )
@@ -130,7 +130,7 @@ def may_lend(issuer: Issuer, chain: Chain, lend: Lend) -> bool:
 
 
 def does_lend(issuer: Issuer, token: bytes, chain: Chain, lend: Lend) -> bool | None:
-    """Whether the library issues that hop, and the token then verifies; None when it would be too large."""
+    """True where the library issues that hop and the token then verifies; None when it would be too large."""
     hop = issuer.holder(lend.agent, chain.leaf.agent, role=lend.role)
     try:
         token = issuer.delegate(token, chain, hop, whole(lend.scope))
@@ -141,7 +141,7 @@ def does_lend(issuer: Issuer, token: bytes, chain: Chain, lend: Lend) -> bool | 
 
 
 def biscuit_says(issuer: Issuer, token: bytes, act: Act) -> bool:
-    """Whether Biscuit's own authorizer permits it: all but the audience."""
+    """True where Biscuit's own authorizer permits the act: all but the audience."""
     opened = biscuit.open_token(token, issuer.trust.roots[issuer.root_key_id])
     probe = Probe(act.object, act.operation, tuple(each.value for each in act.values), act.at, int(act.base_tier))
     return opened.decide(probe, DEFAULT) is Answer.ALLOWED
@@ -162,7 +162,7 @@ class _Asked:
 
 
 def explore(issuer: Issuer, count: int, seed: int, each: int) -> AttenuationTally:
-    """What so many pairs show, so many of them of each chain; the dimensions take turns."""
+    """Tally of so many pairs, so many of them of each chain; the dimensions take turns."""
     chance = random.Random(seed)  # noqa: S311 - draws, no secrets
     found = AttenuationTally()
     number = 0
@@ -195,7 +195,7 @@ def _pair_of_act(asked: _Asked, dimension: str, turn: int) -> None:
 
 
 def _plain(of: Family, act: Act) -> bool:
-    """Whether the parameters are the operation's own: Biscuit knows no names and units, and sees places alone."""
+    """True where the parameters are the operation's own: Biscuit knows no names and units, only places."""
     return all(type(each.value) is int for each in act.values) and any(
         [(each.name, each.unit) for each in act.values] == [(x.parameter.name, x.parameter.unit) for x in grant.limits]
         for grant in of.blocks[0].grants or ()

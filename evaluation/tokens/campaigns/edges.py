@@ -1,4 +1,4 @@
-"""A9: every cap of the package exactly at, below and above: the first two pass, the third is refused for its reason."""
+"""A9: every cap exactly at, below and above: two pass, the third is refused for its reason."""
 
 from __future__ import annotations
 
@@ -211,7 +211,7 @@ def _of_scopes() -> Iterator[Edge]:
 
 
 def _of_scopes_in_tokens() -> Iterator[Edge]:
-    """A token that somebody minted under wider caps than the verifier's."""
+    """Cases of a token that was minted under wider caps than the verifier's."""
     two = Limit(Parameter("p", Unit.COUNT), OneOf(frozenset({1, 3, 5})))
     whole = replace(
         tokens.scope(SMALL, 0),

@@ -34,7 +34,7 @@ _ALPHABET: Final = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz01234567
 
 @dataclass(frozen=True, slots=True)
 class EncodingFigures:
-    """What the campaign shows.
+    """Figures of the campaign.
 
     Attributes:
         tried: spellings by family, over both tokens.
@@ -52,7 +52,7 @@ class EncodingFigures:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Where the bar is not met."""
+        """Misses of the bar."""
         faults = {
             "an issued token is refused": not self.tokens,
             "a family was not tried": len(self.tried) != len(FAMILIES) + 1,
@@ -143,7 +143,10 @@ FORTY: Final = _forty()
 
 
 def texts(token: bytes) -> Iterator[str]:
-    """Twelve families of texts that a lax reader of base64 takes for the token, each once and none the token's own."""
+    """Texts of twelve families that a lax reader of base64 takes for the token.
+
+    Each comes once, and none is the token's own.
+    """
     text = token_to_text(token)
     yield from dict.fromkeys(other for other in _texts(token, text) if other != text)
 
@@ -166,7 +169,10 @@ def _texts(token: bytes, text: str) -> Iterator[str]:
 
 
 def _letters(text: str) -> Iterator[str]:
-    """One letter, or all of them, of the other alphabet; every letter that is in neither counts for nothing to some."""
+    """Texts with one letter, or all of them, of the other alphabet, or with a letter of neither.
+
+    Some readers skip a letter that is in neither alphabet.
+    """
     for ours, theirs in (("-", "+"), ("_", "/")):
         if ours in text:
             yield text.replace(ours, theirs, 1)
@@ -200,7 +206,7 @@ def run(seed: int = 1, *, every: int = 1) -> EncodingFigures:
 def search(
     of: tuple[bytes, ...], ask: Callable[[bytes], Chain | Fault], *, every: int = 1, offset: int = 0
 ) -> EncodingFigures:
-    """What `ask` says to other spellings of these tokens.
+    """Answers of `ask` to other spellings of these tokens.
 
     Args:
         of: tokens that `ask` accepts.

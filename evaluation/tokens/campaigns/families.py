@@ -133,7 +133,7 @@ def _some(members: frozenset[str], chance: Random) -> frozenset[str]:
 
 
 def family(issuer: Issuer, verifier: Verifier, hops: int, chance: Random) -> Family:
-    """A chain of so many hops, or of fewer where it grows too large, every token of it issued and verified.
+    """Chain of so many hops, or of fewer where it grows too large, with every token issued and verified.
 
     Raises:
         RuntimeError: when an issued token is refused.
@@ -198,7 +198,7 @@ def whole(scope: Scope) -> Restriction:
 # --- forged hops -----------------------------------------------------------------------------------------------------
 
 FORGED: Final = ("grants", "ranges", "sets", "ceiling", "audience", "delegates", "depth", "window", "idle", "stranger")
-"""What a forged hop has too much of; "idle" narrows nothing, "stranger" is named by nobody."""
+"""Excess of a forged hop; "idle" narrows nothing, and no block names the agent of "stranger"."""
 
 
 def too_much(what: str, held: Scope, chance: Random) -> Restriction:

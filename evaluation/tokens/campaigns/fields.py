@@ -1,4 +1,4 @@
-"""Protocol Buffers seen as a tree of fields, and changes of it that a parser may take for the same message.
+"""Fields of Protocol Buffers as a tree, and changes that a parser may take for the same message.
 
 Nothing here knows the schema: bytes that read as fields are taken for a message. So a change reaches the envelope, the
 blocks, and the terms of a check.
@@ -17,7 +17,7 @@ VARINT, I64, LEN, I32 = 0, 1, 2, 5  # wire types (Protocol Buffers, "encoding")
 _FIXED: Final = {I64: 8, I32: 4}
 _DEEPEST: Final = 8
 _DESCEND: Final = 0.7
-"""How likely a change goes to a field's own fields, where it has some."""
+"""Probability that a change goes to a field's own fields, where it has some."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def a_hop_is_the_meet(parent: Scope, restriction: Restriction) -> bool:
-    """A hop that may be made has less depth, narrows strictly, and is the meet of what it states with its parent."""
+    """A hop that may be made has less depth, narrows strictly, and is the meet with its parent."""
     child = algebra.hop(parent, restriction)
     if not isinstance(child, Scope):
         return True
@@ -28,7 +28,7 @@ def a_hop_is_the_meet(parent: Scope, restriction: Restriction) -> bool:
 
 
 def a_refused_hop_asks_too_much(parent: Scope, restriction: Restriction) -> bool:
-    """A hop that may not be made has no depth or time, is somewhere wider, or takes nothing away: nothing else."""
+    """A hop that may not be made has no depth or time, is somewhere wider, or takes nothing away."""
     found = algebra.hop(parent, restriction)
     if isinstance(found, Scope):
         return True
@@ -41,7 +41,7 @@ def a_refused_hop_asks_too_much(parent: Scope, restriction: Restriction) -> bool
 
 
 def repair_is_the_nearest(parent: Scope, restriction: Restriction) -> bool:
-    """What is repaired is accepted and states the meet; what is not has a meet that takes nothing away, or none."""
+    """A repaired hop is accepted and states the meet; one without repair has no strictly narrower meet."""
     repaired = explanation.repair(parent, restriction)
     both = None
     if parent.depth >= 1:
@@ -52,7 +52,7 @@ def repair_is_the_nearest(parent: Scope, restriction: Restriction) -> bool:
 
 
 def every_nearest_is_permitted(parent: Scope, restriction: Restriction) -> bool:
-    """Where each place of a refusal takes the nearest that is permitted, nothing is refused as wider any more."""
+    """A hop in which every widening takes its nearest permitted value is not refused as wider."""
     found = algebra.hop(parent, restriction)
     if isinstance(found, Scope) or any(place.nearest is None for place in found.widenings):
         return True

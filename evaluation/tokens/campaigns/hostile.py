@@ -36,7 +36,7 @@ BY_HOLDER: Final = frozenset({FaultCode.HOP_NOT_ATTESTED})
 BY_ATTESTER: Final = frozenset(
     {FaultCode.WRONG_PROFILE, FaultCode.CHAIN_BROKEN, FaultCode.NOT_CANONICAL, FaultCode.TOKEN_MALFORMED}
 )
-"""What such a block may be refused for: it is not of the profile."""
+"""Reasons for which such a block may be refused: it is not of the profile."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +91,7 @@ class Later:
 
 
 def verdict(token: bytes) -> Fault | Later:
-    """What `verify` says to a token, and when it passes, what becomes of a request that the honest hop would allow."""
+    """Answer of `verify` to a token, or that to a later request which the honest hop would allow."""
     verifier = Verifier(_TRUST, DEFAULT)
     chain = verifier.verify(token, at=tokens.NOW, audience=tokens.SERVER, view=_VIEW, lease_ms=tokens.LEASE_MS)
     if not isinstance(chain, Chain):
@@ -151,7 +151,7 @@ def _replaced(honest: str, check: str) -> str:
 
 
 def _appended(parent: bytes, source: str) -> bytes:
-    """What any holder can do without asking anybody."""
+    """Token with a block that any holder can append alone."""
     return bytes(_opened(parent).append(_library.BlockBuilder(source)).to_bytes())
 
 

@@ -1,4 +1,4 @@
-"""The other half of campaign A5: hostile text in every text of a token, put there by an issuer that asks no rule.
+"""The other half of campaign A5: hostile text in every text of a token, from an issuer without rules.
 
 A text is either refused, when it is issued or when it is read, or it comes back as the very same text. It never adds a
 fact, a rule or a check to a block, and never a hop, an operation or a permission to a chain.
@@ -46,12 +46,12 @@ TEXTS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class InjectionFigures:
-    """What the campaign shows.
+    """Figures of the campaign.
 
     Attributes:
-        texts: how many.
+        texts: their number.
         carried, refused: for each place, how many texts came back, and how many were refused.
-        injected: texts that came to be more than a text.
+        injected: texts that did more than be a text.
     """
 
     texts: int
@@ -61,7 +61,7 @@ class InjectionFigures:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Where the bar is not met."""
+        """Misses of the bar."""
         tried = [self.carried.get(place, 0) + self.refused.get(place, 0) for place in PLACES]
         faults = {
             "a text was not tried in some place": any(count != self.texts for count in tried),
@@ -93,7 +93,7 @@ def _first(
 
 
 def _second(issuer: Issuer, restriction: Restriction | None = None, **hop: Any) -> bytes:
-    """A hop that no rule was asked about, below a token that may be lent to anybody of a role."""
+    """Token with a hop that no rule was asked about, below one that any agent of a role may receive."""
     parent = replace(SMALL, audiences=frozenset(CELLS), delegates=frozenset({"second", "role:r"}), depth=1)
     first = issuer.mint(parent)
     holder = replace(issuer.holder("second", "first", role="r"), **hop)
@@ -162,7 +162,7 @@ def run(seed: int = 1) -> InjectionFigures:
 
 
 def _injected(issuer: Issuer, made: Made, text: str, likeness: list[dict[int, int]]) -> str:
-    """What a text did but be a text; nothing when it did nothing."""
+    """Effect of a text beyond being a text; "" for none."""
     if _likeness(made.token) != likeness:
         return "changed the statements of a block"
     opened = biscuit.open_token(made.token, issuer.trust.roots[issuer.root_key_id])
@@ -176,7 +176,7 @@ def _injected(issuer: Issuer, made: Made, text: str, likeness: list[dict[int, in
 
 
 def _forbidden(text: str) -> Iterator[Probe]:
-    """Requests that no token of this module permits, whatever a text says."""
+    """Requests that no token of this module permits, under any text."""
     for operation in {"fly", text + "x"}:
         yield Probe("r", operation, (), AT, 0)
     yield Probe("r", "s", (), AT + 10_000_000, 0)

@@ -79,7 +79,7 @@ class Issuer:
         purpose: str = "pick",
         kind: EvidenceKind = EvidenceKind.KEY,
     ) -> HopGrant:
-        """What is stated about a holder: key and hop id are those of its name."""
+        """Statement about a holder: key and hop id are those of its name."""
         return HopGrant(
             hop_id=hashlib.sha256(agent.encode(errors="surrogatepass")).hexdigest()[:32],
             agent=agent,
@@ -136,7 +136,7 @@ def _key(words: str) -> tuple[Ed25519PrivateKey, bytes]:
 
 
 def verified(verifier: Verifier, token: bytes, *, at: float = AT, audience: str = CELLS[0]) -> Chain | Fault:
-    """What the whole of `verify` says of a token."""
+    """Answer of the whole of `verify` to a token."""
     return verifier.verify(token, at=at, audience=audience, view=VIEW, lease_ms=LEASE_MS)
 
 

@@ -31,7 +31,7 @@ Law = tuple[str, str, float]
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """A law of bounds and the shapes that it is proven for: how many members each bound has, 0 for a range."""
+    """Law of bounds with the shapes that it is proven for: members of each bound, 0 for a range."""
 
     law: Callable[..., bool]
     shapes: tuple[tuple[int, ...], ...]
@@ -94,7 +94,7 @@ def prove_one(claim: Claim | ScopeClaim) -> Law:
 
 
 def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]]) -> Law:
-    """Whether the law holds in every case: on every way through each."""
+    """Result of a law over every case: it must hold on every way through each."""
     began = time.perf_counter()
     try:
         # A law that no way goes through would hold of nothing.

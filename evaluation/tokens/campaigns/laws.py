@@ -1,4 +1,4 @@
-"""The laws of the scope algebra, each a plain function that answers whether it holds for the values it is given.
+"""Laws of the scope algebra, each a plain function that is true where it holds for the given values.
 
 They ask the very functions of `capabilities` and only compare and add, so that they can be asked with integers (the
 property tests do) and with symbols that stand for every integer (`campaigns.lattice` does). Bounds are not
@@ -27,7 +27,7 @@ def meet_is_the_intersection(a: Bound, b: Bound, value: int) -> bool:
 
 
 def meet_is_the_greatest_below_both(a: Bound, b: Bound, c: Bound) -> bool:
-    """The meet is within both, and whatever is within both is within it."""
+    """The meet is within both, and any bound within both is within it."""
     both = bounds.meet(a, b)
     if both is None:
         return not (within(c, a) and within(c, b))
@@ -45,7 +45,7 @@ def meet_associates(a: Bound, b: Bound, c: Bound) -> bool:
 
 
 def meet_is_monotone(a: Bound, b: Bound, c: Bound) -> bool:
-    """What is within another keeps being so when both meet a third."""
+    """A bound within another stays within it when both meet a third."""
     if not within(a, b):
         return True
     mine, other = bounds.meet(a, c), bounds.meet(b, c)
@@ -65,12 +65,12 @@ def within_is_antisymmetric(a: Bound, b: Bound) -> bool:
 
 
 def within_is_transitive(a: Bound, b: Bound, c: Bound) -> bool:
-    """What is within what is within a third is within that, and everything is within itself."""
+    """A bound within a second one that is within a third is within the third; each is within itself."""
     return within(a, a) and (not (within(a, b) and within(b, c)) or within(a, c))
 
 
 def less_is_left_out(a: Bound, b: Bound) -> bool:
-    """Of two bounds, one within the other, the smaller one leaves out a value of the other, and the equal one none."""
+    """Of two bounds, one within the other, the smaller leaves out a value, and the equal none."""
     return not within(a, b) or (size(a) < size(b)) == (left_out(a, b) is not None)
 
 
@@ -84,7 +84,10 @@ def nearest_is_nearest(a: Bound, value: int, other: int) -> bool:
 
 
 def nearest_bound_is_nearest(parent: Bound, wanted: Bound, inner: int, asked: int) -> bool:
-    """It is the meet when there is one, and else one permitted value; nothing permitted is nearer to what was asked."""
+    """Nearest bound: the meet when there is one, and else one permitted value at the least distance.
+
+    No permitted value is nearer to the wanted bound.
+    """
     found, both = bounds.nearest_bound(parent, wanted), bounds.meet(parent, wanted)
     if found is None or not within(found, parent):
         return False
@@ -98,7 +101,7 @@ def nearest_bound_is_nearest(parent: Bound, wanted: Bound, inner: int, asked: in
 
 
 def inside(bound: Bound | None, value: int) -> bool:
-    """Whether the value is inside a bound that may be none."""
+    """True where the value is inside a bound that may be None."""
     return bound is not None and permits(bound, value)
 
 
@@ -129,14 +132,14 @@ def _both(a: Bound | None, b: Bound | None) -> Bound | None:
 
 
 class Request:
-    """What is asked of a scope: an operation with one value for each parameter, its tier, when, and at which server."""
+    """Request to a scope: an operation with one value for each parameter, its tier, time and server."""
 
     def __init__(self, pair: tuple[str, str], values: tuple[Any, ...], tier: Any, at: Any, audience: Any) -> None:
         self.pair, self.values, self.tier, self.at, self.audience = pair, values, tier, at, audience
 
 
 def allowed(scope: Scope, request: Request) -> bool:
-    """Whether a scope permits a request: the plain reading of docs/spec.md 1.2, written here a second time."""
+    """True where a scope permits a request: the plain reading of docs/spec.md 1.2, written a second time."""
     grants = [grant for grant in scope.grants if (grant.object, grant.operation) == request.pair]
     return (
         len(grants) == 1
@@ -149,7 +152,7 @@ def allowed(scope: Scope, request: Request) -> bool:
 
 
 def a_child_permits_no_more(child: Scope, parent: Scope, request: Request) -> bool:
-    """What a child permits its parent permits, and whom a child may delegate to its parent may."""
+    """A parent permits every request that its child permits, and every delegate of its child."""
     if algebra.narrows(child, parent).widenings:
         return True
     return (not allowed(child, request) or allowed(parent, request)) and child.delegates <= parent.delegates
@@ -162,7 +165,7 @@ def scopes_meet_in_the_intersection(a: Scope, b: Scope, request: Request) -> boo
 
 
 def scopes_meet_in_the_greatest(a: Scope, b: Scope, c: Scope) -> bool:
-    """The meet narrows both, and whatever narrows both narrows it."""
+    """The meet narrows both, and any scope that narrows both narrows it."""
     both = algebra.meet(a, b)
     lower = not algebra.narrows(c, a).widenings and not algebra.narrows(c, b).widenings
     if both is None:
@@ -209,7 +212,7 @@ def strict_is_less(child: Scope, parent: Scope, request: Request) -> bool:
 
 
 def refuses_something(child: Scope, parent: Scope) -> bool:
-    """Whether a request, or a delegate, that `parent` allows within the window of `child` is refused by `child`."""
+    """True where `child` refuses a request or delegate that `parent` allows within the window of `child`."""
     if any(delegate not in child.delegates for delegate in parent.delegates):
         return True
     return any(allowed(parent, request) and not allowed(child, request) for request in _witnesses(child, parent))

@@ -39,17 +39,17 @@ class Clocks:
 
 @dataclass(slots=True)
 class MutantTally:
-    """What one run found.
+    """Tally of one run.
 
     Attributes:
         tried: mutants by kind.
         issued: draws that gave an issued token, which is no mutant.
         codes: faults by code.
-        accepted, stray: mutants in hex; what was raised, with its mutant.
+        accepted, stray: mutants in hex; exceptions, each with its mutant.
         slow: mutants that took over `SLOWEST_MS` of the processor, or by the clock each time that they were tried.
-        paused: mutants that took over it by the clock alone, and not each time: the processor was somebody else's.
+        paused: mutants that took over it by the clock alone, and not each time: the processor was busy with other work.
         worst_ms, worst_cpu_ms: of one `verify`: by the clock, and of this thread.
-        growth_mib: peak of memory less what there was before the first mutant.
+        growth_mib: peak of memory less its size before the first mutant.
         lost: issued tokens that were refused afterwards.
     """
 
@@ -68,7 +68,7 @@ class MutantTally:
 
 @dataclass(frozen=True, slots=True)
 class MutantFigures:
-    """What the campaign shows.
+    """Figures of the campaign.
 
     Attributes:
         count: mutants that were wanted.
@@ -80,7 +80,7 @@ class MutantFigures:
 
     @property
     def missed(self) -> tuple[str, ...]:
-        """Where the bar is not met; nowhere when all the mutants that were wanted meet it."""
+        """Misses of the bar; none when all wanted mutants meet it."""
         found = self.tally
         faults = {
             f"{sum(found.tried.values())} tried": not sum(found.tried.values()) == self.count > 0,
@@ -95,7 +95,7 @@ class MutantFigures:
 
 
 def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault], clocks: Clocks) -> MutantTally:
-    """What `ask` says to so many mutants, the kinds in turn.
+    """Tally of the answers of `ask` to so many mutants, the kinds in turn.
 
     Args:
         of: the tokens.
@@ -158,7 +158,7 @@ def _timed(
 
 
 def _control(of: Pool, ask: Callable[[bytes], Chain | Fault]) -> int:
-    """How many issued tokens are refused."""
+    """Number of issued tokens that are refused."""
     return sum(not isinstance(ask(token), Chain) for token in of.issued)
 
 

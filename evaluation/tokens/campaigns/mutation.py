@@ -1,4 +1,4 @@
-"""Ways to make bytes that nobody issued from tokens that somebody did.
+"""Mutants: bytes that nobody issued, made from issued tokens.
 
 Some are blind, some know the format, some put parts of several tokens together.
 """

@@ -22,7 +22,7 @@ ACTING: Final = ("grants", "ranges", "sets", "ceiling", "audience", "window")
 LENDING: Final = ("delegates", "depth")
 DIMENSIONS: Final = (*ACTING, *LENDING)
 _ODD: Final = 0.05
-"""How often a request has other parameters than the operation."""
+"""Probability that a request has other parameters than the operation."""
 
 
 def act(of: Family, dimension: str, chance: Random) -> Act:
@@ -148,7 +148,7 @@ def lend(of: Family, dimension: str, chance: Random) -> Lend:
 
 
 def _delegate(names: list[str], chance: Random) -> tuple[str, str]:
-    """Somebody whom a block names, by name or by role, or a name that is only like one."""
+    """Agent and role that a block names, or a name that is only like one."""
     name = chance.choice(names)
     if chance.random() < 0.3:
         return "stranger", chance.choice((ROLE, "", "plan", name.removeprefix("role:")))

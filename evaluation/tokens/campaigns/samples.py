@@ -43,7 +43,7 @@ def run(settings: Settings) -> Outcome | Skipped:
 
 
 def agrees(got: int | None, stated: dict[str, Any]) -> bool:
-    """Whether an outcome is the stated one: `{"Ok": policy}`, or `{"Err": ...}` for a refusal of any kind."""
+    """True where an outcome is the stated one: `{"Ok": policy}`, or `{"Err": ...}` for any refusal."""
     return "Err" in stated if got is None else stated.get("Ok") == got
 
 

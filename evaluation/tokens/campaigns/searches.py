@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 QUICK_MUTANTS: Final = 5_000
 QUICK_PAIRS: Final = 4_000
 QUICK_EVERY: Final = 97
-"""One spelling in so many, when it has to be quick; a prime, so that no byte or value is always left out."""
+"""Step through the spellings of a quick run; a prime, so that no byte or value is always left out."""
 
 
 def _mutants(settings: Settings) -> Outcome:

@@ -111,7 +111,7 @@ class Run:
         self.solver.add(*conditions)
 
     def less(self, one: Symbol | int, other: Symbol | int) -> bool:
-        """Whether `one` is less than `other`."""
+        """True where `one` is less than `other`."""
         names = _name(one), _name(other)
         found = self._known.get((False, *names))
         if found is None:
@@ -122,7 +122,7 @@ class Run:
         return found
 
     def equal(self, one: Symbol | int, other: Symbol | int) -> bool:
-        """Whether `one` is `other`."""
+        """True where `one` equals `other`."""
         names = _pair(_name(one), _name(other))
         found = True if names[0] == names[1] else self._known.get((True, *names))
         if found is None:

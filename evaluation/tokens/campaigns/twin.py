@@ -1,7 +1,7 @@
-"""What a chain of blocks permits, said the slow and obvious way: every block is asked, and each may say no.
+"""Twin of the algebra: a chain of blocks in the slow and obvious way, where any block may say no.
 
-A second opinion on the algebra of scopes, and none of it is used here: no order, no meet, no scope laid over another.
-Whether a set of integers lies in another is asked of points: both are unions of few ranges, so when one sticks out, it
+It is a second opinion on the algebra of scopes and uses none of it: no order, no meet, no scope laid over another.
+Inclusion of one set of integers in another is tested at points: both are unions of few ranges, so one that sticks out
 does so at an end of its own, or just beside a member or an end of the other.
 """
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capabilities.values.units import Parameter, Quantity
 
 Blocks = tuple[Restriction, ...]
-"""What the blocks of a token state, in order. The first one states everything."""
+"""Statements of the blocks of a token, in order. The first one states everything."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +83,7 @@ def _allows(block: Restriction, act: Act) -> bool:
 
 
 def inside(bound: Bound, value: int) -> bool:
-    """Whether an integer is in a bound."""
+    """True where an integer is in a bound."""
     return value in bound.values if isinstance(bound, OneOf) else bound.low <= value <= bound.high
 
 
@@ -104,7 +104,7 @@ def _may_lend(blocks: Sequence[Restriction], lend: Lend) -> bool:
 
 
 def depth(blocks: Sequence[Restriction]) -> int:
-    """How many hops may follow after these blocks."""
+    """Number of hops that may follow after these blocks."""
     left = 0
     for block in blocks:
         left = block.depth if block.depth is not None else left - 1
@@ -112,7 +112,7 @@ def depth(blocks: Sequence[Restriction]) -> int:
 
 
 def wider(blocks: Sequence[Restriction], scope: Scope) -> bool:
-    """Whether a scope has anything, but for depth, that one of the blocks does not have."""
+    """True where a scope has anything, but for depth, that one of the blocks does not have."""
     return any(_sticks_out(block, scope, first=not n) for n, block in enumerate(blocks))
 
 
@@ -132,7 +132,7 @@ def _sticks_out(block: Restriction, scope: Scope, *, first: bool) -> bool:
 
 
 def _grant_sticks_out(grant: Grant, above: Grant, *, whole: bool) -> bool:
-    """Whether it has a value that `above` does not have, or, where that is the first block, other parameters."""
+    """True where the grant has a value that `above` lacks, or other parameters than the first block."""
     if whole and [limit.parameter for limit in grant.limits] != [limit.parameter for limit in above.limits]:
         return True
     for limit in grant.limits:
@@ -146,7 +146,7 @@ def _grant_sticks_out(grant: Grant, above: Grant, *, whole: bool) -> bool:
 
 
 def less(blocks: Sequence[Restriction], scope: Scope) -> bool:
-    """Whether a scope lacks an operation, a value, a tier, an audience or a delegate that all the blocks have."""
+    """True where a scope lacks an operation, value, tier, audience or delegate that all blocks have."""
     have = {(g.object, g.operation): g for g in scope.grants}
     for grant in blocks[0].grants or ():
         pair = grant.object, grant.operation

@@ -38,13 +38,13 @@ REFUSED: Final = {
 
 @dataclass(slots=True)
 class WycheproofTally:
-    """What came of one file.
+    """Tally of one file.
 
     Attributes:
-        seen, invalid: vectors, and those among them that nothing may accept.
+        seen, invalid: vectors, and the invalid ones among them.
         accepted, wrong: accepted vectors, and those among them that are not valid.
         listed: valid vectors that are refused for a reason that is listed.
-        misses: what must not be.
+        misses: vectors that were judged wrong.
     """
 
     seen: int = 0
@@ -146,7 +146,7 @@ def _higher(verify: Callable[[bytes, bytes, bytes], object], raw: bytes, case: d
 
 
 def _opens(stated: dict[str, Any], case: dict[str, Any]) -> bool:
-    """Whether a JWS is accepted under every key that is stated, each read as a JWK."""
+    """True where a JWS is accepted under every key that is stated, each read as a JWK."""
     text = case.get("jws", case.get("jwe", ""))
     try:
         unverified = jws.split(text if isinstance(text, str) else json.dumps(text), most_bytes=_MOST_BYTES)

@@ -1,6 +1,6 @@
-"""PyJWT: an RFC 8693 access token with nested `act` claims and RFC 9396 details, and a DPoP proof by the holder.
+"""PyJWT: an RFC 8693 access token with nested `act` claims and RFC 9396 details, and a DPoP proof.
 
-One signature by one issuer, whatever the depth: the chain is what the issuer says it was, and only the issuer can make
+One signature by one issuer at any depth: the chain is as the issuer states it, and only the issuer can make
 a narrower token.
 """
 

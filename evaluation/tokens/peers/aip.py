@@ -13,7 +13,10 @@ if TYPE_CHECKING:
     from evaluation.tokens.workload import Workload
 
 _OVERRUN: Final = "execution limits"
-"""Part of its text when Biscuit's 1 ms ran out, which it never sets otherwise and reports as a lack of scope."""
+"""Part of the peer's text when Biscuit's 1 ms ran out.
+
+The peer never sets another limit, and reports this one as a lack of scope.
+"""
 _TTL_S: Final = 3_600
 
 
@@ -67,7 +70,7 @@ class Aip(PlainPeer):
         return self.decide_read(kept, ask)
 
     def decide_read(self, kept: Any, ask: Ask) -> Verdict:
-        """What its `authorize` says to the tool; it takes no parameters."""
+        """Answer of its `authorize` to the tool; it takes no parameters."""
         try:
             kept.authorize("tool:" + ask.operation, self._public)
         except self._refused as error:

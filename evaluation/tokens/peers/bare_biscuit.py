@@ -63,7 +63,7 @@ class BareBiscuit(PlainPeer):
         return self.decide_read(kept, ask)
 
     def decide_read(self, kept: Any, ask: Ask) -> Verdict:
-        """What the authorizer says to the request as one fact."""
+        """Answer of the authorizer to the request as one fact."""
         builder = _library.AuthorizerBuilder("allow if true;")
         limits = builder.limits()
         limits.max_time = _LIMIT
@@ -80,7 +80,10 @@ class BareBiscuit(PlainPeer):
 
 
 def _check(workload: Workload, hop: int, serial: int) -> tuple[str, dict[str, Any]]:
-    """One check over the operations that hold from this hop on; a later hop states only the bounds that it tightens."""
+    """Check over the operations that hold from this hop on.
+
+    A later hop states only the bounds that it tightens.
+    """
     alternatives: list[str] = []
     bound: dict[str, Any] = {}
     for operation, limits in workload.lent(hop, serial):

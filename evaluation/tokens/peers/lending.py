@@ -109,7 +109,7 @@ def view() -> RevocationView:
 
 
 def grant_to(hop: int, serial: int) -> HopGrant:
-    """What the identity provider states about the holder of hop `hop` in the token of this serial number."""
+    """Statement of the identity provider about the holder of this hop in the token of this serial number."""
     name = f"{serial}/{hop}"
     return HopGrant(
         hop_id=_seed(f"hop {name}").hex()[:32],
@@ -143,7 +143,7 @@ def scope(workload: Workload, serial: int) -> Scope:
 
 
 def restriction(workload: Workload, hop: int, serial: int) -> Restriction:
-    """What hop `hop` takes away: the operations that it drops, and both ends of the limits that it tightens."""
+    """Restriction by this hop: the operations that it drops, and both ends of the limits that it tightens."""
     return Restriction(
         grants=tuple(
             Grant(
@@ -157,7 +157,7 @@ def restriction(workload: Workload, hop: int, serial: int) -> Restriction:
 
 
 def first_of(workload: Workload, serial: int, *, limits: int = 0) -> dict[str, Any]:
-    """What `mint` is asked for the token of this serial number, under the limits of that one."""
+    """Arguments of `mint` for the token of this serial number, under the limits of that one."""
     return {
         "root": key_of("root"),
         "root_key_id": ROOT_ID,
@@ -170,7 +170,7 @@ def first_of(workload: Workload, serial: int, *, limits: int = 0) -> dict[str, A
 
 
 def next_of(chain: Chain, narrowed: Restriction, serial: int) -> dict[str, Any]:
-    """What `delegate` is asked for one more hop."""
+    """Arguments of `delegate` for one more hop."""
     return {
         "chain": chain,
         "attester": key_of("attester"),

@@ -1,4 +1,4 @@
-"""What is common to the peers that check no proof of possession: cells from six small functions."""
+"""Base of the peers that check no proof of possession: cells from six small functions."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ class PlainPeer(ABC):
     name: str
     version: str
     checks: ClassVar[str]
-    """What a decision from the wire rests on."""
+    """Checks that a decision from the wire rests on."""
     checks_seen: ClassVar[str]
-    """What a decision under a token rests on that was read before; empty where reading leaves nothing to keep."""
+    """Checks that a decision under a token read before rests on; "" where reading leaves nothing to keep."""
     limits: ClassVar[bool] = True
     """Values are checked, and not the operation alone."""
 
@@ -52,7 +52,7 @@ class PlainPeer(ABC):
         """From the wire to a decision."""
 
     def read(self, token: Any) -> Any:
-        """What is kept of a token that was read."""
+        """Part of a read token that is kept."""
         return token
 
     def decide_read(self, kept: Any, ask: Ask) -> Verdict:
@@ -69,7 +69,7 @@ class PlainPeer(ABC):
 
     @abstractmethod
     def wire(self, made: Any) -> Any:
-        """What was made, as it goes over the wire."""
+        """Token as it goes over the wire."""
 
     def lend(self, workload: Workload, depth: int, serial: int) -> Any:
         """A token of this depth, as it goes over the wire."""

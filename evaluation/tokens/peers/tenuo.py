@@ -27,7 +27,10 @@ PROVEN: Final = "; the holder's signature over tool, arguments and a 30 s window
 UNPROVEN: Final = "; by verify_chain and check_constraints, as its own decision always demands a proof"
 TTL_S: Final = 3_600
 SHORTER_S: Final = 300
-"""Each hop ends so much earlier: a run lasts less than that, so a hop made later still ends before its parent."""
+"""Seconds by which each hop ends before its parent.
+
+A run lasts less than that, so a hop made later still ends before its parent.
+"""
 
 
 @dataclass(frozen=True, slots=True)
