@@ -32,7 +32,10 @@ EXIT_FAILED, EXIT_USAGE = 1, 2
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Runs until told to end; exit status 0 after a clean end, 1 after a failure, 2 for settings that cannot be."""
+    """Runs until told to end.
+
+    Exit status 0 after a clean end, 1 after a failure, 2 for settings that cannot be.
+    """
     options = _parser().parse_args(arguments)
     over, say = threading.Event(), _tell if options.words else _say
     settings = Settings(

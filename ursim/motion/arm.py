@@ -34,7 +34,7 @@ Joints: TypeAlias = tuple[float, ...]
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A link, or what the tool carries: mass [kg], centre of mass [m], inertia about it [kg m2], in the link's frame.
+    """Link, or load of the tool: mass [kg], centre of mass [m], inertia about it [kg m2].
 
     The inertia has URScript's order: Ixx, Iyy, Izz, Ixy, Ixz, Iyz.
     """
@@ -149,7 +149,7 @@ class Arm:
         return tuple(found)
 
     def inside(self, q: Sequence[float]) -> bool:
-        """Whether every angle lies in its joint's limits; an angle that is no number does not."""
+        """True where every angle lies in its joint's limits; an angle that is no number does not."""
         return all(
             -joint.position_limit_rad <= angle <= joint.position_limit_rad
             for joint, angle in zip(self.joints, q, strict=True)
@@ -173,7 +173,10 @@ def miss(target: Frame, reached: Frame) -> tuple[float, ...]:
 
 
 def damped(columns: Sequence[Sequence[float]], wanted: Sequence[float], *, damping: float) -> Joints:
-    """Joint step x with J x nearest to `wanted`, damped where J is singular: Jt (J Jt + damping^2 I)^-1 wanted."""
+    """Joint step x with J x nearest to `wanted`, damped where J is singular.
+
+    It is Jt (J Jt + damping^2 I)^-1 wanted.
+    """
     n = 6
     rows = [[sum(c[i] * c[k] for c in columns) for k in range(n)] + [wanted[i]] for i in range(n)]
     for i in range(n):

@@ -1,4 +1,4 @@
-"""Who moves the arm, and that it always ends up still: one motion at a time, each with an owner or under the brake."""
+"""Drive of the arm: one motion at a time, each with an owner or under the brake, ending at rest."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class Drive:
 
     @property
     def motion(self) -> Motion | None:
-        """What moves the arm now."""
+        """Motion that moves the arm now, or None."""
         return self._motion
 
     @property
     def moving(self) -> bool:
-        """Whether a motion is under way or an axis still turns."""
+        """True while a motion is under way or an axis still turns."""
         return self._motion is not None or not self.now.at_rest
 
     def take(self, owner: object, motion: Motion) -> None:
@@ -57,7 +57,10 @@ class Drive:
         self._motion, self._owner = motion, owner
 
     def braking(self, owner: object, deceleration_rad_s2: float) -> Brake:
-        """A stop begun by `owner`; it is never weaker than a stop that is already under way for want of an owner."""
+        """Stop begun by `owner`.
+
+        It is never weaker than a stop that is already under way for want of an owner.
+        """
         deceleration = min(deceleration_rad_s2, self.arm.acceleration_limit_rad_s2)
         if self._owner is None and isinstance(self._motion, Brake):
             deceleration = max(deceleration, self._motion.deceleration_rad_s2)

@@ -73,7 +73,7 @@ def acceleration(frames: Sequence[Frame], now: Kinetic, tcp: Frame) -> tuple[flo
 
 
 def _carried(spin: Triple, gain: Triple, arm: Triple) -> Triple:
-    """What a body's turning adds to the acceleration of a point at `arm`."""
+    """Acceleration that a body's turning adds at a point at `arm`."""
     return add(cross(gain, arm), cross(spin, cross(spin, arm)))
 
 

@@ -1,4 +1,4 @@
-"""Motions of the arm, each a plan sampled once a tick. Every one starts from the arm's real state and ends finitely.
+"""Motions of the arm, each a plan sampled once a tick; each starts from the real state and ends.
 
 Joint motions and stops run straight in joint space: the leading axis follows a trapezoid, the others keep their ratio
 to it, so all axes finish together.
@@ -27,7 +27,7 @@ class MotionError(Exception):
 
 @dataclass(frozen=True, slots=True)
 class Kinetic:
-    """Where the arm is and how it moves: rad, rad/s, rad/s2."""
+    """Joint state of the arm: rad, rad/s, rad/s2."""
 
     q: Joints
     qd: Joints
@@ -153,7 +153,10 @@ class MoveJoints:
 
 
 class Brake:
-    """To rest along the present joint velocity, the leading axis at a constant deceleration a: v^2 / 2a in v / a."""
+    """Brake to rest along the present joint velocity, the leading axis at a constant deceleration a.
+
+    It takes v^2 / 2a in v / a.
+    """
 
     def __init__(self, now: Kinetic, deceleration_rad_s2: float) -> None:
         self.deceleration_rad_s2 = deceleration_rad_s2
@@ -195,7 +198,7 @@ class SpeedJoints:
         """Nothing is planned ahead."""
 
     def reached(self, now: Kinetic, scaling: float) -> bool:
-        """Whether the arm moves at the target."""
+        """True where the arm moves at the target velocity."""
         return all(abs(v - scaling * w) < 1e-9 for v, w in zip(now.qd, self.target, strict=True))
 
     def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:
@@ -223,7 +226,7 @@ class SpeedTool:
         self._twist = ZERO
 
     def reached(self, now: Kinetic, scaling: float) -> bool:
-        """Whether the tool's planned velocity is the target."""
+        """True where the tool's planned velocity is the target."""
         del now
         return all(abs(v - scaling * w) < 1e-9 for v, w in zip(self._twist, self.target, strict=True))
 
@@ -299,7 +302,7 @@ class MoveTool:
         self._t = 0.0
 
     def _pose(self, part: float) -> Frame:
-        """Where the tool is when this part of the way is done."""
+        """Pose of the tool when this part of the way is done."""
         x, y, z = self._line
         rx, ry, rz = self._turn
         position = add(self._from[0], (part * x, part * y, part * z))
@@ -349,7 +352,7 @@ class ServoTool:
         self._twist = ZERO
 
     def left_m(self, now: Kinetic) -> float:
-        """How far the target is; a turn counts as its arc at `MoveTool.TURN_LEVER_M`."""
+        """Distance to the target, metres; a turn counts as its arc at `MoveTool.TURN_LEVER_M`."""
         return _distance(miss(self.target, self._arm.tool(now.q, self._tcp)))
 
     def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:

@@ -1,4 +1,4 @@
-"""What the controller knows about its robot: every RTDE variable, kept or computed, and what programs may set."""
+"""Robot as its controller knows it: every RTDE variable, kept or computed, and the settings of programs."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class SafetyMode(IntEnum):
 
 
 class OperationalMode(IntEnum):
-    """Who may use the robot how, numbered as in the controller's message C211 and on the primary interface."""
+    """Operational mode of the robot, numbered as in the controller's message C211 and on the primary interface."""
 
     NONE = 0  # disabled: nobody has set a password for it, or taken control of it
     AUTOMATIC = 1
@@ -62,7 +62,7 @@ class OperationalMode(IntEnum):
 
 
 class Cause(IntEnum):
-    """Why a program is slowed down: RTDE time_scale_source, as far as it is computed here."""
+    """Cause for which a program is slowed down: RTDE time_scale_source, as far as it is computed here."""
 
     NO_PROGRAM = 0
     NOT_SLOWED = 1
@@ -132,7 +132,10 @@ class Robot:
         self._derived_from = self.drive.now
 
     def once(self, compute: Callable[[Robot], T]) -> T:
-        """What `compute` makes of the robot as it is, made again only after the arm or a setting has changed."""
+        """Value that `compute` derives from the robot.
+
+        It is computed again only after the arm or a setting has changed.
+        """
         if self._derived_from is not self.drive.now:
             self._derived.clear()
             self._derived_from = self.drive.now
@@ -166,7 +169,10 @@ class Robot:
         return self.values[name] if computed is None else computed()
 
     def write(self, inputs: Mapping[str, Value]) -> None:
-        """What one data package sets. Inputs that are no registers act at once; the last value stays."""
+        """Takes the inputs of one data package.
+
+        Inputs that are no registers act at once; the last value stays.
+        """
         for name, value in inputs.items():
             self.values[name] = value
             self.written_at[name] = self.step
@@ -194,16 +200,16 @@ class Robot:
         self._analog_level[channel] = level
 
     def analog_level(self, channel: int) -> float:
-        """What stands at an analog output, as a part of full scale."""
+        """Level of an analog output, as a part of full scale."""
         return self._analog_level[channel]
 
     def analog_out(self, channel: int) -> float:
-        """What stands at an analog output: V, or A."""
+        """Level of an analog output: V, or A."""
         return self._analog_level[channel] * ANALOG_FULL[self.analog_domain >> channel & 1]
 
     @property
     def tool_voltage_v(self) -> int:
-        """What the tool's connector is supplied with."""
+        """Supply voltage of the tool's connector."""
         return int(self._plain("tool_output_voltage"))
 
     def set_digital_out(self, mask: int, bits: int) -> None:
@@ -280,7 +286,7 @@ class Robot:
 
     @property
     def overloaded(self) -> bool:
-        """Whether a motion, other than a stop, asks a joint for more torque than it has."""
+        """True where a motion, other than a stop, asks a joint for more torque than it has."""
         if self.drive.motion is None or isinstance(self.drive.motion, Brake):
             return False
         return any(
@@ -294,7 +300,7 @@ class Robot:
 
     @property
     def waypoint(self) -> tuple[float, ...]:
-        """Where the move under way leads, as a pose; without one where the tool is."""
+        """Target of the move under way, as a pose; without one the tool's pose."""
         match self.drive.motion:
             case MoveJoints(target=target):
                 return self.forward(target, self.tcp)
@@ -308,7 +314,7 @@ class Robot:
         return self.frames[-1]
 
     def accelerometer(self) -> Triple:
-        """What the tool's accelerometer says, at rest or not [m/s2]."""
+        """Reading of the tool's accelerometer, at rest or not [m/s2]."""
         return self.once(_accelerometer)
 
     def momentum(self) -> float:
@@ -330,7 +336,7 @@ class Robot:
         self.changed()
 
     def set_payload(self, mass_kg: float, cog_m: Triple, inertia_kg_m2: tuple[float, ...] = ZERO) -> None:
-        """What the tool carries from now on; centre of mass, and inertia about it, in the flange frame."""
+        """Sets the load of the tool: mass, centre of mass, and inertia about it, in the flange frame."""
         self.payload_kg, self.payload_cog_m, self.payload_inertia = mass_kg, cog_m, inertia_kg_m2
         self.changed()
 

@@ -21,7 +21,10 @@ if TYPE_CHECKING:
 
 
 class Quantities(NamedTuple):
-    """What is limited: the fastest of tool centre point and flange, the elbow, and the momentum of arm and payload."""
+    """Limited quantities: speeds of the faster of tool centre point and flange, and of the elbow; momentum.
+
+    The momentum is that of arm and payload.
+    """
 
     tool_speed_m_s: float
     elbow_speed_m_s: float
@@ -74,7 +77,10 @@ class SafetyLimits:
         return None
 
     def _aimed(self) -> tuple[float, ...]:
-        """What moves are slowed down to: in reduced mode by and by, so that they brake and do not jump."""
+        """Limits that moves are slowed down to.
+
+        In reduced mode they fall by and by, so that moves brake and do not jump.
+        """
         part = self._lowered
         return tuple(a + part * (b - a) for a, b in zip(NORMAL, REDUCED, strict=True))
 

@@ -87,7 +87,10 @@ def from_vector(v: Triple) -> Rotation:
 
 
 def to_vector(r: Rotation) -> Triple:
-    """The rotation vector of `r`, its length in [0, pi]; by the quaternion, so exact near 0 and near pi alike."""
+    """Rotation vector of `r`, its length in [0, pi].
+
+    It is computed by the quaternion, so it is exact near 0 and near pi alike.
+    """
     squares = (1.0 + r[0] + r[4] + r[8], 1.0 + r[0] - r[4] - r[8], 1.0 - r[0] + r[4] - r[8], 1.0 - r[0] - r[4] + r[8])
     # Each row is 4 * (largest quaternion component) * the quaternion, so no division by something small happens.
     best = max(range(4), key=squares.__getitem__)

@@ -27,7 +27,7 @@ Value: TypeAlias = Any  # a number, a boolean, a string, a Vector or a Pose, a t
 
 
 class ScriptRuntimeError(Exception):
-    """What a controller reports as a runtime exception: the program ends."""
+    """Runtime exception of a controller: the program ends."""
 
 
 class Vector(list[Value]):
@@ -82,7 +82,10 @@ class Pose(Vector):
 
 
 def copied(value: Value) -> Value:
-    """What an assignment, a return or a parameter keeps: a list of its own; an integer only inside 32 bits."""
+    """Value that an assignment, a return or a parameter keeps.
+
+    A list is copied, and an integer must be inside 32 bits.
+    """
     kind = type(value)
     if kind is int:
         if not INT_LOW <= value <= INT_HIGH:

@@ -38,14 +38,14 @@ T = TypeVar("T")
 
 
 class Refusal(Enum):
-    """Why a program is not taken."""
+    """Reason for which a program is not taken."""
 
     LOCAL = "the controller is in local control"
     NOT_READY = "the robot is not ready to run a program"
 
 
 class Event(Enum):
-    """What primary clients are told."""
+    """Event that primary clients are told of."""
 
     STARTED = "PROGRAM_XXX_STARTED"
     STOPPED = "PROGRAM_XXX_STOPPED"
@@ -83,7 +83,7 @@ class Controller:
 
     @property
     def obeys(self) -> bool:
-        """Whether it takes programs and power over its ports: in remote control, and not in manual mode.
+        """True where it takes programs and power over its ports: in remote control, and not in manual mode.
 
         Manual mode is for a person at the panel; the ports are then as in local control.
         """
@@ -175,9 +175,9 @@ class Controller:
     # -- programs; called in the tick thread
 
     def load(self, compiled: Compiled) -> Refusal | None:
-        """Runs a program as soon as the arm is still, in place of the one that runs; the refusal when it cannot.
+        """Runs a program once the arm is still, in place of the running one; the refusal when it cannot.
 
-        A secondary program runs at once, beside whatever runs.
+        A secondary program runs at once, beside the running one.
         """
         robot = self.robot
         if not self.obeys:
@@ -233,7 +233,10 @@ class Controller:
         self.robot.runtime = RuntimeState.STOPPING
 
     def set_operational_mode(self, mode: OperationalMode) -> None:
-        """The robot is in `mode`, and whoever hears is told of a change. What runs goes on."""
+        """Sets the operational mode, and tells every listener of a change.
+
+        A running program goes on.
+        """
         if self.robot.operational is not mode:
             self.robot.operational = mode
             self.on_operational_mode(mode)
@@ -286,7 +289,7 @@ class Controller:
             self._hold()
 
     def release_safeguard_stop(self) -> None:
-        """The input closes; the program goes on when somebody plays it."""
+        """Closes the safeguard input; the program goes on once it is played."""
         if self.robot.safety is SafetyMode.SAFEGUARD_STOP:
             self._calm()
 
@@ -312,7 +315,7 @@ class Controller:
             self._aim_power(RobotMode.IDLE)
 
     def brake_release(self) -> None:
-        """Towards running, from whatever mode."""
+        """Powers up towards running, from any mode."""
         if self.robot.mode is not RobotMode.RUNNING and self.robot.safety not in _NO_POWER:
             self._aim_power(RobotMode.RUNNING)
 

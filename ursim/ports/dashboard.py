@@ -156,7 +156,10 @@ class Dashboard:
         return self._role.upper()
 
     def _remotely(self, answer: Callable[..., str]) -> Callable[..., str]:
-        """What makes the robot ready to move is for remote control; stops and questions are for everybody."""
+        """Command that only remote control may give, since it makes the robot ready to move.
+
+        Stops and questions are open to every client.
+        """
         return lambda *found: answer(*found) if self._controller.obeys else NOT_REMOTE
 
     def _stop(self) -> str:

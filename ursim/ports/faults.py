@@ -23,7 +23,7 @@ LATEST_S: Final = 86_400.0
 
 
 class FaultError(ValueError):
-    """What asks for no known fault; the message says why."""
+    """Request for an unknown fault; the message says why."""
 
 
 @dataclass(frozen=True, slots=True)

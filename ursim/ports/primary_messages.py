@@ -1,4 +1,4 @@
-"""What the controller says on its primary, secondary and real-time interfaces, in the forms of `pep.rtde`."""
+"""Messages of the controller on its primary, secondary and real-time interfaces, in the forms of `pep.rtde`."""
 
 from __future__ import annotations
 

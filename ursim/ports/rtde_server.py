@@ -57,7 +57,7 @@ class _Stream:
         self._sent = -1
 
     def due(self, step: int) -> bool:
-        """Whether a package belongs to this step; exact on average for rates that do not divide 500."""
+        """True where a package belongs to this step; exact on average for rates that do not divide 500."""
         if self._first is None:
             self._first = step
         slot = math.floor((step - self._first) * self._per_tick + 1e-9)
@@ -82,7 +82,7 @@ class _Owner:
 
 
 class _Client(_Owner):
-    """What one connection has set up."""
+    """Set-up of one connection."""
 
     def __init__(self, connection: Connection) -> None:
         self.connection = connection

@@ -78,7 +78,7 @@ class ScriptServer:
         self.serve(connection)
 
     def greet_and_refuse(self, connection: Connection) -> None:
-        """Talks to one client of 30011; whatever it sends is answered with the code for that."""
+        """Talks to one client of 30011; any message from it is answered with the code for that."""
         self._greet(connection)
         while connection.receive():
             connection.send(error_message(READ_ONLY))

@@ -38,7 +38,7 @@ OLDEST, NEWEST = (5, 11), (5, 22)  # PolyScope versions with the behaviour simul
 
 @dataclass(frozen=True, slots=True)
 class Settings:
-    """What a simulated controller is started with.
+    """Settings of a simulated controller.
 
     Attributes:
         host: IPv4 address; the ports are fixed, so each controller needs an address of its own.

@@ -23,13 +23,13 @@ TEAR_S: Final = 0.002  # between the halves of a torn message: one tick
 
 @dataclass(slots=True)
 class Delivery:
-    """How what a controller sends goes out: at once and whole, until a fault is asked for.
+    """Delivery of a controller's messages: at once and whole, until a fault is asked for.
 
     Attributes:
-        delay_s: how much later.
+        delay_s: delay of every message, seconds.
         torn: whether every message comes in two halves, a tick apart.
-        bytes_per_tick: how much each connection gets in a tick, if that is bounded.
-        touched: whether any of them was ever asked for.
+        bytes_per_tick: most bytes of each connection in a tick; None for no bound.
+        touched: whether any of these faults was ever asked for.
     """
 
     delay_s: float = 0.0
@@ -39,7 +39,7 @@ class Delivery:
 
     @property
     def sound(self) -> bool:
-        """Whether nothing is wrong with it."""
+        """True where no fault is set."""
         return not self.delay_s and not self.torn and self.bytes_per_tick is None
 
 
@@ -66,7 +66,7 @@ class Connection:
         self.open = True
 
     def receive(self) -> bytes:
-        """What arrived; empty when the peer, or anyone here, closed the connection."""
+        """Bytes that arrived; empty when the peer, or this side, closed the connection."""
         with suppress(OSError):
             return self._socket.recv(CHUNK)
         return b""
@@ -86,7 +86,7 @@ class Connection:
             self._waiting.append((due + TEAR_S if half else due, message[half:]))
 
     def deliver(self) -> None:
-        """What a fault held back goes out as far as it is due; called once a tick."""
+        """Sends the messages that a fault held back, as far as they are due; called once a tick."""
         with self._lock:
             left = self._delivery.bytes_per_tick or MAX_BACKLOG
             now = time.monotonic()
@@ -109,19 +109,22 @@ class Connection:
             self._behind_since = time.monotonic()
 
     def flush(self) -> None:
-        """What waited goes out as far as it can; a reader that is too far or too long behind is disconnected."""
+        """Sends waiting bytes as far as possible.
+
+        A reader that is too far or too long behind is disconnected.
+        """
         if self._backlog:
             with self._lock:
                 self._push()
 
     @property
     def behind(self) -> bool:
-        """Whether the reader has not taken, or has not been given, all it was sent."""
+        """True where the reader has not taken, or has not been given, all that was sent."""
         return bool(self._backlog) or self.starved
 
     @property
     def starved(self) -> bool:
-        """Whether a fault lets less out than is sent; what is newer is skipped then."""
+        """True where a fault lets fewer bytes out than are sent; newer messages are skipped then."""
         return self._delivery.bytes_per_tick is not None and bool(self._waiting)
 
     def close(self) -> None:

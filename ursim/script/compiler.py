@@ -26,7 +26,7 @@ OUTPUTS: Final = "digital_out"  # an array of older controllers that newer ones 
 
 
 class CompileFault(StrEnum):
-    """Why a program that parses cannot run."""
+    """Fault for which a program that parses cannot run."""
 
     FUNCTION_UNKNOWN = "SCRIPT_FUNCTION_UNKNOWN"
     VARIABLE_UNKNOWN = "SCRIPT_VARIABLE_UNKNOWN"
@@ -241,7 +241,7 @@ class _Writer:
     # -- expressions
 
     def built_in(self, name: str) -> bool:
-        """Whether a name is the array of outputs, and no variable of the program."""
+        """True where a name is the array of outputs, and no variable of the program."""
         return name == OUTPUTS and name not in self.own and name not in self.shared
 
     def target(self, target: t.Name | t.Index) -> str:

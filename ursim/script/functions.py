@@ -187,7 +187,7 @@ def _force_input(run: Execution, enable: Value, mass: Value = 0.0, offset: Value
 
 
 def _tool_contact(run: Execution, direction: Value = None) -> int:
-    """Steps back to just before the tool touched, whatever the direction; 0 when it touches nothing."""
+    """Number of steps back to just before the tool touched, in any direction; 0 when it touches nothing."""
     if direction is not None:
         six(direction, "direction")
     robot = run.robot

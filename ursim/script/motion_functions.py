@@ -40,7 +40,10 @@ def _reach(run: Execution, pose: Value, near: Joints) -> Joints:
 
 
 def movej(run: Execution, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 0, r: Value = 0) -> Steps:
-    """The arm at joint angles, or at a pose, moved straight in joint space; `t` [s] over zero replaces `a` and `v`."""
+    """Moves the arm to joint angles, or to a pose, straight in joint space.
+
+    `t` [s] over zero replaces `a` and `v`.
+    """
     target, duration = _joints(run, q), number(t, "t")
     speed, acceleration = positive(v, "v"), positive(a, "a")
     number(r, "r")  # a blend is not simulated: the motion passes through its waypoints exactly
@@ -57,7 +60,10 @@ def movej(run: Execution, q: Value, a: Value = 1.4, v: Value = 1.05, t: Value = 
 
 
 def movel(run: Execution, pose: Value, a: Value = 1.2, v: Value = 0.25, t: Value = 0, r: Value = 0) -> Steps:
-    """The tool at a pose, or at that of joint angles, on a straight line; `t` [s] over zero replaces `a` and `v`."""
+    """Moves the tool to a pose, or to that of joint angles, on a straight line.
+
+    `t` [s] over zero replaces `a` and `v`.
+    """
     robot = run.robot
     target = to_frame(six(pose, "pose")) if type(pose) is Pose else robot.arm.tool(six(pose, "pose"), robot.tcp)
     speed, acceleration, duration = positive(v, "v"), positive(a, "a"), number(t, "t")
@@ -171,7 +177,10 @@ def servoj(
     lookahead_time: Value = 0.1,
     gain: Value = 300,
 ) -> Steps:
-    """The arm following joint angles `q` [rad] for `t` [s], and on while the thread lives and nothing else moves it."""
+    """Makes the arm follow joint angles `q` [rad] for `t` [s].
+
+    It follows on while the thread lives and nothing else moves it.
+    """
     del a, v  # unused by the real function too
     target = six(q, "q")
     if not run.robot.arm.inside(target):
@@ -185,7 +194,10 @@ def servoj(
 
 
 def servoc(run: Execution, pose: Value, a: Value = 1.2, v: Value = 0.25, r: Value = 0) -> Steps:
-    """The tool on its way to a pose; returns within `r` [m] of it, and the arm follows on while the thread lives."""
+    """Moves the tool towards a pose, and returns within `r` [m] of it.
+
+    The arm follows on while the thread lives.
+    """
     target, speed, acceleration = to_frame(six(pose, "pose")), positive(v, "v"), positive(a, "a")
     blend, robot, drive = number(r, "r"), run.robot, run.robot.drive
     motion = drive.motion if isinstance(drive.motion, ServoTool) else ServoTool(robot.arm, robot.tcp, drive.now)

@@ -30,7 +30,7 @@ Steps: TypeAlias = Generator[None, None, Any]
 
 
 class Ended(Enum):
-    """Why a program is over."""
+    """Reason for which a program is over."""
 
     FINISHED = "finished"
     HALTED = "halted"

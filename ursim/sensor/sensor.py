@@ -1,4 +1,4 @@
-"""Simulated sensors: they see what they are told on standard input, and push it as signed frames.
+"""Simulated sensors: they see a scene told on standard input, and push it as signed frames.
 
     python -m ursim.sensor.sensor --to HOST:PORT [--hz 30] [--paused] --sensor ID --calibration HEX --key-file F
                              [--to HOST2:PORT2 ...] [--sensor ID2 ...]
@@ -7,8 +7,8 @@ Each sensor has its own key, connection, boot id and sequence. Commands are JSON
 robot's base frame:
 
     {"people": [...], "objects": [...]}   these and nobody and nothing else are there
-    {"walk": {"id", "from": [x, y], "to": [x, y], "speed_m_s"}}   somebody walks there, straight, and stands then;
-                                          "from" may be left out for somebody who is there
+    {"walk": {"id", "from": [x, y], "to": [x, y], "speed_m_s"}}   a person walks there, straight, and then stands;
+                                          "from" may be left out for a person who is there
     {"move": {"id", "to_m": [x, y, z], "speed_m_s"}}   an object's middle moves there, straight
     {"hold": {"id"}}                      the arm holds an object: no sensor shows it as standing around
     {"place": {"id", "at_m": [x, y, z]}}  an object that was held (or stood elsewhere) stands there
@@ -18,7 +18,7 @@ robot's base frame:
 A person is `{"id", "x_m", "y_m"}` (a standing adult) with an optional `"facing_rad"`; an object is `{"id", "kind",
 "shape"}` with `{"type": "sphere", "center_m", "radius_m"}`, `{"type": "box", "center_m", "half_m"}` or `{"type":
 "capsule", "a_m", "b_m", "radius_m"}`. Every command goes to all sensors; with a member `"sensor": ID` beside it only to
-that one. When the first frame after a command has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is said on standard
+that one. When the first frame after a command has been sent, `{"shown_ms": CLOCK_MONOTONIC}` is written to standard
 output.
 """
 
@@ -47,13 +47,16 @@ if TYPE_CHECKING:
 
 RETRY_S: Final = 0.1
 HZ: Final = 30.0
-"""Frames a second, as an ordinary depth camera gives. Each with one person costs the receiver 1.5 ms of a core."""
+"""Frames a second, as an ordinary depth camera gives.
+
+Each with one person costs the receiver 1.5 ms of a core.
+"""
 HIGHEST_HZ: Final = 500.0
 UNREAD_BYTES: Final = 65_536
 
 
 class Sensor:
-    """What one sensor sees and how it says it.
+    """Sensor with a view of the scene, which it signs frame by frame.
 
     Args:
         key: signs every frame.
@@ -124,7 +127,7 @@ class Receiver:
         self._writer: asyncio.StreamWriter | None = None
 
     async def keep(self) -> None:
-        """Connected, whenever there is somebody to connect to, for ever."""
+        """Keeps a connection to the receiver whenever it listens, for ever."""
         while True:
             try:
                 reader, self._writer = await asyncio.open_connection(self._host, self._port)
@@ -137,11 +140,14 @@ class Receiver:
 
     @property
     def connected(self) -> bool:
-        """Whether somebody is there."""
+        """True while the receiver is connected."""
         return self._writer is not None
 
     def send(self, line: bytes) -> bool:
-        """Whether it was sent. Nothing is kept for later: who does not read is left, and connected to anew."""
+        """Sends a line; True where it was sent.
+
+        Nothing is kept for later: a receiver that does not read is dropped, and connected to anew.
+        """
         writer = self._writer
         if writer is None or writer.is_closing():
             return False

@@ -1,4 +1,4 @@
-"""What a simulated sensor sees: people who stand or walk, objects that lie, move or are held, told as commands.
+"""Scene of a simulated sensor, told by commands: people who stand or walk, objects that lie, move or are held.
 
 Every motion is straight, at a steady speed, and begins with the first frame after its command, by the sensor's own
 clock. A command that is wrong in any part changes nothing.
@@ -31,7 +31,7 @@ class SceneCommandError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Way:
-    """A straight way, metres; somebody who stands has one of no length."""
+    """Straight way, metres; that of a standing person has no length."""
 
     start_m: tuple[float, ...]
     end_m: tuple[float, ...]
@@ -43,7 +43,7 @@ class Way:
         return self if self.begun_s is not None else replace(self, begun_s=now_s)
 
     def at(self, now_s: float) -> tuple[float, ...]:
-        """Where it has led by now."""
+        """Point of the way that is reached by now."""
         whole_m = math.dist(self.start_m, self.end_m)
         gone_m = self.speed_m_s * max(0.0, now_s - (now_s if self.begun_s is None else self.begun_s))
         share = min(1.0, gone_m / whole_m) if whole_m > 0 else 1.0
@@ -87,7 +87,7 @@ class Seen:
         return cls({}, {})
 
     def at(self, now_s: float) -> tuple[Seen, tuple[wire.ObservedPerson, ...], tuple[wire.ObservedObject, ...]]:
-        """What is seen now, with every motion begun; people and objects as a frame tells them."""
+        """Scene now, with every motion begun; people and objects as a frame tells them."""
         people = {name: replace(one, way=one.way.begun(now_s)) for name, one in self.people.items()}
         objects = {name: replace(one, way=one.way.begun(now_s)) for name, one in self.objects.items()}
         return (
@@ -101,11 +101,11 @@ class Seen:
         )
 
     def told(self, command: object, *, now_s: float) -> Seen:
-        """The same after a command.
+        """Scene after a command.
 
         Args:
             command: one of those that `python -m ursim.sensor.sensor --help` lists, parsed.
-            now_s: the sensor's clock; where whoever moves is now.
+            now_s: the sensor's clock; it places those who move.
 
         Raises:
             SceneCommandError: it is none.
