@@ -1,14 +1,22 @@
-"""Identifiers of the product keep to the words of docs/glossary.md, and have none of those that it refuses."""
+"""Words of the product: identifiers keep to docs/glossary.md, and docstrings begin with the thing that they describe."""
 
 import ast
 import re
 from collections.abc import Iterator
+
+import pytest
 
 from tests.house import pages
 
 PAGE = (pages.TOP / "docs" / "glossary.md").read_text("utf-8")
 PRODUCT = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+PACKAGES = ("capabilities", "policies", "ztpm_idp", "evaluation", "ursim")
+"""Packages whose docstrings are plain."""
+QUESTION = re.compile(r"(?:What|Whether|Who|How|Why|Where|When|Which)\b")
+NOBODY = re.compile(r"\b(?:whoever|whatever|somebody|someone|anybody)\b", re.IGNORECASE)
+OPENING_WORDS = 20
+"""Most words of a docstring's first paragraph, which is one sentence."""
 NEVER = {"manager", "helper", "util", "handler", "data", "info", "process", "misc"}
 """These say nothing, wherever they stand; the page may refuse more, not fewer."""
 
@@ -58,6 +66,67 @@ def refused() -> dict[str, str]:
     found = dict(listed)
     assert len(found) == len(listed), "a word is refused twice"
     return found
+
+
+def docstrings(tree: ast.AST) -> Iterator[tuple[str, int]]:
+    """Each docstring of a module, class or function, and each text below an assignment, with its line."""
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            continue
+        for before, here in zip((None, *node.body), node.body, strict=False):
+            match here:
+                case ast.Expr(value=ast.Constant(value=str(text))):
+                    if before is None or isinstance(before, ast.Assign | ast.AnnAssign):
+                        yield text, here.lineno
+
+
+def fault(text: str) -> str | None:
+    """Fault of a docstring, or None."""
+    opening = " ".join(text.strip().partition("\n\n")[0].split())
+    if QUESTION.match(opening):
+        return f"begins with a question word: {opening}"
+    if found := NOBODY.search(text):
+        return f"has {found.group()!r}: {opening}"
+    if len(opening.split()) > OPENING_WORDS:
+        return f"opens with over {OPENING_WORDS} words: {opening}"
+    return None
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_docstrings_begin_with_the_thing_that_they_describe(package: str) -> None:
+    wrong, seen = [], 0
+    for path in sorted((pages.TOP / package).rglob("*.py")):
+        for text, line in docstrings(ast.parse(path.read_text("utf-8"))):
+            seen += 1
+            if found := fault(text):
+                wrong.append(f"{path.relative_to(pages.TOP).as_posix()}:{line}: {found}")
+    assert seen > 300
+    assert wrong == []
+
+
+def test_every_kind_of_docstring_is_seen() -> None:
+    text = '''
+"""one"""
+A: int = 1
+"""two"""
+class B:
+    """three"""
+    C = 1
+    """four"""
+    async def d(self):
+        """five"""
+        "six" if C else A
+def e():
+    """seven"""
+    print()
+    """no docstring"""
+'''
+    assert {seen for seen, _ in docstrings(ast.parse(text))} == {"one", "two", "three", "four", "five", "seven"}
+    opening = " ".join(["word"] * OPENING_WORDS)
+    assert fault(opening) is None
+    assert fault(f"{opening} more") is not None
+    assert fault("Whether it holds.") is not None
+    assert fault("True where it holds.\n\nWhoever asks.") is not None
 
 
 def test_no_identifier_has_a_refused_word() -> None:
