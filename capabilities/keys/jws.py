@@ -1,9 +1,9 @@
 """Compact JWS (RFC 7515) with Ed25519 (RFC 8037) or P-256 (RFC 7518), in one spelling each.
 
 Proofs and statements are made of it. PyJWT writes it, `capabilities.keys.signatures` signs and verifies; the key fixes
-the algorithm. What readers are lenient about is decided here before a signature is asked for: base64url, duplicate
-members, unknown header members, `use` and `key_ops` of a key. Header members never choose a key or an algorithm: `alg`
-must be that of the key.
+the algorithm. Points on which readers are lenient are decided here before a signature is asked for: base64url,
+duplicate members, unknown header members, `use` and `key_ops` of a key. Header members never choose a key or an
+algorithm: `alg` must be that of the key.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Unverified:
     """A compact JWS that is well formed; nobody has checked its signature.
 
     Attributes:
-        signed: the first two parts as they came, which is what was signed.
+        signed: the first two parts as they came, which are the signed bytes.
         header: its members; `alg` is EdDSA or ES256.
         header_raw, payload_raw, signature: the decoded bytes.
     """
@@ -61,7 +61,7 @@ class Unverified:
 
 
 def algorithm_name(raw: bytes) -> str:
-    """The `alg` of what a raw public key signs.
+    """Algorithm name in `alg` for a raw public key.
 
     Raises:
         BadKeyError: `KEY_MALFORMED` for a length that no key has.

@@ -2,7 +2,7 @@
 
 Ed25519 (RFC 8032) is verified by libsodium, ECDSA over P-256 with SHA-256 (FIPS 186-5; r and s of 32 bytes each, as in
 RFC 7518 section 3.4) by OpenSSL. Of the two values of s that verify, r with s and r with n - s, only the lower counts,
-so that nobody without the key can make a second signature out of a first. What is signed here is deterministic.
+so that nobody without the key can make a second signature out of a first. Signatures made here are deterministic.
 """
 
 from __future__ import annotations

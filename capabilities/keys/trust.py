@@ -140,9 +140,9 @@ class TrustBundle:
     def refusal(
         self, root_key_id: int, root_signed_at: int, hops: Iterable[tuple[bytes, int]], *, at: float
     ) -> Fault | None:
-        """None when every key under a token is trusted at `at` for what it signed; else the first fault.
+        """None when every key under a token is trusted at `at` for its signature; else the first fault.
 
-        To be asked each time that a token is presented: what was found about it earlier is no answer to it.
+        To be asked each time that a token is presented: an earlier answer about it does not count.
 
         Args:
             root_key_id: that the token names.

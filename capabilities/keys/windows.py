@@ -1,4 +1,4 @@
-"""For how long, and for what, a key of the identity provider is trusted. Clauses [TRB-1] to [TRB-3] in docs/spec.md."""
+"""Window and role in which a key of the identity provider is trusted. Clauses [TRB-1] to [TRB-3] in docs/spec.md."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class Window:
     """For how long a key is trusted.
 
     Attributes:
-        not_before, not_after: what it signed is accepted at `not_before <= t < not_after`, seconds since the epoch.
+        not_before, not_after: its signatures are accepted at `not_before <= t < not_after`, seconds since the epoch.
         tainted_at: nothing that it signed at or after this time is accepted; None: it is not tainted.
 
     Raises:

@@ -49,7 +49,7 @@ def earliest_iat_s(started_s: float, *, memory: Memory, caps: Caps) -> int:
 
     Args:
         started_s: the time that is judged by at the start, seconds since the epoch.
-        memory: what the verifier still knows.
+        memory: the verifier's knowledge of earlier proofs.
         caps: the skew.
     """
     lost_s = 2 * caps.skew_s if memory is Memory.LOST else 0

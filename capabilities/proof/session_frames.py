@@ -54,7 +54,7 @@ class SessionMessage:
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """The other end has closed the session: nothing was cut off but what `missing` counts."""
+    """End of a session by the other end: no message was cut off but those that `missing` counts."""
 
     missing: int
 

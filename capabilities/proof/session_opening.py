@@ -234,7 +234,7 @@ def conclude(pending: PendingSession, text: bytes, *, at: float, most_missing: i
     """The holder's end of the session that this answer opens; or the first fault, and then no session.
 
     Args:
-        pending: what was begun.
+        pending: the session as begun.
         text: the answer, exactly as it came.
         at: seconds since the epoch.
         most_missing: as for `Session`.

@@ -60,7 +60,7 @@ class RotationRefused:
 
 @dataclass(frozen=True, slots=True)
 class KeyRecord:
-    """A key of the provider and what was done to it when, seconds since the epoch; None: not done.
+    """Key of the provider and the times of its steps, seconds since the epoch; None: not done.
 
     Attributes:
         role, number: together its name; the number of a root key is the root key id of its tokens.
@@ -243,7 +243,7 @@ def activate(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
 
 
 def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
-    """Nothing that the retired key signs from now on is accepted; what is under it is to be issued again.
+    """Nothing that the retired key signs from now on is accepted; tokens under it are to be issued again.
 
     A thief who has the key can sign for earlier times: under a key that is known to be stolen nothing holds, `revoke`.
     """

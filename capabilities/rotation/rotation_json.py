@@ -1,4 +1,4 @@
-"""A key ring as JSON, in one spelling: what the identity provider keeps beside its private keys."""
+"""Key ring as JSON, in one spelling, as the identity provider keeps it beside its private keys."""
 
 from __future__ import annotations
 

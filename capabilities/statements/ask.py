@@ -86,8 +86,8 @@ class Ask(Form, frozen=True):
         agent, agent_key: the chain's leaf and its key's thumbprint (RFC 7638).
         object, operation, values: the typed request, in the operation's order.
         request_digest: SHA-256 (hex) of the request (`policies.evidence.model.Request.digest`).
-        start_urad: joint angles from which it was assessed, six integers, or none for what does not move the arm.
-        model_digest, policy_digest, scene_digest: SHA-256 (hex) of what it was computed with and on.
+        start_urad: joint angles from which it was assessed, six integers, or none for an act without motion.
+        model_digest, policy_digest, scene_digest: SHA-256 (hex) of robot model, policy set and scene.
         tier, index_milli: as computed.
         reasons: the deferral reasons that an approval would resolve, at least one.
         contributors: ranked, highest index first.

@@ -1,4 +1,4 @@
-"""Attestation evidence: what a delegate signs, with its own key, for exactly one hop."""
+"""Attestation evidence: a delegate's statement, signed with its own key, for exactly one hop."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 KIND: Final = "attestation"
 WORKLOAD: Final = r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+"
-"""Nothing, or three parts; what they say is judged by `capabilities.statements.workload`, which also bounds them."""
+"""Nothing, or three parts; their content is judged by `capabilities.statements.workload`, which also bounds them."""
 
 
 class Evidence(Form, frozen=True):
@@ -31,7 +31,7 @@ class Evidence(Form, frozen=True):
         delegator: who delegates: the sponsor's subject at hop 0, the parent's agent id later, "" when no hop is asked
             for.
         request_digest: SHA-256 of the canonical hop request; 32 zero bytes when no hop is asked for.
-        measurement: SHA-256 over what the agent runs.
+        measurement: SHA-256 over the software that the agent runs.
         at: seconds since the epoch.
         workload: the platform's token (capabilities.statements.workload) as it came, or "" for evidence of kind `key`.
     """

@@ -1,4 +1,4 @@
-"""The signed cell file: what a person says stands in a cell, and what may happen there.
+"""Cell file, signed by a person: the fixed objects of a cell, and the acts that are allowed there.
 
 Everything in it that makes authority wider (objects that may be touched, zones and their tiers, the workspace, outputs
 that may be switched, the sensors that must see) comes from here and from nowhere else. Numbers of the physics engine
@@ -69,7 +69,7 @@ class Contact(Form, frozen=True):
 
     Attributes:
         object: a surveyed object; with `observed`, the id under which sensors show it.
-        by: what may touch it.
+        by: the parts that may touch it.
         observed: whether it is such an id. No person is an object.
     """
 

@@ -1,4 +1,4 @@
-"""The ledger's signed checkpoint: how long it is and what its last entry's hash is."""
+"""Signed checkpoint of the ledger: its length and the hash of its last entry."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def malformed(detail: str) -> StatementError:
 
 
 def lasting(at: int, not_after: int, most_s: int) -> None:
-    """Pass when what was said at `at` counts for 1 to `most_s` seconds.
+    """Checks that a statement of `at` counts for 1 to `most_s` seconds.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` otherwise.

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 KIND: Final = "conduct"
 ENTRIES: Final = 1_024
-"""Most edges, and most agents, of one word; what does not fit is asked for again from `through`."""
+"""Most edges, and most agents, of one word; the rest is asked for again from `through`."""
 DEVIATIONS: Final = 16
 """Most deviations of one agent."""
 PERMILLE: Final = 1_000
@@ -53,7 +53,7 @@ class AgentEntry(Form, frozen=True):
 
     Attributes:
         version: at which this was said.
-        agent: whose conduct.
+        agent: the agent that it is about.
         deviations: not restored by a person; each feature once.
         deviated_at: seconds since the epoch of the newest of them; None for none.
         contracted: it holds the minimum safe set until a person restores it.

@@ -75,7 +75,7 @@ def refusal(intent: Intent, *, subject: str, at: float, caps: Caps) -> Fault | N
 
     Args:
         intent: opened with the keys of people.
-        subject: whose key signed it.
+        subject: the person whose key signed it.
         at: seconds since the epoch.
         caps: the bounds.
     """
@@ -89,7 +89,7 @@ def refusal(intent: Intent, *, subject: str, at: float, caps: Caps) -> Fault | N
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 (hex) of an intent's text: what a delegation names."""
+    """SHA-256 (hex) of an intent's text, which a delegation names."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()
 
 

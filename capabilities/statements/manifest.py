@@ -54,7 +54,7 @@ class Manifest(Form, frozen=True):
 
     Attributes:
         collection: its name.
-        content: what all its entries are, one of `CONTENTS`.
+        content: kind of all its entries, one of `CONTENTS`.
         curator: id of who signs.
         version: grows with each change, from 1 on.
         entries: in the order of their ids, each id once. Two ids may have one digest.
@@ -75,8 +75,8 @@ class ExpectedManifest:
     """Place where a manifest is expected.
 
     Attributes:
-        collection, content: what it is to be a manifest of.
-        curator: whose key opened it.
+        collection, content: those that the manifest must state.
+        curator: the curator whose key opened it.
         version, digest: of the newest manifest that was ever accepted here; 0 and "" for none.
     """
 
@@ -136,5 +136,5 @@ def refusal(manifest: Manifest, digest: str, place: ExpectedManifest, *, at: flo
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 (hex) of a manifest's text: what a verifier remembers beside its version."""
+    """SHA-256 (hex) of a manifest's text, which a verifier remembers beside its version."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -119,5 +119,5 @@ def refusal(message: Message, place: ExpectedMessage, *, at: float, caps: Caps) 
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 (hex) of a message's text: what an answer to it names."""
+    """SHA-256 (hex) of a message's text, which an answer to it names."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()

@@ -125,7 +125,7 @@ class Observation(Form, frozen=True):
         sequence: grows by one with each frame of a boot.
         captured_ms: the sensor's wall clock at capture, milliseconds since the epoch; it orders, it never makes an age.
         calibration: SHA-256 (hex) of the calibration in force.
-        complete: the frame covers the whole watched volume: what it does not show is not there.
+        complete: the frame covers the whole watched volume: an object that it does not show is not there.
         people, objects: each id once.
     """
 

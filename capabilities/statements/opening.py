@@ -24,7 +24,7 @@ class Opening(Form, frozen=True):
     Attributes:
         opening_id: 32 hex digits.
         opener: the person's id.
-        audience, agent, object, operation: for what.
+        audience, agent, object, operation: the act that may be asked for.
         reason: why, for the record.
         uses: how many acts.
         not_before, not_after: seconds since the epoch.

@@ -68,7 +68,7 @@ class RegistrySnapshot(Form, frozen=True):
     Attributes:
         issuer: canonical URL of the identity provider.
         version: grows with each change.
-        audience: canonical URL of what is enforced on.
+        audience: canonical URL of the server that is enforced on.
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
         tools, sensors, trust, approvers: each name once.
         peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.

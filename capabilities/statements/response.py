@@ -1,6 +1,6 @@
 """Response of a tool: the enforcement point's word that a result came of this very call to this very tool.
 
-It vouches for where a result comes from, never for what the result says. Clause [STM-11] in docs/spec.md.
+It vouches for the origin of a result, never for its content. Clause [STM-11] in docs/spec.md.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Whose key may sign which kind of statement: one role for each kind, and no key has two roles."""
+"""Roles of keys that sign statements: one role for each kind of statement, and no key has two roles."""
 
 from __future__ import annotations
 

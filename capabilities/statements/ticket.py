@@ -150,7 +150,7 @@ def verify(
         text: as it came.
         carried: the request beside it, as it came.
         peps: raw public key of each enrolled tool server, by its id.
-        view: what is revoked. Its age is asked when the token is verified, of which every effect depends.
+        view: the revocation view. Its age is asked when the token is verified, on which every effect depends.
         audience: canonical URL of the cell.
         url: canonical URL of the verifier's own endpoint.
         at: now, seconds since the epoch.

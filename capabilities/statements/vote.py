@@ -26,7 +26,7 @@ class Vote(Form, frozen=True):
 
     Attributes:
         ask_id, nonce: of the ask.
-        ask_digest: SHA-256 (hex) of the ask's text: every word of it is what was voted on.
+        ask_digest: SHA-256 (hex) of the ask's text, so that the vote is on every word of it.
         answer: "approve", "deny" or "withdraw" (of an earlier approval by the same person).
         approver: the person's id.
         sees_clear: the person attests to seeing the cell clear; asked for where perception was not fresh.
@@ -64,5 +64,5 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 (hex) of a statement's text: what a vote names."""
+    """SHA-256 (hex) of a statement's text, which a vote names."""
     return hashlib.sha256(text.encode("ascii")).hexdigest()

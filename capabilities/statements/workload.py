@@ -1,7 +1,7 @@
-"""Workload identity tokens: what a platform says of the software that it runs, bound to the agent's key.
+"""Workload identity tokens: a platform's statement about the software that it runs, bound to the agent's key.
 
 The form is a JWT-SVID (SPIFFE) with two claims more: `cnf.jkt`, the thumbprint of the agent's key (RFC 7800, RFC 9449),
-and `measurement`, what the platform measured. Such a token is no authority and no proof: it is handed in inside the
+and `measurement`, taken by the platform. Such a token is no authority and no proof: it is handed in inside the
 agent's own signed attestation, whose nonce keeps it from being replayed.
 
 The keys come from a file that the identity provider's settings name. A key brings its algorithm; the header of a token
@@ -69,7 +69,7 @@ class PlatformKey:
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """Whose word on workloads counts.
+    """Platform whose word on workloads is trusted.
 
     Attributes:
         trust_domain: its name, e.g. "cell.example".
@@ -103,7 +103,7 @@ class Workload:
 
     Attributes:
         id: `spiffe://trust-domain/path`.
-        audience: to whom.
+        audience: the verifier that it is for.
         key_thumbprint: RFC 7638 thumbprint of the key that the workload holds.
         measurement: SHA-256 over the software that the platform measured.
         issued_at, expires_at: seconds since the epoch.

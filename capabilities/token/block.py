@@ -1,4 +1,4 @@
-"""One block of a token as values, and as what is signed: one fact and the checks that Datalog evaluates.
+"""Block of a token as values, and as signed content: one fact and the checks that Datalog evaluates.
 
 A block is written from values (`fact`, `checks`) and read back from what its fact says (capabilities.token.fact) and
 what its checks demand (capabilities.token.checks). The checks state grants, ceiling and window; the fact states all the
@@ -262,7 +262,7 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _whole_grants(alternatives: tuple[Alternative, ...], spelled: bytes) -> tuple[Grant, ...]:
-    """The grants of a first block: what its check keeps, under the names and units that its statement spells."""
+    """Grants of a first block: those that its check keeps, under the names and units that its statement spells."""
     parameters = facts.parameters_of(spelled)
     return HashedTuple(
         Grant(
@@ -307,7 +307,7 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
     """Pass when every value of the block keeps the rules of the profile.
 
     Raises:
-        CapabilityError: with the code of what is wrong.
+        CapabilityError: with the code of the fault.
     """
     match block:
         case AuthorityBlock():

@@ -81,7 +81,7 @@ _TERMS_SAY: Final = (0x08, b"\x12\x02\x10", b"\x12\x12\x2a\x10", *[b"\x12\x22\x2
 
 
 def structure(token: bytes) -> Structure | None:
-    """The structure of a token whose every field outside the payloads has the one encoding; None for any other."""
+    """Structure of a token whose every field outside the payloads has the one encoding; None for any other."""
     try:
         return _structure(token)
     except (IndexError, error):  # it ends before a field does

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 _LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
 
 REMEMBERED: Final = 512
-"""Checks of which is remembered what they say; the least recently used go first."""
+"""Checks whose content is remembered; the least recently used go first."""
 REQUEST: Final = "req"
 CONTEXT: Final = "req_ctx"
 TIME: Final = "time"

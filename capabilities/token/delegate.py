@@ -34,7 +34,7 @@ def next_leaf(
     Args:
         chain: verified.
         hop: the delegate, already attested; its delegator is the leaf's agent.
-        restriction: what is taken away.
+        restriction: of the new hop.
         trust: the bundle that the chain was verified with; no agent may hold one of its keys.
         caps: the bounds.
         reserved: further keys that no agent may hold.
@@ -73,7 +73,7 @@ def delegate(
         attester: the attestation key, one of `trust.attesters`.
         trust: the bundle that the token was verified with.
         hop: the delegate, already attested; its delegator is the leaf's agent.
-        restriction: what is taken away.
+        restriction: of the new hop.
         caps: the bounds.
         reserved: further keys that no agent may hold.
 

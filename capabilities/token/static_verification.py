@@ -157,7 +157,7 @@ def _contents(shape: Structure) -> list[Contents]:
 def _chain(
     contents: list[Contents], trust: TrustBundle, caps: Caps
 ) -> tuple[block.AuthorityBlock, tuple[Hop, ...], str]:
-    """[TOK-6]: each block is one of the profile, and narrows what the blocks before it leave."""
+    """[TOK-6]: each block is one of the profile, and narrows the scope that the blocks before it leave."""
     first, *further = contents
     said = fact.authority_said(first)
     demanded = [checks.read(first.symbols, first.checks)]
@@ -174,7 +174,7 @@ def _chain(
 
 
 def _form(demanded: checks.Checks) -> str:
-    """[TOK-12]: what a block checks, the numbers left out: no two ways to read it differ by them alone."""
+    """[TOK-12]: the checks of a block, the numbers left out: no two ways to read it differ by them alone."""
     context = "-" if demanded.not_before is None else "b"
     context += "-" if demanded.not_after is None else "a"
     context += "-" if demanded.ceiling is None else "c"

@@ -94,7 +94,7 @@ class Verifier:
     def still(self, chain: Chain, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """As `verify`, for a chain that this verifier returned: steps 7 to 9 once more, now and under this view.
 
-        For what goes on after a request: a stream, a motion under way. Nothing of the token is read again while it is
+        For an act that goes on after its request: a stream, a motion under way. The token is not read again while it is
         remembered.
 
         Args:
@@ -167,7 +167,7 @@ class Verifier:
         Args:
             chain: that this verifier returned.
             object: the thing acted on.
-            operation: what is done to it.
+            operation: the requested one.
             values: every parameter, in the operation's order.
             base_tier: the operation's registered base tier.
             at: seconds since the epoch.
@@ -232,7 +232,7 @@ def _check_audience(chain: Chain, audience: str) -> Fault | None:
 
 
 def _check_revocation(read: StaticVerification, audience: str, view: RevocationView, lease_ms: int) -> Fault | None:
-    """[TOK-9]: what is revoked stays revoked however old the view is, so that is asked first."""
+    """[TOK-9]: a revoked id stays revoked however old the view is, so that is asked first."""
     if not view.spares(read.names, audience=audience):
         why = view.why(read.chain, audience=audience)
         return Fault(FaultCode.REVOKED, "TOK-9", "" if why is None else f"{why[0]}:{why[1]}")

@@ -2,7 +2,7 @@
 
 A Biscuit is a Protocol Buffers message (eclipse-biscuit/biscuit, schema.proto); its fields are declared here, and the
 Protocol Buffers library reads them. This is no second opinion on signatures: those are the Biscuit library's alone.
-What a block says is read from the very bytes that were signed.
+The content of a block is read from the very bytes that were signed.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 REMEMBERED: Final = 512
-"""Openings of blocks of which is remembered what they say; the least recently used go first."""
+"""Openings of blocks whose content is remembered; the least recently used go first."""
 THIRD_PARTY_SIGNATURE: Final = 1
 """Signature version that binds a third-party block to the signature of the block before it."""
 

@@ -1,4 +1,4 @@
-"""The partial order *narrows* on scopes, their meet, and what one hop may do.
+"""Partial order *narrows* on scopes, their meet, and the rule of one hop.
 
 Scopes are a meet-semilattice: `narrows` is the order, `meet` the greatest scope below two. `stated` lays a restriction
 over its parent as it was written, wider places included; `hop` is the rule for delegation, the only one that there is;
@@ -243,7 +243,7 @@ def lay_over(parent: Grants, restriction: Grants) -> tuple[Grants, Narrowing]:
 def stated(parent: Scope, restriction: Restriction) -> Scope:
     """The child as the restriction states it, wider places included.
 
-    What the restriction leaves out is the parent's very object, with one hop less of depth.
+    A dimension that the restriction leaves out is the parent's very object, with one hop less of depth.
     """
     child, _ = _stated(parent, restriction, lay_over)
     return child
@@ -294,7 +294,7 @@ def hop(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> 
 
     Args:
         parent: of the hop.
-        restriction: what the hop takes away.
+        restriction: of the hop.
         lay: `lay_over`, or one that remembers.
     """
     child, of_grants = _stated(parent, restriction, lay)

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Caps:
-    """Bounds that hold before anything costly is done. Frozen; `DEFAULT` is what the profile `ztpm/1` states."""
+    """Bounds that hold before anything costly is done. Frozen; `DEFAULT` holds those of the profile `ztpm/1`."""
 
     token_bytes: int = 12_288
-    """Bytes of a token before base64: 16 KiB of header once encoded, half of what our servers take."""
+    """Bytes of a token before base64: 16 KiB of header once encoded, half of our servers' bound."""
     hops: int = 8
     """Hops after the authority block. Checking the signatures of each costs about 40 us of one core."""
     grants: int = 64

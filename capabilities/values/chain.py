@@ -21,7 +21,7 @@ class EvidenceKind(StrEnum):
     KEY = "key"
     """The agent's own key signed its own measurement. Proves the key, not the software."""
     JWT = "jwt"
-    """Besides, a platform that the identity provider trusts signed what it measured of the software with this key."""
+    """Besides, a platform that the identity provider trusts signed its measurement of the software with this key."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Attestation:
 
     Attributes:
         kind: form of the evidence.
-        measurement: SHA-256 over what the agent runs, as the agent stated it (and, with kind `jwt`, the platform).
+        measurement: SHA-256 over the agent's software, as the agent stated it (and, with kind `jwt`, the platform).
         at: seconds since the epoch.
     """
 
@@ -86,7 +86,7 @@ class Hop:
         purpose: stated reason of the delegation.
         request_digest: SHA-256 of the delegator's signed request, kept in the ledger.
         attestation: see there.
-        scope: what holds from here on (the meet so far).
+        scope: the scope from here on (the meet so far).
         role: the holder's role among the sponsor's own agents, as the attester vouches for it; empty for none, and for
             an agent of another sponsor, which can therefore be delegated to by name alone.
     """

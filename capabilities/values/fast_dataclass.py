@@ -2,7 +2,7 @@
 
 A frozen dataclass stores each field through `object.__setattr__`, which is most of what the values of a token cost.
 Here the fields are stored in an instance of a class of the same layout that nothing freezes, which is then turned into
-one of the frozen class. What comes out is like any other instance: as frozen, and equal, with the same hash.
+one of the frozen class. The result is like any other instance: as frozen, and equal, with the same hash.
 """
 
 from __future__ import annotations

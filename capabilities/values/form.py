@@ -40,7 +40,7 @@ class FormError(ValueError):
 
     Attributes:
         place: the member, such as "objects[3].shape"; "" for the whole.
-        cause: what is wrong with it, without any text of the value.
+        cause: the fault in it, without any text of the value.
     """
 
     def __init__(self, place: str, cause: str) -> None:
@@ -90,8 +90,8 @@ def converted(into: type, of: Callable[[object], object]) -> Any:
     """The type of a member that a function of its own reads.
 
     Args:
-        into: what it makes of the plain value.
-        of: that function; its `CapabilityError` or `FormError` says what is wrong there.
+        into: the type of the result.
+        of: that function; its `CapabilityError` or `FormError` states the fault.
     """
     made = ABCMeta("converted", (), {"of": staticmethod(of)})
     made.register(into)

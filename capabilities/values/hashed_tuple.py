@@ -1,4 +1,4 @@
-"""A tuple that is hashed once. The memories of this package look up what a token says with every token."""
+"""Tuple that is hashed once: the memories of this package look up a token's content with every token."""
 
 from __future__ import annotations
 

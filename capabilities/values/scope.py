@@ -93,7 +93,7 @@ class Grant:
 
 @dataclass(frozen=True, slots=True)
 class Scope:
-    """The whole of what a token allows.
+    """Scope: the whole of the authority in a token.
 
     Attributes:
         grants: sorted by (object, operation), each pair once.

@@ -77,7 +77,7 @@ def canonical(value: object) -> bytes:
     """The RFC 8785 bytes of a plain JSON value without floats.
 
     Raises:
-        StatementError: `STATEMENT_MALFORMED` for what has no such form.
+        StatementError: `STATEMENT_MALFORMED` for a value that has no such form.
     """
     try:
         return rfc8785.dumps(value)  # type: ignore[arg-type]  # wrong types are what the except is for

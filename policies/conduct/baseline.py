@@ -86,7 +86,7 @@ FEATURES: Final[Mapping[Watch, Feature]] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Of a report, what the questions are about.
+    """Part of a report that the questions are about.
 
     Attributes:
         operation, values: as reported.

@@ -177,7 +177,7 @@ def _with(state: BehaviourState, agent: str, career: AgentHistory) -> BehaviourS
 def _timed(career: AgentHistory, report: Report, parameters: Parameters) -> tuple[AgentHistory, Act]:
     """The act, with the time of its block when it ends one.
 
-    What comes late is not timed: a reporter that was cut off would make a slow agent look quick.
+    A late report is not timed: a reporter that was cut off would make a slow agent look quick.
     """
     if report.at < career.newest:
         return career, act_of(report, parameters, span_s=None)

@@ -57,7 +57,7 @@ TABLE: Final = {
     750: Slope(3, 17, (46, 56, 65, 79, 88, 98, 108, 121, 131, 142, 155, 165, 175, 188)),
     800: Slope(2, 15, (38, 46, 54, 65, 73, 82, 90, 102, 110, 119, 130, 139, 147, 158)),
 }
-"""By the baseline's share of hits in permille. What is looked for is four times its odds."""
+"""Slopes by the baseline's share of hits in permille, for a change to four times its odds."""
 # fmt: on
 
 SHARES: Final = tuple(TABLE)

@@ -1,4 +1,4 @@
-"""One agent's conduct over time: what is being learned, the baseline, the detectors, what deviated. Bounded."""
+"""History of one agent's conduct: the learning, the baseline, the detectors, the deviations. Bounded."""
 
 from __future__ import annotations
 
@@ -24,9 +24,12 @@ _CEILED: Final = {
     Watch.PROBED: "behaviour_probed_max_permille",
     Watch.NEAR: "behaviour_near_max_permille",
 }
-"""Whose share has a ceiling, and whose limit nothing that was learned moves."""
+"""Questions whose share has a ceiling, and whose limit does not depend on the learned acts."""
 _FROM_BIRTH: Final = frozenset({Watch.PROBED, Watch.NEAR})
-"""Whose ceiling stands in while nothing is learned. An honest beginner gets numbers wrong: slips say little."""
+"""Questions whose ceiling stands in while nothing is learned.
+
+An honest beginner gets numbers wrong: slips say little.
+"""
 _PARTS: Final = {watch: sum(FEATURES[other] is FEATURES[watch] for other in Watch) for watch in Watch}
 """Number of questions that share the false alarms of a feature."""
 _EACH: Final = {watch: BLOCK if watch is Watch.QUICK else 1 for watch in Watch}

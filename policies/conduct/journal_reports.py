@@ -17,9 +17,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 _OUTCOMES: Final = {"done": "done", "failed": "failed", "refused": "refused", "cancelled": "failed"}
-"""An outcome in a record, and in a report. What nobody knows ("unknown": the enforcement point died) is no report."""
+"""Outcomes in a record, and in a report. An unknown outcome (the enforcement point died) makes no report."""
 _CANCELLED: Final = "CANCELLED"
-"""The reason of an act whose caller went away while it lasted."""
+"""Reason of an act whose caller went away while it lasted."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,9 +4,9 @@ The shell around it checks the signature and that `reporter` is the enforcement 
 exists is in bounds, so the reducers (policies.conduct.trust, policies.conduct.behaviour) take any of them, in any
 order, any number of times.
 
-**Whom a report is about.** `agent` is who *acted*: the holder whose proof of possession was verified (e4, e5), the
-sender of a message (e2), the holder that asked for a delegation and was refused (the identity provider is a reporter
-too). Where no agent was proven to have acted, there is no report.
+**The agent of a report.** `agent` is the one that *acted*: the holder whose proof of possession was verified (e4, e5),
+the sender of a message (e2), the holder that asked for a delegation and was refused (the identity provider is a
+reporter too). Where no agent was proven to have acted, there is no report.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ VALUES_MAX: Final = 64
 
 
 class ReportError(ValueError):
-    """A report that is not one, or a stored state that is not what was stored. `where` names the field."""
+    """A report or stored state that is malformed. `where` names the field."""
 
     def __init__(self, where: str) -> None:
         super().__init__(f"{where} is not what it has to be")

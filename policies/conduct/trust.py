@@ -141,7 +141,7 @@ def observe(state: TrustState, report: Report, parameters: Parameters, *, now: i
 
 
 def score(state: TrustState, edge: Edge, at: int, stated_permille: int | None, parameters: Parameters) -> int:
-    """Trust in one edge, in permille: what its agent's acts left of the prior, and never more than is stated.
+    """Trust in one edge, in permille: the prior as its agent's acts lowered it, and never more than is stated.
 
     prior * s0 / (s0 + sum over reporters of bad * s0 / (s0 + good)), rounded to the nearest. With one reporter that is
     prior * (s0 + good) / (s0 + good + bad). What a reporter says for an agent weighs against its own bad word alone: no
@@ -175,7 +175,7 @@ def edge_trust(stated_permille: int | None, parameters: Parameters) -> int:
     """The most that one edge may be trusted, 0 to the prior, in permille.
 
     Args:
-        stated_permille: what the signed registry states about the edge's delegate, or None when it states nothing.
+        stated_permille: the trust that the signed registry states in the edge's delegate, or None when it states none.
             Anything that is not an integer from 0 to 1000 is no statement that can be believed, and gives 0.
         parameters: of the policy set.
     """
@@ -206,7 +206,7 @@ def chain_trust(
         parties: the sponsor, then each hop's agent: one more than hops. Without them nothing but what is stated is
             known, and the reading names no edges; with another number of them it is no chain, and has no trust.
         snapshot: the identity provider's scores (`scores`); an edge that is not in it is not lowered by it.
-        state: what this enforcement point saw itself: it may only tighten, and only here.
+        state: this enforcement point's own reports: they may only tighten, and only here.
         at: seconds since the epoch, for `state`.
     """
     stated = tuple(stated_permille)

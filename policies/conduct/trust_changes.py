@@ -169,7 +169,7 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
         Reason.GATEWAY_UNREACHABLE: _HOUSE,
     }
 )
-"""For each reason, what a refusal for it counts against the edge."""
+"""Charge against the edge for a refusal, by reason."""
 
 CREDITS_MILLI: Final = (0, 500, 1_000, 1_000, 1_000)
 """Credit of a done act for the edge, by tier.

@@ -53,7 +53,7 @@ class AskAgain:
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """People said no, or what they approved may not be done as it is asked: a denial."""
+    """Denial: people said no, or the approved act may not be done as it is now asked."""
 
     finding: Finding
 
@@ -99,7 +99,7 @@ def _difference(what: str, shown: object, now: object) -> dict[str, object]:
 def _differences(
     case: Case, approval: ApprovalReading, reasons: set[str], policies: PolicySet
 ) -> Iterator[dict[str, object]]:
-    """Everything in which the case differs from what was approved by more than its slack; nothing when it counts."""
+    """Differences of the case from the approved one that exceed their slack; none when the approval counts."""
     evidence, parameters = case.evidence, policies.parameters
     chain = evidence.chain
     # whose it is, and what decides it

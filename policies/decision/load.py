@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 FORMAT: Final = 1
 """The form of the text that is read here; a text that states none is of this form."""
 TEXT_LIMIT: Final = 262_144
-"""Characters of a policy set: what a person could still read."""
+"""Most characters of a policy set: a person could still read them."""
 DEPTH_LIMIT: Final = 16
 """Levels of a predicate."""
 MEMBER_LIMIT: Final = 256
@@ -180,7 +180,7 @@ def _distinct(value: object, where: str, read: Callable[[object, str], M]) -> li
 
 
 def _parameters(top: _Table) -> Parameters:
-    """The set's parameters: what it states, else the defaults."""
+    """Parameters of the set: the stated ones, else the defaults."""
     if "parameters" not in top.content:
         return Parameters()
     table = top.table("parameters")

@@ -26,7 +26,7 @@ REATTEST: Final = Obligation(ObligationKind.REATTEST)
 LOWER_TRUST: Final = Obligation(ObligationKind.LOWER_TRUST)
 
 SPEED: Final = "speed"
-"""The parameter for whose value an impact is computed, and for no higher one."""
+"""Parameter for whose value an impact is computed, and for no higher one."""
 
 AFTER: Final[Mapping[Reason, Obligation]] = MappingProxyType(
     {

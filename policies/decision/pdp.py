@@ -32,7 +32,7 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
     """The answer of `policies` to `request` on `evidence`.
 
     Args:
-        request: what would be done.
+        request: the one to decide.
         evidence: all readings, taken at one instant.
         policies: the set; an empty one denies.
 
@@ -116,7 +116,7 @@ def _answer(policy: Policy, case: Case) -> PolicyAnswer:
 
 
 def _permit(policy: Policy, verdict: Verdict, case: Case) -> PolicyAnswer:
-    """A requirement: what does not hold is denied, and from the PITBound on a PERMIT escalates."""
+    """Answer of a requirement: where it does not hold it denies, and from the PITBound on a PERMIT escalates."""
     match verdict:
         case Holds():
             return PERMITS if policy.pit_bound is None else _bounded(policy, policy.pit_bound, case)

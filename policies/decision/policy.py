@@ -83,10 +83,10 @@ class Policy:
 
     Attributes:
         id: unique in its set.
-        subject, object, predicate: whom, what, and what must hold.
+        subject, object, predicate: its callers, its acts, and its condition.
         points: EP, the enforcement points at which it decides.
-        effect: what it says when the predicate holds.
-        obligations: what must be done when its effect is the decision's: for a PERMIT to count, or because it forbade.
+        effect: its answer where the predicate holds.
+        obligations: those that come with its effect: acts that make a PERMIT count, or that follow a DENY.
         pit_bound: least tier at which its PERMIT escalates to DEFER, or to DENY at tier 4; None for no physical
             dependency.
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SequenceReading:
-    """A command together with what was just done and what is queued, as the enforcement point that moves knows it.
+    """A command together with earlier and queued ones, as the enforcement point that moves the arm knows them.
 
     Attributes:
         unfinished: a motion of another command is not finished, and this request is no part of it.
@@ -23,7 +23,7 @@ class SequenceReading:
             way, by whomever, taken as one act. None when it could not be worked out.
         drift_urad: largest distance of a joint from where the committed state says that it is.
         alternations: how often, within the window, acts on one thing undid each other.
-        held_known: what the gripper holds is known.
+        held_known: the object in the gripper is known.
         acts: how many acts of the agent are within the window.
     """
 
@@ -77,8 +77,8 @@ class BehaviourReading:
     """The conduct of the holder over its window, as the identity provider and this enforcement point know it.
 
     Attributes:
-        agent: whose.
-        deviations: what left its baseline and was not restored; ordered by feature.
+        agent: the agent that it is about.
+        deviations: features that left the baseline and were not restored; ordered by feature.
         deviated_at: seconds since the epoch of the newest deviation that a person has not restored; None for none.
         contracted: the agent holds the minimum safe set, until a person restores it.
         samples: acts in the baseline; while there are too few it is still being learned.

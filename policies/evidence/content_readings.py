@@ -23,7 +23,7 @@ class InstructionReading:
         principal: subject of the registered, active person who signed it, or "".
         signed_at: seconds since the epoch.
         well_formed: it is of its schema, with every number finite and in its unit.
-        intent_digest: SHA-256 (hex) of what the person signed.
+        intent_digest: SHA-256 (hex) of the text that the person signed.
         bound_digest: the intent digest that the delegation states, or "" when it states none.
     """
 
@@ -51,8 +51,8 @@ class ItemReading:
     """One text or value that would enter a context.
 
     Attributes:
-        kind, id: what it is, and its id in its collection, memory or call.
-        label: what is known of it; already tainted when `signs` is not empty.
+        kind, id: its kind, and its id in its collection, memory or call.
+        label: its label; already tainted when `signs` is not empty.
         signs: what screening found in its text: "hidden text", "instruction-like", "mixed scripts" and the like. It is
             evidence, never authority: that nothing was found proves nothing.
         as_authority: it is offered as an instruction, a grant, a limit or an approval, not as content.
@@ -79,7 +79,7 @@ class ItemReading:
 
 @dataclass(frozen=True, slots=True)
 class ArgumentReading:
-    """One argument of a tool call, with the label of what it derives from.
+    """One argument of a tool call, with the label of its origin.
 
     Attributes:
         name: of the parameter.
@@ -117,7 +117,7 @@ class MessageReading:
         addressed: the addressee is the agent that received it.
         in_schema: its body is of the schema that it names, and that schema is known.
         in_sequence: its number follows the last one of its conversation.
-        in_delegation: what it asks for is granted by the hop that it is said under.
+        in_delegation: the hop that it is said under grants its request.
         age_s: since it was said; None when it does not state a time that can be believed.
     """
 

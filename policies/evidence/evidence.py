@@ -70,7 +70,7 @@ class TrustReading:
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """One thing that raises the index: what (kind), between which link and object, when, how near, how fast.
+    """One contribution to the index: its kind, link and object, time, clearance and speed.
 
     `source` is who says that the object is there: a sensor, or "" for the signed cell file and the robot itself.
     """
@@ -103,7 +103,7 @@ class ImpactReading:
         start_urad: joint angles from which it was computed, six integers; empty when nothing was read.
         perception: "fresh", "stale" or "missing".
         perception_age_ms: age of the frame that was used, or None.
-        scene_digest, model_digest, engine: what it was computed on and with.
+        scene_digest, model_digest, engine: those of the computation.
     """
 
     tier: Tier
@@ -232,7 +232,7 @@ class OpeningReading:
     """A person's prior leave to ask for a safety-critical act of this agent, verified and in force.
 
     Attributes:
-        opening_id, opener: which, and whose.
+        opening_id, opener: the opening's id, and the person who signed it.
         uses_left: how many acts may still rest on it.
         not_after: seconds since the epoch.
         age_ms: since the nonce of the identity provider's newest word about it was sent.
@@ -262,12 +262,12 @@ class Evidence:
         impact: of the request; `NOT_COLLECTED` for an operation that has no physical dependency.
         perception: where the view of the world comes from; like `impact`.
         robot: its readiness; like `impact`.
-        approval: what people said to this request, or None when nobody was asked.
+        approval: people's answer to this request, or None when nobody was asked.
         opening: the prior leave that a safety-critical act needs, or None when there is none.
         instruction: of an operator (e1, e2).
         message: of another agent (e2).
-        context: what would enter a context (e3), or what the arguments of a call derive from (e4).
-        sequence: what the command stands in; like `impact`.
+        context: the items that would enter a context (e3), or the origins of the arguments of a call (e4).
+        sequence: the sequence that the command stands in; like `impact`.
         behaviour: of the holder.
     """
 

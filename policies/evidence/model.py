@@ -58,7 +58,7 @@ SEVERITY: Final[Mapping[Effect, int]] = MappingProxyType({Effect.PERMIT: 0, Effe
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One canonical request: what would be done, in integers.
+    """One canonical request: the act to be done, in integers.
 
     Attributes:
         request_id: unique, made by the PEP.
@@ -80,7 +80,7 @@ class Request:
 
     @property
     def digest(self) -> str:
-        """SHA-256 (hex) of what would be done, as RFC 8785 JSON: audience, object, operation and values.
+        """SHA-256 (hex) of the act, as RFC 8785 JSON: audience, object, operation and values.
 
         The same for every retry.
         """
@@ -104,7 +104,7 @@ class ObligationKind(StrEnum):
     RECORD = "record"
     """Write the decision durably before the effect."""
     WATCH = "watch"
-    """Keep watching while the effect lasts: its authority, what the sensors see, and what is left of it; else stop."""
+    """Keep watching while the effect lasts: its authority, the sensors' view, and the rest of the motion; else stop."""
     CONSUME = "consume approval"
     """Take the use of the approval that the decision names, durably, before the effect."""
     CLAMP = "clamp"
@@ -130,7 +130,7 @@ class Obligation:
     """One obligation of a decision.
 
     Attributes:
-        kind: what must be done.
+        kind: the kind of act.
         at_most: of a clamp, and of nothing else: the parameter, its unit and its highest value.
 
     Raises:
@@ -147,7 +147,7 @@ class Obligation:
 
 @dataclass(frozen=True, slots=True)
 class ApprovalUse:
-    """One use of what people approved: the ask, and the number of the use, from 1."""
+    """One use of an approval: the ask, and the number of the use, from 1."""
 
     ask_id: str
     use: int
@@ -181,9 +181,9 @@ class Decision:
         findings: every contributing finding, the leading one first.
         tier: the runtime tier, or None when no tier was computed (a fault is no tier).
         index: the physical impact index in thousandths, or None.
-        obligations: what must be done for the PERMIT to count, or because of the DENY; sorted by kind.
+        obligations: acts that make the PERMIT count, or that follow the DENY; sorted by kind.
         policy_digest: SHA-256 (hex) of the policy set.
-        evidence: what was known; None where it was not even of the right shape.
+        evidence: the evidence; None where it was not even of the right shape.
         lifetime_ms: how long after the decision its effect may begin.
         approval: the use of an approval that this PERMIT rests on and must consume, or None.
     """

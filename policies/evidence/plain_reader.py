@@ -85,7 +85,7 @@ def _record_of(kind: type[Any]) -> Callable[[object, str], Any]:
 
 
 def _one_of(alternatives: tuple[Any, ...]) -> Callable[[object, str], Any]:
-    """Records are told apart by their type's name, everything else by what it is."""
+    """Records are told apart by their type's name, all other values by their own type."""
     records = {a.__name__: reader_of(a) for a in alternatives if is_dataclass(a) and isinstance(a, type)}
     others = [reader_of(a) for a in alternatives if not is_dataclass(a)]
     words = ", ".join(getattr(a, "__name__", str(a)) for a in alternatives)

@@ -46,14 +46,14 @@ WORDS: Final = frozenset({str, Reason, FaultCode})
 """Types that may stand where a text is declared: a text, or a word of a closed list."""
 
 UNSEEN: Final = frozenset({(Scope, "grants")})
-"""Fields that no primitive looks into: verification compiled them into what it says of the request."""
+"""Fields that no primitive looks into: verification compiled them into its answer to the request."""
 
 
 def fault(request: Request, seen: Evidence) -> str | None:
     """The place of the first value that is not of its declared type, e.g. "evidence.trust.score_permille"; else None.
 
     Args:
-        request: what would be done.
+        request: the one to check.
         seen: all readings.
     """
     for kind, value, name in ((Request, request, "request"), (evidence.Evidence, seen, "evidence")):

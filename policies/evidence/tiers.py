@@ -1,4 +1,4 @@
-"""Physical Impact Tiers: how the runtime tier is made, and what each tier asks for.
+"""Physical Impact Tiers: the runtime tier, and the rule of each tier.
 
 `pit(inv) = max(tool.pit_class, param_pit(inv.params), context_pit(env))`: the tool's registered base tier and the tier
 that physics computed over parameters and world. Unknown is never a low tier: without both there is no tier.

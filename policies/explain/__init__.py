@@ -1,1 +1,1 @@
-"""Explanations: why a decision was made, what would change it, how two policy sets differ."""
+"""Explanations: the reasons of a decision, its remedies, the differences of two policy sets."""

@@ -53,7 +53,7 @@ class Advice:
     """One warning.
 
     Attributes:
-        code: what it is about.
+        code: its subject.
         where: the policy's id, "parameters.NAME", or the id of a primitive or operation.
         sentence: for the author.
     """

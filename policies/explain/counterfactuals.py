@@ -75,7 +75,7 @@ def sighted(evidence: Evidence) -> Evidence:
 
 
 def ready(robot: RobotReading) -> RobotReading | None:
-    """The robot as a person would leave it; None where nobody knows what it holds."""
+    """Robot as a person would leave it; None where the held object is unknown."""
     if robot.expected_payload_g is None:
         return None
     ready = replace(robot, robot_mode=RUNNING, safety_mode=1, remote_control=True, exclusive=True, frames_match=True)

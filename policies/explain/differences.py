@@ -57,7 +57,7 @@ class PartChange:
 
 @dataclass(frozen=True, slots=True)
 class PolicyChange:
-    """One policy that differs; `parts` names what of it, and is empty for one that is added or removed."""
+    """Policy that differs; `parts` names its changed parts, and is empty for one that is added or removed."""
 
     id: str
     change: Change
@@ -66,7 +66,7 @@ class PolicyChange:
 
 @dataclass(frozen=True, slots=True)
 class SetChange:
-    """In what two sets differ as texts.
+    """Differences of two sets as texts.
 
     Attributes:
         parameters: those with another value.
@@ -83,7 +83,7 @@ class SetChange:
 
 
 def of_sets(one: PolicySet, other: PolicySet) -> SetChange:
-    """In what `other` differs from `one`, policies matched by their ids."""
+    """Differences of `other` from `one`, policies matched by their ids."""
     parameters = tuple(
         PartChange(row.name, f"{was} {row.unit}", f"{now} {row.unit}")
         for row in PARAMETERS.values()
@@ -237,7 +237,7 @@ def of_decisions(cases: Iterable[ComparedCase], old: PolicySet | None, new: Poli
 
     Args:
         cases: each with its verdict, where `old` is None.
-        old: decides what the cases do not say.
+        old: decides the cases that carry no decision.
         new: decides.
     """
     kept: dict[ComparedDecision, int] = {}

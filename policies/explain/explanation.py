@@ -82,7 +82,7 @@ class Explanation:
     Attributes:
         decision: of `decide`.
         physical: whether the set makes the answer depend on the physical impact.
-        said: what each policy of the set says, in the set's order.
+        said: the answer of each policy of the set, in the set's order.
         combined: how these make the decision, one sentence a step.
     """
 
@@ -210,7 +210,7 @@ def _word(verdict: Verdict) -> str:
 
 
 def _combined(said: tuple[PolicyExplanation, ...], decision: Decision) -> tuple[str, ...]:
-    """Deny-overrides, then DEFER over PERMIT, then what people answered; each as it went."""
+    """Steps of combining: deny-overrides, then DEFER over PERMIT, then people's answer."""
     steps = []
     for effect in (Effect.DENY, Effect.DEFER, Effect.PERMIT):
         who = [s.policy.id for s in said if s.effect is effect]

@@ -55,7 +55,7 @@ class Means(StrEnum):
     ALL = "all of it"
     """The first suggestion for each reason, together."""
     NOTHING = "nothing"
-    """No change of this request, and nobody's word; `detail` says what remains to be done instead."""
+    """No change of this request or by any party; `detail` names the act that remains instead."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def remedies(request: Request, evidence: Evidence, policies: PolicySet, decision
         request: the one that was decided.
         evidence: all readings.
         policies: the set.
-        decision: what the set decided on that.
+        decision: that of the set on this evidence.
     """
     if decision.effect is Effect.PERMIT:
         return ()
@@ -140,7 +140,7 @@ def _tried(
 
 
 def _together(changes: list[_Change]) -> _Change:
-    """All changes one after the other; people are asked last, about what the others made of it."""
+    """All changes one after the other; people are asked last, about the case that the others leave."""
     ordered = sorted(changes, key=lambda change: change.means is Means.APPROVAL)
     means: list[object] = list(dict.fromkeys(str(change.means) for change in ordered))
 

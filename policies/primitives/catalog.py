@@ -1,4 +1,4 @@
-"""The 25 primitives as one table: what must hold, where, on which evidence, and the class that decides it.
+"""Catalog of the 25 primitives: condition, points, evidence, and the class that decides.
 
 Ids are the paper's. Clauses are the sentences of docs/primitives.md, which is generated from this table.
 """

@@ -54,7 +54,7 @@ class CatalogRow:
     Attributes:
         id: the paper's id.
         name: ours.
-        must_hold: what must hold, in one sentence.
+        must_hold: the condition, in one sentence.
         points: the enforcement points at which it has evidence.
         evidence: the readings it looks at.
         decides: the class that decides it.

@@ -1,4 +1,4 @@
-"""Domain CII, cognition and instruction integrity: what the world, people and documents say, and who vouches for it."""
+"""Domain CII, cognition and instruction integrity: the words of world, people and documents, and their vouchers."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class RetrievalIntegrity:
     def judge(self, case: Case) -> Verdict:
         """Holds when every document is listed in a manifest of a curator that is at most `manifest_age_s` old.
 
-        What is no document is CII-5's, and no reason against this one.
+        An item that is no document belongs to CII-5, and is no reason against this one.
         """
         items = entering(self.id, case)
         if isinstance(items, Fails):

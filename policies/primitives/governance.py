@@ -1,4 +1,4 @@
-"""Domain ABG, agent behaviour governance: whether the holder behaves as it used to, and what it may do when not.
+"""Domain ABG, agent behaviour governance: the holder's behaviour against its baseline, and the contracted scope.
 
 What is known of behaviour only ever tightens: an agent of which nothing bad is known is permitted nothing for it.
 """

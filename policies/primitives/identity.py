@@ -1,4 +1,4 @@
-"""Domain AID, agent identity and delegation: who asks, on whose behalf, over which links."""
+"""Domain AID, agent identity and delegation: the caller, its sponsor, and the links between them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain CATP, cross-agent trust and propagation: what passes from one agent to the next, and how far it is trusted."""
+"""Domain CATP, cross-agent trust and propagation: authority and trust along the edges of a chain."""
 
 from __future__ import annotations
 

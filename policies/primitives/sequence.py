@@ -1,4 +1,4 @@
-"""Domain TEA, the last of it: a command is judged together with what was just done and what is queued."""
+"""Domain TEA, its last primitive: a command is judged together with earlier and queued ones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Domain TEA, tool execution and actuation: what is called, with which parameters, and what it does to the world."""
+"""Domain TEA, tool execution and actuation: the tool, its parameters, and their effect on the world."""
 
 from __future__ import annotations
 

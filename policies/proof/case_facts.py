@@ -186,7 +186,7 @@ def _approval(case: Case, policies: PolicySet) -> dict[str, Any]:
 
 
 def _same_impact(evidence: Evidence, approval: ApprovalReading, policies: PolicySet) -> bool:
-    """The impact is what was shown, within the slack of an approval."""
+    """True where the impact is the shown one, within the slack of an approval."""
     now, slack = evidence.impact, policies.parameters
     if not isinstance(now, ImpactReading):
         return False

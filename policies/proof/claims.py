@@ -64,12 +64,12 @@ class Claim:
     """One claim.
 
     Attributes:
-        id, says: its name, and what is claimed, in one sentence.
+        id, says: its name, and the claim in one sentence.
         broken: when the outcomes of its cases break it.
         shown: whether real decisions break it.
         matters: when an outcome is one that the claim is about, so that a claim about nothing is found out; None where
             it is about every request.
-        compares: "" for a claim about single cases, else what makes the second one: "a policy" or "a tier".
+        compares: "" for a claim about single cases, else the difference of the second one: "a policy" or "a tier".
     """
 
     id: str

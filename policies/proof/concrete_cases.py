@@ -1,6 +1,6 @@
-"""A real request and real evidence with given facts: what a counterexample is made of.
+"""Real requests and evidence with given facts, of which a counterexample is made.
 
-Only the facts are chosen; everything else is ordinary, so that what is strange in a case is what the claim breaks on.
+Only the facts are chosen; everything else is ordinary, so that the claim breaks on the strange part of a case.
 Values that no fact speaks of are invented (digests, ids, joint angles) and mean nothing.
 """
 

@@ -35,7 +35,7 @@ CONSUME: Final = Obligation(ObligationKind.CONSUME)
 
 @dataclass(frozen=True, slots=True)
 class DecidedCase:
-    """A case and what `decide` answered."""
+    """Case with the decision of `decide`."""
 
     request: Request
     evidence: Evidence
@@ -72,7 +72,7 @@ def no_human_root(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> 
 
 
 def no_approval(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
-    """A physical act of tier 3 or 4 is permitted without the people whom the tier wants."""
+    """A physical act of tier 3 or 4 is permitted without the people whom the tier needs."""
     (told,) = all_told
     tier = runtime_tier(told.evidence, physical=True)
     if tier is None or tier < Tier.HIGH_CONSEQUENCE or not act_permitted(told, harmless):

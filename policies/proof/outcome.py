@@ -50,7 +50,7 @@ class PolicyOutcome:
 
 @dataclass(frozen=True, slots=True)
 class Added:
-    """One more DENY policy, of which nothing is known: what it is about, and what it says there.
+    """One more DENY policy, of which nothing is known: its concern and its answer are open.
 
     A DENY policy denies, defers or is silent, and grants nothing (policies.decision.pdp, `_speak`); one that errors
     denies.
@@ -154,7 +154,7 @@ def _critical(at: Situation) -> Truth:
 
 
 def approval_fits(at: Situation) -> Truth:
-    """The case is what was approved, as it is now: the twin of `policies.decision.approval._differences`."""
+    """The case is the approved one, as it is now: the twin of `policies.decision.approval._differences`."""
     facts, logic = at.facts, at.logic
     critical = facts.approval_tier == int(Tier.SAFETY_CRITICAL)
     seen = logic.some(facts.seen_fresh, facts.approval_sees_clear)

@@ -60,8 +60,8 @@ class CounterexampleCase:
     """One real case of a counterexample.
 
     Attributes:
-        told: the request, the evidence, the set, and what `decide` answered.
-        departures: in what the evidence is not ordinary, or not as in the case before; each with its value.
+        told: the request, the evidence, the set, and the decision of `decide`.
+        departures: facts that are not ordinary, or not as in the case before; each with its value.
     """
 
     told: DecidedCase

@@ -50,7 +50,7 @@ def _plain(value: object) -> object:
 
 
 def lines(result: Result) -> Iterator[str]:
-    """The counterexample of a result: each request, in what its evidence is strange, and what was decided."""
+    """Text of a counterexample: each request, its strange evidence, and its decision."""
     for number, shown in enumerate(result.counterexample):
         request, decision = shown.told.request, shown.told.decision
         points = "+".join(sorted(str(point) for point in request.points))

@@ -1,6 +1,6 @@
 """Looking for cases in which a formula is true: none at all, or the most ordinary one.
 
-Every question is put to the solver over facts alone; `policies.proof.symbols` says what their terms are.
+Every question is put to the solver over facts alone; `policies.proof.symbols` has the meaning of their terms.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class UndecidedError(Exception):
 
 
 def any_cases(claim: Claim, question: Question) -> tuple[Cases, list[Truth]]:
-    """Any cases that a claim compares, and what is true of them."""
+    """Any cases that a claim compares, and the laws that hold for them."""
     first = any_facts(unknowns(question.policies))
     known = list(laws(first, question.names, SYMBOLIC))
     match claim.compares:
@@ -95,7 +95,7 @@ def outcomes(question: Question, cases: Cases) -> list[Outcome]:
 
 @dataclass(frozen=True, slots=True)
 class Found:
-    """One answer of the solver: the facts of each case, and what the added policy does, as plain values."""
+    """One answer of the solver: the facts of each case, and the added policy's answers, as plain values."""
 
     facts: tuple[Facts, ...]
     added: Added | None
@@ -109,8 +109,8 @@ class Search:
 
         Args:
             cases: terms for all facts.
-            known: what is true of them.
-            wanted: what shall be true.
+            known: the laws that hold for them.
+            wanted: the condition to be found.
             candidates: numbers that are tried, in order, where the ordinary one is not possible.
         """
         self._cases, self._candidates = cases, candidates
@@ -176,7 +176,7 @@ def _values(model: z3.ModelRef, terms: Any) -> list[Any]:
 
 
 def _value(model: z3.ModelRef, term: Any) -> bool | int | Fraction:
-    """A term's value in a model; what the formula does not speak of is false, or 0."""
+    """Value of a term in a model; one that the formula does not speak of is false, or 0."""
     value = model.eval(term, model_completion=True)
     if z3.is_bool(value):
         return bool(z3.is_true(value))

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """The facts as primitives see them: with what the set makes of them.
+    """Facts as primitives see them: with the parts that the set adds.
 
     Attributes:
         facts: of the case.
@@ -101,7 +101,7 @@ def _bounded_chain(primitive: identity.BoundedChain, at: Situation) -> Truth:
 
 
 def _verified(_: object, at: Situation) -> Truth:
-    """AID-4 and CATP-2: what verification found."""
+    """AID-4 and CATP-2 on facts: the result of verification."""
     return at.facts.chain_verified
 
 

@@ -65,11 +65,11 @@ class Label:
 
 
 NOBODY: Final = Label(frozenset({Source.TEXT}), frozenset(), Integrity.NONE, 0)
-"""The label of what has none."""
+"""Label of a value without sources."""
 
 
 def joined(labels: Iterable[Label]) -> Label:
-    """The label of what derives from all of these; of nothing at all it is `NOBODY`.
+    """Label of a value that derives from all of these; of nothing at all it is `NOBODY`.
 
     A model's output derives from everything in its context, even from parts that it claims not to have used.
     """

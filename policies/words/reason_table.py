@@ -21,7 +21,7 @@ class ReasonRow:
     Attributes:
         text: one fixed sentence, safe for strangers: no name, number or limit of this request.
         remedy: an act of the holder that may help.
-        owners: ids of the primitives that find it, the one that leads first; empty for what no primitive finds.
+        owners: ids of the primitives that find it, the one that leads first; empty for one that no primitive finds.
     """
 
     text: str
