@@ -1,4 +1,4 @@
-"""The identity provider: who may lend authority to whom, what is revoked, and the record of it all."""
+"""Identity provider: the rights to lend authority, revocations, and the record of it all."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ USAGE = 2
 
 
 def main() -> int:
-    """Serve what the configuration says; the exit status."""
+    """Serves by the configuration; the exit status."""
     parser = argparse.ArgumentParser(prog="ztpm_idp", description="The ZTPM identity provider.")
     parser.add_argument("--config", required=True, type=Path, help="idp.toml")
     config: Path = parser.parse_args().config

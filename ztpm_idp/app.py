@@ -49,8 +49,8 @@ def create_app(
     Args:
         settings: checked already; see `ztpm_idp.settings`.
         keys: the five private keys.
-        platform: whose workload tokens are evidence of kind `jwt`; None: nobody's.
-        policies: by what delegations are decided; None: the shipped set that the settings name.
+        platform: the platform whose workload tokens are evidence of kind `jwt`; None: there is none.
+        policies: the set that decides on delegations; None: the shipped set that the settings name.
         now: wall clock, seconds since the epoch.
     """
     path = "/" + settings.issuer.split("/", 3)[3]

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
 ENTRY_FIELDS: Final = frozenset({"v", "seq", "prev", "at_ms", "actor", "kind", "body"})
 LINE_BYTES: Final = 1_048_576
-"""Longest line: a record as large as a request body, and what is around it."""
+"""Longest line: a record as large as a request body, and the entry around it."""
 LINE_DEPTH: Final = 40
-"""Deepest nesting: a record as deep as a request body, and what is around it."""
+"""Deepest nesting: a record as deep as a request body, and the entry around it."""
 _HASH: Final = re.compile(r"[0-9a-f]{64}")
 
 
@@ -73,7 +73,7 @@ class Defect:
     Attributes:
         seq: the entry that is wrong, as counted from 1; for a broken link the one whose hash is not what the next one
             says.
-        code: what is wrong.
+        code: the kind of defect.
     """
 
     seq: int

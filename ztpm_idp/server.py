@@ -53,8 +53,8 @@ def serve(
     Args:
         settings: checked already.
         keys: the five private keys.
-        platform: whose workload tokens count, if anyone's.
-        policies: by what delegations are decided; None: the shipped set that the settings name.
+        platform: the platform whose workload tokens count, if any.
+        policies: the set that decides on delegations; None: the shipped set that the settings name.
     """
     app = create_app(settings, keys, platform=platform, policies=policies)
     config = uvicorn.Config(

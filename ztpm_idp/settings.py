@@ -201,7 +201,7 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
 
 
 def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platform | None:
-    """Whose word on workloads counts, when the settings name one.
+    """Platform whose word on workloads is trusted, when the settings name one.
 
     Args:
         settings: names trust domain and key file.
@@ -229,7 +229,7 @@ def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platfo
 
 
 def load_policies(settings: Stated, folder: Path | None = None) -> PolicySet:
-    """By what delegations are decided.
+    """Policy set that decides on delegations.
 
     Args:
         settings: name a shipped set, or a file.

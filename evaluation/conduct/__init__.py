@@ -1,1 +1,1 @@
-"""Trust and behaviour on simulated agents: what is claimed of them, measured."""
+"""Trust and behaviour on simulated agents: our claims about them, measured."""

@@ -1,4 +1,4 @@
-"""Simulated agents: an honest worker, and what may become of one. Everything is drawn from a seed."""
+"""Simulated agents: an honest worker, and the ways in which one may change. Everything is drawn from a seed."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ PHASES: Final = {"phases": 12, "long phases": 30}
 
 @dataclass(frozen=True, slots=True)
 class Draft:
-    """An act before it is reported: what a script may change.
+    """Act before it is reported: a script may change it.
 
     Attributes:
-        operation, tier, values, near: as in a report; near is None for what has no limit.
+        operation, tier, values, near: as in a report; near is None for an act without a limit.
         gap_s: seconds since the act before, with fractions.
         refused: the reason of a refusal; "" for a PERMIT.
     """
@@ -172,7 +172,7 @@ def salami(draw: random.Random, k: int, draft: Draft) -> Draft:
 
 
 def prober(draw: random.Random, _: int, draft: Draft) -> Draft:
-    """One act in three asks for what was not lent."""
+    """Script in which one act in three asks for more than was lent."""
     return replace(draft, refused="NOT_GRANTED") if draw.random() < 1 / 3 else draft
 
 
@@ -187,12 +187,12 @@ def hasty(_: random.Random, __: int, draft: Draft) -> Draft:
 
 
 def at_the_edge(draw: random.Random, _: int, draft: Draft) -> Draft:
-    """Half of its moves in the last tenth of what is allowed."""
+    """Script with half of the moves in the last tenth of the allowed range."""
     if draft.near is None or draw.random() < 0.5:
         return draft
     return replace(draft, near=draw.randrange(900, 1000))
 
 
 def turncoat(draw: random.Random, k: int, draft: Draft) -> Draft:
-    """Edge, probe and new tools at once: what a sleeper does when it wakes."""
+    """Script of a sleeper that wakes: edge, probe and new tools at once."""
     return prober(draw, k, at_the_edge(draw, k, tool_changer(draw, k, draft)))

@@ -22,7 +22,7 @@ STATED: Final = PARAMETERS.behaviour_false_alarm_count
 """Acts between two false alarms of one feature, at least."""
 SHARES: Final = (30, 100, 200, 350, 500, 700)
 SURE: Final = 0.001
-"""A rate is above what is stated when it would be seen less often than this at the stated one."""
+"""Significance level: a rate is above the stated one when that one would show it less often."""
 RHYTHMS: Final = {"independent": 30, "rounds": 10, "phases": 10, "long phases": 10}
 """Workers of each rhythm."""
 ACTS: Final = 6_000

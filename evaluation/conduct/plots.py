@@ -1,4 +1,4 @@
-"""Three pictures: trust over time, what the detectors see of four agents, and delays beside their bars."""
+"""Three pictures: trust over time, detector levels of four agents, and delays beside their bars."""
 
 from __future__ import annotations
 

@@ -138,7 +138,7 @@ def _on_off(settings: Settings) -> Outcome:
 
 
 def _liars(settings: Settings) -> Outcome:
-    """False bad words: the score never falls below what is stated for so many liars."""
+    """False reports against an agent: the score never falls below the stated bound for so many liars."""
     lies = 50 if settings.quick else 2_000
     s0, cap = PARAMETERS.trust_prior_weight_milli, PARAMETERS.trust_bad_cap_milli
     figures: dict[str, int | float | str] = {}
@@ -155,7 +155,7 @@ def _liars(settings: Settings) -> Outcome:
 
 
 def _whitewash(settings: Settings) -> Outcome:
-    """False good words: what another reporter saw weighs as much as before."""
+    """False reports for an agent: another reporter's bad ones weigh as much as before."""
     lies = 50 if settings.quick else 2_000
     seen = after(NOTHING_REPORTED, (told(WRONG, BEGIN, n) for n in range(5)))
     praised = after(seen, (told(WORK, BEGIN, f"lie {n}", reporter="liar") for n in range(lies)))

@@ -55,7 +55,7 @@ RATIOS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
         "recorded_vs_cedarpy": (RECORDED, CEDAR),
     }
 )
-"""Whose time is divided by whose."""
+"""Pairs of engines whose times are divided by each other."""
 _COLOURS: Final = {OURS: picture.OURS, RECORDED: "#6fa8dc"}
 
 
@@ -64,7 +64,7 @@ class DecisionKey:
     """The key of a row.
 
     Attributes:
-        peer, case: who answers what; the case is None for an engine that is not installed.
+        peer, case: the engine and its case; None for an engine that is not installed.
         beside: the engine with which we took turns, in the very calls that the row is of.
     """
 
@@ -85,7 +85,7 @@ def line_up(
     Args:
         plan: how often.
         seed: of nothing here.
-        told: is told what happens now.
+        told: receives the name of each step.
         others: the engines besides ourselves.
 
     Raises:
@@ -175,7 +175,7 @@ def ratios(rows: Sequence[Row[DecisionKey]], _: Mapping[str, Any], name: str) ->
 
 
 def tables(result: Result[DecisionKey]) -> Iterator[Table]:
-    """Durations, and what each engine's answer rests on."""
+    """Tables of durations, and of the checks behind each engine's answer."""
     measured = [row for row in result.rows if row.of.case is not None]
     texts = {
         ((row.of.peer, row.of.beside if row.of.peer != row.of.beside else OURS), str(row.of.case)): figure(

@@ -29,7 +29,7 @@ class Engine(Protocol):
 
     Attributes:
         name, version: of the engine, and of the form in which the rules are given to it.
-        checks: what its answer rests on, and what it does not say.
+        checks: the facts behind its answer, and the parts that the answer lacks.
     """
 
     name: str

@@ -150,7 +150,7 @@ def situation(changes: Mapping[str, Fact], readings: frozenset[str]) -> Situatio
 
 
 def _given(facts: Facts) -> Facts:
-    """The facts with what is worked out for the engines."""
+    """Facts with the values that are computed for the engines."""
     given = {**facts, "lifetime_s": _int(facts, "valid_since_s") + _int(facts, "valid_for_s")}
     given["newest_attestation_age_s"] = min(
         _int(facts, "leaf_attestation_age_s"), _int(facts, "oldest_attestation_age_s")

@@ -44,7 +44,7 @@ class OurDecisions:
 
 
 class Recorded(OurDecisions):
-    """The same with what a record of it needs: the digest of all evidence."""
+    """Our engine with the extra work of a record: the digest of all evidence."""
 
     name = RECORDED
     checks = f"{OurDecisions.checks}; SHA-256 of all evidence"

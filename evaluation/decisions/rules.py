@@ -72,7 +72,7 @@ class Rule:
         primitive: that answers for it.
         effect: DENY or DEFER.
         guard: all of it holds where the rule is asked.
-        holds: what must hold.
+        holds: the conditions.
     """
 
     name: str
@@ -83,7 +83,7 @@ class Rule:
 
 
 class NoPlainFormError(Exception):
-    """The policy set asks for what `rules` has no plain form of; the text names it."""
+    """Condition of the policy set that `rules` has no plain form of; the text names it."""
 
 
 def compiled(policies: PolicySet, points: frozenset[Point]) -> tuple[Rule, ...]:

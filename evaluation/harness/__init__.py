@@ -1,1 +1,1 @@
-"""The harness: times cells in turns, runs campaigns, and tells what they found."""
+"""Harness: times cells in turns, runs campaigns, and reports their results."""

@@ -31,14 +31,14 @@ class Row(Generic[K]):
     """One measured cell, or why there are no figures.
 
     Attributes:
-        of: its key, a dataclass that names who answers and what is asked.
+        of: its key, a dataclass that names the peer and the question.
         p50_us: median over all calls.
         first_us: median over the calls that began a turn: another cell was asked just before.
         min_us: smallest median of a pass.
         p99_us: 99th percentile over all calls.
         n: calls; with less than 100, the 99th percentile is the slowest of them.
         overruns: calls besides, in which the peer gave up for its own limit of time though it was asked rightly.
-        checks: what an answer rests on.
+        checks: the checks behind an answer.
         why: why there are no figures, or empty.
         more: further columns of the JSON object.
     """
@@ -104,7 +104,7 @@ class Result(Generic[K]):
 
     Attributes:
         rows: of every cell, those without figures first.
-        ratios: between peers, by name; None for one of what was not measured.
+        ratios: between peers, by name; None where one of them was not measured.
         versions: of the peers.
         more: further members of the JSON object.
         machine, plan, seconds: where, how often, how long.
@@ -134,14 +134,14 @@ class Result(Generic[K]):
 
 @dataclass(frozen=True, slots=True)
 class Bench(Generic[K]):
-    """A benchmark: what is lined up, and how it is told.
+    """Benchmark: its cells, and its report.
 
     Attributes:
-        line_up: makes it, given the plan, `seed` and `told`, which is told what happens now.
+        line_up: makes it, given the plan, `seed` and `told`, which receives the name of each step.
         full, quick: how often each cell is called, and with `--quick`.
         few: further arguments of `line_up` with `--quick`.
         ratios: between peers, of one figure ("p50_us" or "min_us") of the rows; given the line-up's `more` too.
-        said: what the ratios are, in the words before them in the last line.
+        said: the words before the ratios in the last line.
         tables: for people.
         remarks: further lines for people.
         picture: draws a PNG file; raises `AbsentError` without matplotlib.
@@ -166,12 +166,12 @@ class Bench(Generic[K]):
 
         Args:
             plan: how often.
-            seed: of what is drawn, and of the order of turns.
-            told: is told what happens now.
+            seed: of every draw, and of the order of turns.
+            told: receives the name of each step.
             line_up: further arguments of `line_up`.
 
         Raises:
-            WrongAnswerError: when a cell does not answer what it must.
+            WrongAnswerError: when a cell gives another answer than it must.
         """
         began = time.monotonic()
         lined_up = self.line_up(plan, seed=seed, told=told, **line_up)

@@ -1,4 +1,4 @@
-"""One claim about tokens, tried so many times: what it needs, and what it answers."""
+"""Campaign: one claim about tokens, tried so many times, with its settings and its result."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Settings:
         seed: of every draw.
         vectors: the directory of vectors made by others, with `biscuit` and `wycheproof` in it; None where absent.
         clock_ns: a monotonic clock.
-        told: is told what happens now.
+        told: receives the name of each step.
     """
 
     quick: bool
@@ -62,8 +62,8 @@ class Campaign:
 
     Attributes:
         id: as in the list of bars, e.g. "A3".
-        title: what is tried.
-        bar: what must come out.
+        title: the claim that is tried.
+        bar: the result that must come out.
         run: does it.
     """
 
@@ -79,8 +79,8 @@ def missed(faults: Mapping[str, bool], failures: Mapping[str, Sequence[str]]) ->
     The first failure is told whole.
 
     Args:
-        faults: what is wrong, and whether it is.
-        failures: each kind, with what shows it; made of random draws, so that only the text itself shows it again.
+        faults: each possible fault, and whether it is there.
+        failures: each kind, with texts that show it; made of random draws, so that only the text itself shows it again.
     """
     told = [f"{len(each)} {what}, the first: {each[0]}" for what, each in failures.items() if each]
     return (*(what for what, bad in faults.items() if bad), *told)

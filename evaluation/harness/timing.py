@@ -21,7 +21,7 @@ TRIES: Final = 20
 
 
 class WrongAnswerError(RuntimeError):
-    """A cell answered what it must not: its figure would be of something else."""
+    """Wrong answer of a cell: its figure would be of something else."""
 
 
 class Verdict(Enum):
@@ -38,12 +38,12 @@ class Cell(Generic[K]):
     """One timed call, and how it is known to be right.
 
     Attributes:
-        of: the key of its row: who answers, and what is asked.
-        checks: what an answer rests on, in a few words.
+        of: the key of its row: the peer and the question.
+        checks: the checks behind an answer, in a few words.
         fresh: makes an input; a call gets one that no call had before, where that matters. Not timed.
         act: the timed call.
-        judge: what the outcome of `act` amounts to; not timed.
-        wrong: by what is wrong with them, makers of inputs that the same `act` must refuse.
+        judge: verdict on the outcome of `act`; not timed.
+        wrong: by their fault, makers of inputs that the same `act` must refuse.
     """
 
     of: K
@@ -108,7 +108,7 @@ class Series:
 
 
 def prove(cell: Cell[K]) -> None:
-    """Pass when the cell allows what it should and refuses each of its counter-examples.
+    """Checks that the cell allows its right inputs and refuses each of its counter-examples.
 
     Raises:
         WrongAnswerError: otherwise.
@@ -181,7 +181,7 @@ def _demand(cell: Cell[K], verdict: object, what: str, *right: Verdict) -> None:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """Garbage is not collected meanwhile, and objects that a program has frozen before stay so afterwards."""
+    """Stops garbage collection meanwhile; objects that a program has frozen before stay so afterwards."""
     frozen = gc.get_freeze_count()
     gc.collect()
     gc.freeze()

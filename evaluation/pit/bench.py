@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 FULL: Final = Plan(repeats=3, rounds=2, warm_up=1, burst=24)
 QUICK: Final = Plan(repeats=1, rounds=2, warm_up=1, burst=4)
 STREAMED: Final = 10
-"""Steps of a stream are asked so many times more often: their 99th percentile is what counts."""
+"""Factor of the calls of a stream's step, since their 99th percentile counts."""
 QUESTIONS: Final = 8
 """Different ones of each workload."""
 SIZES: Final = (5, 20, 100)
@@ -93,7 +93,7 @@ def line_up(
     Args:
         plan: how often.
         seed: of the questions.
-        told: is told what happens now.
+        told: receives the name of each step.
         sizes: with how many things about the arm, besides the twenty among which we are compared with sampling.
         questions: how many different ones of each workload.
     """
@@ -171,7 +171,7 @@ def ratios(rows: Sequence[Row[PitKey]], _: Mapping[str, Any], name: str) -> dict
 
 
 def tables(result: Result[PitKey]) -> Iterator[Table]:
-    """Durations, and what each answer says."""
+    """Tables of durations, and of the contents of each answer."""
     measured = [row for row in result.rows if row.of.load is not None]
     yield table(
         "milliseconds, and cycles of 2 ms",

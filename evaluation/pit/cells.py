@@ -1,4 +1,4 @@
-"""Answerers of the questions of one workload, each a cell: who answers, what is timed, and when it is right."""
+"""Cells of one workload: each engine with its timed call and its test of a right answer."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ ROUNDING: Final = 1e-4
 DISTANCE_M: Final = 1e-5
 """Two libraries' distances."""
 BLIND_M: Final = 0.006 + 2e-4
-"""Half of 8 ms at 1.45 m/s, and what the ruler resolves."""
+"""Tolerance of a clearance: half of 8 ms at 1.45 m/s, and the resolution of the ruler."""
 BLIND: Final = 0.1
-"""Of an index: what samples 8 ms apart miss of it."""
+"""Part of an index that samples 8 ms apart may miss."""
 ABOVE: Final = 0.5
 RATIOS: Final = frozenset({"joint_speed", "acceleration", "tcp_speed", "elbow_speed", "momentum", "torque", "payload"})
 """Kinds of contribution by the arm's own motion: not sampled here."""
@@ -71,7 +71,7 @@ def cell(
 
     Args:
         of: its key.
-        checks: what its answer says.
+        checks: the contents of its answer.
         asked: the questions.
         answer: the timed call.
         right: whether an answer is one.
@@ -124,7 +124,7 @@ def _assessed_right(asked: Asked, answer: Any) -> bool:
 
 
 def _bounded_right(asked: Asked, answer: Any) -> bool:
-    """At least what was sampled, at most what is authorised."""
+    """Checks that the answer is at least the sampled one, and at most the authorised one."""
     above = isinstance(answer, Bounded | Assessment) and answer.index >= asked.index - ROUNDING
     return bool(above and answer.index <= asked.extra["authorised"] / MILLI)
 
@@ -183,7 +183,7 @@ def _no_limit() -> None:
 
 
 def beside_sampling(asked: Sequence[Asked], load: str, *, mujoco: bool) -> list[Cell[PitKey]]:
-    """Ours and what samples, on moves among things."""
+    """Cells of ours and of the samplers, on moves among things."""
     for each in asked:
         pairs = pairs_of(each.question.robot, each.question.scene, each.question.cell, grown_m=0.0)
         rows = np.arange(len(pairs))

@@ -85,7 +85,7 @@ class SampledByMujoco:
                 self._rounded[name] = radius
 
     def least(self, angles: list[Floats]) -> float:
-        """The least clearance of any pair at any of these configurations, metre: what the benchmark times."""
+        """Least clearance of any pair at any of these configurations, metre; this call is timed."""
         mj, model, state, least = self._mj, self._model, self._state, FARTHEST_M
         for q in angles:
             state.qpos[:] = q

@@ -15,8 +15,8 @@ class Question:
 
     Attributes:
         robot: the arm.
-        scene: what is around it.
-        motion: what is asked.
+        scene: the scene around it.
+        motion: the motion to assess.
         cell: parameters.
         step: of a stream, all that may follow of which is the motion; else None.
     """

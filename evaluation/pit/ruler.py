@@ -51,7 +51,7 @@ class Least:
 
     Attributes:
         proven: no clearance is below it.
-        attained: one that is met; infinite when all are beyond what the ruler reaches.
+        attained: one that is met; infinite when all are beyond the ruler's reach.
     """
 
     proven: float

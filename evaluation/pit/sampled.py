@@ -1,4 +1,4 @@
-"""A motion as instants 8 ms apart, and what pinocchio and coal measure there."""
+"""Motion as instants 8 ms apart, and the measurements of pinocchio and coal there."""
 
 from __future__ import annotations
 
@@ -148,7 +148,7 @@ class SampledByCoal:
         self.pairs = len(geometry.collisionPairs)
 
     def least(self, angles: list[Floats]) -> float:
-        """The least clearance of any pair at any of these configurations, metre: what the benchmark times."""
+        """Least clearance of any pair at any of these configurations, metre; this call is timed."""
         measure, model, kinematics = self._pin.computeDistances, self._model, self._kinematics
         geometry, found, least = self._geometry, self._found, math.inf
         for q in angles:

@@ -127,7 +127,7 @@ def with_people(scene: Scene) -> Scene:
 
 
 def bare(rng: Generator, things: int, count: int) -> list[Question]:
-    """Moves among things alone: what a sampled distance can be asked of as well."""
+    """Moves among things alone, for which a sampled distance exists as well."""
     return [Question(robot(), around(rng, move, things), move, cell()) for move in moves(rng, count)]
 
 

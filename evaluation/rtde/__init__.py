@@ -1,1 +1,1 @@
-"""The gateway beside a controller that is reached directly: what a command is later, and whether one is lost."""
+"""Gateway beside a controller that is reached directly: the delay of a command, and lost commands."""

@@ -1,4 +1,4 @@
-"""The gateway whose streams ask no physics: what reading, judging and writing a value cost without it.
+"""Gateway whose streams ask no physics: the cost of reading, judging and writing a value without it.
 
     python -m evaluation.rtde.bare --config gateway.toml --robot HOST
 

@@ -80,7 +80,7 @@ class StreamResult:
         rows: direct, relayed by two processes that do nothing else, through the gateway without physics, and whole.
         physics_us: median of one certified step.
         seconds: how long all of it took.
-        machine: what on.
+        machine: that of the run.
     """
 
     rows: tuple[StreamRow, ...]

@@ -52,7 +52,7 @@ def run(seconds: float, *, told: Callable[[str], None]) -> StreamResult:
 
     Args:
         seconds: how long each.
-        told: is told what happens now.
+        told: receives the name of each step.
 
     Raises:
         StreamBrokenError: a value was refused.

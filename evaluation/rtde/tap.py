@@ -1,4 +1,4 @@
-"""A controller's ports once more, passed on as they are: when each command came here is what is measured.
+"""Tap: a controller's ports once more, passed on as they are, with the time at which each command came.
 
     python -m evaluation.rtde.tap --listen HOST --robot HOST
 

@@ -54,7 +54,7 @@ WALK_IN_M: Final = (0.60, 0.75)
 
 
 class MeasureError(RuntimeError):
-    """The cell did not do what the measurement needs."""
+    """Failure of the cell to do as the measurement needs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -243,7 +243,7 @@ def measure(*, count: int, walk_in: int, seed: int, progress: Callable[[str, int
         progress: told the kind and how many stops there are.
 
     Raises:
-        MeasureError: the cell did not do what it needs.
+        MeasureError: the cell did not do as the measurement needs.
     """
     with stage() as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes, ThreadPoolExecutor(1) as calls:
         for step in STORY.only(frozenset({"delegate"})):

@@ -70,7 +70,7 @@ def line_up(
     Args:
         plan: how often.
         seed: of nothing here.
-        told: is told what happens now.
+        told: receives the name of each step.
         workloads: which scopes.
         depths: which depths of the chain.
         others: the peers besides ourselves.
@@ -113,7 +113,7 @@ def ratios(rows: Sequence[Row[TokenKey]], more: Mapping[str, Any], name: str) ->
 
 
 def tables(result: Result[TokenKey]) -> Iterator[Table]:
-    """One table of durations for each scope, one of what each row checks, one of sizes."""
+    """One table of durations for each scope, one of the checks of each row, one of sizes."""
     order = list(Kind)
 
     def place(row: Row[TokenKey]) -> tuple[int, bool, str, int]:

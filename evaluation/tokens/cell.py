@@ -1,4 +1,4 @@
-"""Rows of the benchmark of tokens: what is timed of whom, and what a peer lines up."""
+"""Rows of the benchmark of tokens: the timed call of each peer, and the cells that it lines up."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Kind(StrEnum):
     """Kind of timed call."""
 
     FIRST = "first"
-    """From wire bytes to a decision, where nothing at all is remembered, not even what is common to all tokens."""
+    """From wire bytes to a decision, where nothing at all is remembered, not even parts common to all tokens."""
     COLD = "cold"
     """From unseen wire bytes to a decision, by a verifier that has served other tokens of such a scope.
 
@@ -43,7 +43,7 @@ class TokenKey:
     Attributes:
         peer: who answers.
         scope, depth: of the tokens; None, and so the others, for a peer that is not installed.
-        kind: what is timed.
+        kind: the timed call.
         proof: a proof of possession, made for this very call outside the timed part, is checked.
     """
 

@@ -38,7 +38,7 @@ class Workload:
         operations: name and limits of each, sorted by name, as the root lends them.
         kept: the operations that the first hop keeps, and every later one.
         tightened: (operation, parameter) pairs; each hop moves both bounds of each by `STEP`.
-        operation: what the request asks for; it is among `kept`.
+        operation: the requested one; it is among `kept`.
         values: of the request, one for each limit of `operation`, inside the bounds of every hop.
         outside: the same with one value above every bound.
     """

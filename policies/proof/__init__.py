@@ -1,6 +1,6 @@
 """Proofs about policy sets: for every request and all evidence, or a counterexample that `decide` confirms.
 
-Scope and abstraction of the proofs are in docs/policies.md, "Proof". z3 is needed to prove, and is imported when a proof
+Scope and abstraction of the proofs: docs/policies.md, "Proof". z3 is needed to prove, and is imported when a proof
 begins; everything else here, and `policies`, runs without it.
 
     facts       facts of a decision, some fifty truths and numbers

@@ -50,7 +50,10 @@ def _tier(says: str, ordinary: int) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """Facts of one case. Each field is a truth or a number; its metadata has its sentence and its ordinary value."""
+    """Facts of one case.
+
+    Each field is a truth or a number; its metadata has its sentence and its ordinary value.
+    """
 
     object: Number = _number("object", 0, 0)
     operation: Number = _number("operation", 0, 0)

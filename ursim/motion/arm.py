@@ -46,7 +46,7 @@ class Body:
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """One revolute joint: where it stands in its parent's frame, what it can do, and its link."""
+    """One revolute joint: its place in its parent's frame, its limits, and its link."""
 
     offset_m: Triple
     rpy_rad: Triple

@@ -24,7 +24,7 @@ def joint_torques(arm: Arm, frames: Sequence[Frame], now: Kinetic, load: Body, l
         arm: masses and inertias of its links.
         frames: its link frames at `now.q`.
         now: joint speeds and accelerations.
-        load: what the tool carries, in the flange frame.
+        load: the body that the tool carries, in the flange frame.
         lift_m_s2: the acceleration that holds against gravity, in the base frame: upwards on a floor.
     """
     spin, gain, rise, origin = NOUGHT, NOUGHT, lift_m_s2, NOUGHT

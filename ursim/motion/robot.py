@@ -294,7 +294,7 @@ class Robot:
         )
 
     def tool_force(self) -> tuple[float, ...]:
-        """The wrench at the tool: what a client feeds in, once that is enabled; else none, as nothing is touched."""
+        """Wrench at the tool that a client feeds in, once that is enabled; else none, as nothing is touched."""
         fed = self.values["external_force_torque"]
         return fed if self.force_from_client and isinstance(fed, tuple) else ZERO
 

@@ -1,4 +1,4 @@
-"""The safety limits of the installation: what programs are slowed down for, and what ends everything.
+"""Safety limits of the installation: limits that programs are slowed down for, and limits that end everything.
 
 As in the vendor's e-Series manuals: a running program is slowed so that it keeps each limit less its tolerance; what
 exceeds a limit all the same is a violation, and the arm stops and loses its power (stop category 0). Only moves whose
@@ -66,7 +66,7 @@ class SafetyLimits:
                 drive.allowed, robot.slowed_for = (limit - tolerance) / coming, cause
 
     def exceeded(self) -> Cause | None:
-        """The limit that a motion has exceeded, if any. What brakes exceeds none."""
+        """Limit that a motion has exceeded, if any. A brake exceeds none."""
         robot = self._robot
         if robot.drive.motion is None or isinstance(robot.drive.motion, Brake):
             return None

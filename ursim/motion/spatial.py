@@ -1,4 +1,4 @@
-"""Positions, rotations and poses in plain floats: what a controller needs 500 times a second, without an array library.
+"""Positions, rotations and poses in plain floats, for use 500 times a second without an array library.
 
 A rotation is nine floats, row by row. A pose is six: metres, then a rotation vector in radians, as UR writes it.
 """

@@ -60,7 +60,7 @@ class Controller:
 
     Attributes:
         remote: whether a person at its panel has given it to its ports (remote control), or kept it (local control).
-            What runs when a person switches goes on.
+            A program that runs when a person switches goes on.
     """
 
     def __init__(self, robot: Robot, gripper: Gripper) -> None:

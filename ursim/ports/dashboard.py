@@ -46,7 +46,7 @@ class Dashboard:
     """Answers one controller's dashboard clients.
 
     Args:
-        controller: what the commands act on.
+        controller: the controller that the commands act on.
         version: the PolyScope version; commands younger than it are not understood.
         shutdown: called after the answer to `shutdown` has been sent.
     """

@@ -1,4 +1,4 @@
-"""Faults on request: what a controller does when a person, a cable, a field bus or the safety system interferes."""
+"""Faults on request: interference by a person, a cable, a field bus or the safety system."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class Faults:
         self._simulator = simulator
 
     def inject(self, line: str) -> None:
-        """Does what one JSON object asks for: `fault` is its name, other keys say more.
+        """Makes the fault of one JSON object: `fault` is its name, other keys say more.
 
         Raises:
             FaultError: no such fault, or not these keys and values for it.
@@ -128,7 +128,7 @@ def _starve(*, bytes_per_tick: int) -> Deed:
 
 
 def _mend() -> Deed:
-    """From now on; what is on its way still comes as it was sent."""
+    """From now on; messages on their way still come as they were sent."""
 
     def act(simulator: Simulator) -> None:
         delivery = simulator.delivery

@@ -30,7 +30,7 @@ class Gripper:
     """Fingers and registers.
 
     Args:
-        object_width_m: width of what lies between the fingers, or None when they are empty.
+        object_width_m: width of the object between the fingers, or None when they are empty.
     """
 
     def __init__(self, *, object_width_m: float | None = None) -> None:

@@ -22,7 +22,7 @@ ATTEMPTS: Final = 5  # loopback addresses tried when none is asked for
 
 
 class LaunchError(RuntimeError):
-    """The controller did not become ready; the message holds what it said."""
+    """Controller that did not become ready; the message holds its output."""
 
 
 class SimulatedController:
@@ -57,7 +57,7 @@ class SimulatedController:
             host: the address to listen on; None finds a free one in 127.0.0.0/8.
             stop_deceleration_rad_s2: of every stop that does not say its own.
             version: PolyScope version, for example "5.15".
-            gripper_object_m: width of what lies between the gripper's fingers.
+            gripper_object_m: width of the object between the gripper's fingers.
             tcp_m: tool centre point of the installation, in the flange frame.
             payload: of the installation: kg, and its centre [m] in the flange frame.
 

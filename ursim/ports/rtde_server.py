@@ -78,7 +78,7 @@ class _Stream:
 
 
 class _Owner:
-    """Whom an input belongs to."""
+    """Owner of an input."""
 
 
 class _Client(_Owner):
@@ -96,8 +96,8 @@ class RtdeServer:
     """Serves RTDE clients of one controller.
 
     Args:
-        controller: whose variables they read and write.
-        version: what `v` answers.
+        controller: the controller whose variables they read and write.
+        version: the answer to `v`.
     """
 
     def __init__(self, controller: Controller, version: ControlVersion) -> None:

@@ -51,7 +51,7 @@ class ScriptServer:
     """Serves the three ports of one controller, 30001 to 30003, and their read-only twins, 30011 to 30013.
 
     Args:
-        controller: what the programs run on.
+        controller: the controller that programs run on.
         version: told in the greeting.
     """
 
@@ -94,7 +94,7 @@ class ScriptServer:
             pass
 
     def serve(self, connection: Connection) -> None:
-        """Runs what one client sends, until it leaves, sends what is no text, or a program without end."""
+        """Runs the programs of one client, until it leaves, sends bytes that are no text, or a program without end."""
         stream = ProgramStream(MAX_PROGRAM)
         decoder = codecs.getincrementaldecoder("utf-8")()
         try:
@@ -107,7 +107,7 @@ class ScriptServer:
             self._exception(error.line, str(error))
 
     def publish(self) -> None:
-        """Sends what is due; called at the end of each tick."""
+        """Sends all that is due; called at the end of each tick."""
         robot = self._controller.robot
         if robot.step % STATE_EVERY == 0:
             watching = [c for port in (*self.telling, *self.stating) for c in port.connections()]

@@ -45,7 +45,7 @@ class Settings:
         joints: joint angles at start [rad].
         stop_deceleration_rad_s2: of every stop that does not say its own.
         version: PolyScope, between `OLDEST` and `NEWEST`.
-        object_width_m: what lies between the gripper's fingers, if anything.
+        object_width_m: width of the object between the gripper's fingers, if any.
         tcp_m: tool centre point of the installation, in the flange frame, not turned against it.
         payload: of the installation: mass [kg], and its centre in the flange frame [m].
     """
@@ -63,7 +63,7 @@ class Simulator:
     """A controller that listens.
 
     Args:
-        settings: what to start with.
+        settings: of the controller.
         shutdown: called when a client shuts the controller down, or when it fails.
 
     Raises:

@@ -49,7 +49,7 @@ class Connection:
     Args:
         sock: the accepted socket.
         delivery: read at every message.
-        lossy: whether what a slow reader cannot take is dropped, whole messages at a time, instead of ending it.
+        lossy: whether messages that a slow reader cannot take are dropped, whole ones at a time, instead of ending it.
     """
 
     def __init__(self, sock: socket.socket, delivery: Delivery, *, lossy: bool) -> None:

@@ -1,4 +1,4 @@
-"""The built-in functions of URScript for what is wired to the robot: digital and analog inputs and outputs.
+"""Built-in functions of URScript for wired devices: digital and analog inputs and outputs.
 
 The functions without `standard`, `configurable` or `tool` in their names are the older ones, which the script manual
 calls deprecated and clients still send: their digital numbers 8 and 9, and analog inputs 2 and 3, are the tool's.

@@ -79,7 +79,7 @@ class Execution:
 
     Args:
         compiled: the program.
-        robot: what it acts on.
+        robot: the robot that it acts on.
     """
 
     def __init__(self, compiled: Compiled, robot: Robot) -> None:
@@ -257,6 +257,6 @@ def _told(error: BaseException) -> str:
 
 
 def _define(code: CodeType, space: dict[str, Any]) -> None:
-    """Runs the definitions of a compiled program; it can name only what `space` holds."""
+    """Runs the definitions of a compiled program; it can name only the members of `space`."""
     space["__builtins__"] = {"bool": bool}
     exec(code, space)  # noqa: S102  the compiler wrote it from checked nodes; see there

@@ -1,1 +1,1 @@
-"""Simulated sensors, which push signed frames of what they are told to see."""
+"""Simulated sensors, which push signed frames of a told scene."""

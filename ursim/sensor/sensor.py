@@ -97,7 +97,7 @@ class Sensor:
 
 
 def obey(sensors: Sequence[Sensor], line: str, *, at_s: float) -> None:
-    """Every sensor that the line is for has done what it says; or none has.
+    """Applies a line to every sensor that it is for, or to none.
 
     Args:
         sensors: all of this process.

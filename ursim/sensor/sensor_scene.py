@@ -72,7 +72,7 @@ class Seen:
 
     Attributes:
         people, objects: by id.
-        complete: what its frames say of themselves.
+        complete: whether its frames claim to cover the watched volume.
         paused: it sends nothing.
     """
 

@@ -187,7 +187,7 @@ class Agent(_Caller):
 
     Args:
         id, key, issuer: as registered.
-        measurement: SHA-256 over what it runs; must be the registered software digest.
+        measurement: SHA-256 over its software; must be the registered software digest.
         workload: fetches a fresh workload token from the platform, for this identity provider and this key, as often as
             evidence is made. None: evidence is of kind `key`, and no hop of it may carry tier 4.
         transport: of `httpx2`, for tests.
@@ -211,11 +211,11 @@ class Agent(_Caller):
 
     @property
     def key(self) -> PrivateKey:
-        """Its private key, for what it signs to others than the identity provider."""
+        """Private key of the agent, for statements to other parties than the identity provider."""
         return self._key
 
     def attest(self) -> None:
-        """The agent is active: it has shown its key and what it runs."""
+        """Attests the agent's key and software; it is active from then on."""
         self._post(f"/agents/{self.id}/attestations", {"evidence": self._evidence("", bytes(32))})
 
     def evidence(self, delegator: str, request: Mapping[str, object]) -> str:
@@ -238,7 +238,7 @@ class Agent(_Caller):
             token: this agent's.
             delegate: the other agent, when it lives in this program; else evidence that it made for the very same
                 request (see `delegate_request`).
-            restriction: what is taken away.
+            restriction: of the new hop.
             purpose: for the token and the ledger.
 
         Raises:
@@ -320,7 +320,7 @@ class Operator(_Caller):
         Args:
             id: of the agent.
             reason: for the ledger.
-            relearn: its work has changed: what is usual for it is learned anew.
+            relearn: its work has changed: its baseline is learned anew.
 
         Raises:
             ClientError: `NOTHING_TO_RESTORE` when nothing was reported of it, `NOT_PERMITTED` and other codes.
@@ -434,8 +434,8 @@ class Operator(_Caller):
         Args:
             audience: canonical URL of the enforcement point's server.
             agent: the leaf of the chain that will act.
-            object: what it will act on.
-            operation: what it will do.
+            object: the object of the act.
+            operation: the operation of the act.
             uses: how many acts, 1 to 100.
             lifetime_s: for how long, seconds, at most 3600.
             reason: for the record, in the form of a name (letters, digits, `._:@/|+=~%-`).

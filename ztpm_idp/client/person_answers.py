@@ -24,7 +24,7 @@ LIFETIME_S: Final = 120
 
 @dataclass(frozen=True, slots=True)
 class ShownAsk:
-    """An ask as read from its text, and the digest of that very text: what a vote will bind."""
+    """Ask as read from its text, and the digest of that very text, which a vote binds."""
 
     ask: Ask
     digest: str
@@ -76,12 +76,12 @@ def read(answer: dict[str, Any], ask_id: str) -> ShownAsk:
 
 
 def sign_vote(shown: ShownAsk, answer: str, terms: Terms, key: PrivateKey, *, approver: str, at: int) -> str:
-    """The signed vote on what was shown.
+    """Signed vote on the shown ask.
 
     Args:
         shown: by `read`.
         answer: "approve", "deny" or "withdraw".
-        terms: what an approval grants; a denial or withdrawal takes any.
+        terms: of an approval; a denial or withdrawal takes any.
         key: of the person.
         approver: the person's id.
         at: now, seconds since the epoch.

@@ -25,7 +25,7 @@ statement (256 KiB), so that what is not in it is not approved. Far more than pe
 approval lives by default.
 """
 OPENINGS: Final = 16
-"""Most openings of one audience in force at a time; a quarter of what an `answers` statement may hold."""
+"""Most openings of one audience in force at a time; a quarter of those that an `answers` statement may hold."""
 ANSWERED_MEMORY_S: Final = 600
 """Seconds for which an ended ask is still told to its enforcement point (the wire contract of approvals)."""
 

@@ -112,8 +112,8 @@ def judge(
         state: holds the agent's nonces.
         agent: who must have signed.
         evidence: compact JWS.
-        delegator: who lends; must be what the evidence names.
-        request_digest: SHA-256 of the canonical request; must be what the evidence names.
+        delegator: the lender; the evidence must name it.
+        request_digest: SHA-256 of the canonical request; the evidence must name it.
         purpose: the hop id or "attestation", for the record of the nonce.
         at_ms: now, wall clock.
     """

@@ -115,7 +115,7 @@ class GiveNonce:
 
 @dataclass(frozen=True, slots=True)
 class Attest:
-    """An agent shows who it is and what it runs."""
+    """Attests an agent's key and software."""
 
     by: str
     agent: str
@@ -130,7 +130,7 @@ class Issue:
         request_digest: SHA-256 of the canonical request as it was sent.
         evidence: the agent's, for exactly this request.
         token_id, hop_id: fresh randomness.
-        signed: what the sponsor signed.
+        signed: the request that the sponsor signed.
     """
 
     by: str
@@ -146,7 +146,7 @@ class Issue:
 
 @dataclass(frozen=True, slots=True)
 class Delegate:
-    """A holder lends part of what it has.
+    """Delegates part of a holder's authority.
 
     `token` is the holder's, `by` and `key` are who proved possession of which key. `agents` are the holders that the
     token names, as it was read beforehand: what is known of them is loaded; what is believed of them is verified here.

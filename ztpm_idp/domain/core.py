@@ -1,4 +1,4 @@
-"""One pure function: what a command does to the state it sees."""
+"""Core of the provider: one pure function from a command and its state to events or a refusal."""
 
 from __future__ import annotations
 
@@ -39,8 +39,8 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
     """The events that follow from `command`, or why nothing does. Total and deterministic.
 
     Args:
-        rules: what the deployment fixes.
-        state: at least what `wanted(command)` names.
+        rules: those that the deployment fixes.
+        state: at least the part that `wanted(command)` names.
         command: parsed strictly.
         at_ms: now, wall clock.
     """

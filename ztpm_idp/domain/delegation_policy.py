@@ -84,7 +84,7 @@ def judged(
 
 
 def _trust(rules: Rules, state: State, chain: Chain, *, at: int) -> TrustReading | NotCollected:
-    """Trust along the holder's chain: what is stated of each holder, and what was reported of it."""
+    """Trust along the holder's chain: the stated trust in each holder, and the reports about it."""
     if not _all_seen(state, chain):
         return NOT_COLLECTED
     agents = [hop.agent for hop in chain.hops]

@@ -43,9 +43,9 @@ Json = dict[str, object]
 
 
 def entry_of(event: Event) -> tuple[str, Json] | None:
-    """The kind and body of the event's ledger entry; None for what follows from other entries.
+    """Kind and body of the event's ledger entry; None for an event that other entries imply.
 
-    Of a nonce the trace is what it was spent on; of an agent's conduct it is the records that tell of it.
+    The trace of a nonce is the act that it was spent on; the trace of an agent's conduct is the records about it.
     """
     match event:
         case PartyRegistered(party=party):

@@ -132,7 +132,7 @@ class Revoked:
     """Something is revoked for ever; the store gives it the next epoch.
 
     Attributes:
-        kind, id: what.
+        kind, id: the revoked subject.
         reason: as the caller stated it.
         party: the registered party that loses its standing by this, if any.
     """
@@ -148,7 +148,7 @@ class RecordTaken:
     """One record of an enforcement point's journal is in the ledger.
 
     Attributes:
-        pep, seq: whose, and which.
+        pep, seq: the enforcement point, and the record's number in its journal.
         digest: the record's hash, hex.
         record: the record itself.
     """

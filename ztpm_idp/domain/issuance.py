@@ -156,7 +156,7 @@ def _hop(
 
 
 def _told(error: CapabilityError, chain: Chain, command: Delegate) -> Refusal:
-    """The refusal; where it asks for too much or takes nothing away, with the places and what could be had."""
+    """Refusal of a hop; where it is not narrower, with the places and their nearest values."""
     if error.code is FaultCode.NOT_NARROWER and (why := explain(chain.scope, command.restriction)) is not None:
         return Refusal(error.code, why.sentence, explanation=why)
     return Refusal(error.code, error.detail)

@@ -61,7 +61,7 @@ class Entry:
 
 
 def seal(*, seq: int, prev: str, at_ms: int, actor: str, kind: str, body: dict[str, object]) -> Entry:
-    """The entry that follows the one whose hash is `prev`."""
+    """Entry that follows the one whose hash is `prev`."""
     entry = {"v": VERSION, "seq": seq, "prev": prev, "at_ms": at_ms, "actor": actor, "kind": kind, "body": body}
     line = rfc8785.dumps(entry)  # type: ignore[arg-type]
     return Entry(seq, line, hashlib.sha256(line).hexdigest())

@@ -60,12 +60,12 @@ class RegisteredAgent:
 
     Attributes:
         id, key, thumbprint, standing: as for a person; an agent starts `REGISTERED`.
-        software_digest: SHA-256 of what it should run; evidence must state the same.
+        software_digest: SHA-256 of the software that it should run; evidence must state the same.
         model: the language model behind it, as declared.
-        role: what it is for; `role:NAME` in a scope's delegates means agents of the same sponsor with this role.
+        role: its purpose; `role:NAME` in a scope's delegates means agents of the same sponsor with this role.
         sponsor: id of the person who answers for it.
         trust_permille: signed static trust, or None when nobody stated one.
-        workload: what the platform calls it (a SPIFFE ID), or "": such an agent has evidence of kind `key` alone.
+        workload: the platform's name of it (a SPIFFE ID), or "": such an agent has evidence of kind `key` alone.
     """
 
     id: str
@@ -93,13 +93,13 @@ class RegisteredPep:
 
 @dataclass(frozen=True, slots=True)
 class RegisteredSensor:
-    """A sensor that signs what it sees.
+    """Sensor that signs its observations.
 
     Attributes:
         id, key, thumbprint, standing: as above. A sensor never calls.
         calibration: SHA-256 of its calibration.
         transit_ms: longest time from exposure to arrival.
-        audience: whose cell it watches.
+        audience: the audience whose cell it watches.
     """
 
     id: str

@@ -18,15 +18,15 @@ class Rules:
 
     Attributes:
         issuer: base URL of this identity provider.
-        trust: what verifiers trust; also what this provider verifies tokens with.
+        trust: the bundle of verifiers; this provider verifies tokens with it, too.
         caps: bounds of the profile.
         own_keys: raw public keys of the provider itself; nobody else may have one of them.
-        token_lifetime_s: longest life of what is issued here, at most what the caps say.
+        token_lifetime_s: longest life of a token issued here, at most that of the caps.
         nonce_age_s: oldest accepted attestation nonce.
         open_nonces: nonces that one agent may hold unused at a time.
-        platform: whose word on workloads counts, or None: there is no evidence of kind `jwt` then.
+        platform: the platform whose word on workloads is trusted, or None: there is no evidence of kind `jwt` then.
         open_asks: asks that may wait for people at a time; one agent's at most a third of them.
-        policies: by what delegations are decided, and whose parameters trust and behaviour are reckoned with.
+        policies: the set that decides on delegations, and whose parameters trust and behaviour use.
     """
 
     issuer: str

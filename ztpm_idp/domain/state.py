@@ -25,7 +25,7 @@ class Nonce:
     """An attestation nonce.
 
     Attributes:
-        agent: to whom it was given.
+        agent: the agent that it was given to.
         given_ms: when, wall clock.
         consumed: whether something was made with it already.
     """
@@ -38,7 +38,7 @@ class Nonce:
 
 @dataclass(frozen=True, slots=True)
 class HopRecord:
-    """A hop that was made: enough to know whose tree it stands in."""
+    """Hop that was made: enough to know the tree that it stands in."""
 
     hop_id: str
     token_id: str
@@ -104,7 +104,7 @@ class Approvers:
 
 
 Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
-"""Of whom there may be a bounded number."""
+"""Crowd of parties whose number may be bounded."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,7 +142,7 @@ class Wanted:
     concerned: Concerned | None = None
     """Of the journal: its open PERMITs among these requests, the edges of these hops, and the agents of both."""
     conduct_of: frozenset[str] = frozenset()
-    """Agents: what is known of their conduct."""
+    """Agents: their conduct."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,7 +29,7 @@ class SettingsError(Exception):
 
     Attributes:
         setting: its name.
-        why: what is wrong with it; never its value.
+        why: the fault in it; never its value.
     """
 
     def __init__(self, setting: str, why: str) -> None:
@@ -43,7 +43,7 @@ class IdpKeys:
     """The five private keys that an identity provider signs with, one for each role.
 
     Attributes:
-        ring: what they are taken from, where there is a key ring.
+        ring: the key ring that they are taken from, if any.
         former_registry: registry keys that signed before and are still trusted; they sign trust bundles alone, for
             those verifiers that do not know the new key yet.
     """

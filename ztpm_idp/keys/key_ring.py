@@ -63,7 +63,7 @@ def check_current(keys: IdpKeys, *, at: float) -> None:
     """The trust bundle of the ring, if there is one, holds now.
 
     Raises:
-        SettingsError: `key_ring_file` when it is of the future or over: nobody would trust what is signed here.
+        SettingsError: `key_ring_file` when it is of the future or over: nobody would trust a signature made here.
     """
     if keys.ring is None:
         return

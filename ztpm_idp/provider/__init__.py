@@ -1,1 +1,1 @@
-"""The provider at work: commands through the domain, and what it publishes, reads and answers."""
+"""Provider at work: commands through the domain, and its statements, reads and answers."""

@@ -168,7 +168,7 @@ def _reason(code: str) -> str:
 
 
 def _time(at_s: int) -> str:
-    """UTC, to the second; the bare number for what no calendar holds."""
+    """UTC, to the second; the bare number for a time that no calendar holds."""
     try:
         return datetime.fromtimestamp(at_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
     except (ValueError, OverflowError, OSError):

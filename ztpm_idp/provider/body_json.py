@@ -1,4 +1,4 @@
-"""`capabilities.values.strict_json` in this package's words: its caps, and its codes for what is refused."""
+"""`capabilities.values.strict_json` in this package's words: its caps, and its codes for refused bodies."""
 
 from __future__ import annotations
 

@@ -60,7 +60,7 @@ class EpochWait:
         """The epoch, as soon as it is above `since`, and at the latest after the longest wait.
 
         Args:
-            since: what the caller knows.
+            since: the epoch that the caller knows.
             gone: what it starts ends when the caller has hung up, and so ends the wait.
 
         Raises:

@@ -49,7 +49,7 @@ _QUOTES_BYTES: Final = 3
 
 
 class Heartbeat:
-    """Proof that the store can commit, shared by everybody who asks at the same time.
+    """Proof that the store can commit, shared by all who ask at the same time.
 
     One commit serves all callers that were waiting when it began; nobody is served by a commit that began before it
     asked.
@@ -78,7 +78,7 @@ class Heartbeat:
 
 
 async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
-    """The signed index of what was revoked after `since`.
+    """Signed index of the revocations after `since`.
 
     `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
     index that cannot hold all of them brings the oldest; that its last entry is below its epoch says that more is to
@@ -118,7 +118,7 @@ def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.RevocationE
 
 
 async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
-    """The signed word on what became known of agents' conduct after `since`.
+    """Signed word on the changes of agents' conduct after `since`.
 
     As with revocations, `as_of` is taken first, and a store that cannot commit says nothing. A word that cannot hold
     everything brings the oldest.

@@ -1,6 +1,6 @@
 """The identity provider at work: a command goes through the pure domain inside one transaction of the store.
 
-Order of every change: load, decide, make the token if there is one, write, commit, answer. What is answered is durable.
+Order of every change: load, decide, make the token if there is one, write, commit, answer. An answer is durable.
 """
 
 from __future__ import annotations
@@ -79,8 +79,8 @@ class Provider:
     Args:
         settings, keys, store: of this deployment.
         now: wall clock, seconds since the epoch.
-        platform: whose word on workloads counts, if anyone's.
-        policies: by what delegations are decided.
+        platform: the platform whose word on workloads is trusted, if any.
+        policies: the set that decides on delegations.
 
     Attributes:
         epochs: requests that wait for the next revocation.
@@ -131,7 +131,7 @@ class Provider:
         """The command is done, durably.
 
         Raises:
-            Problem: it is refused; nothing of it holds, but what the ledger keeps of the attempt is kept.
+            Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
             StoreUnavailableError: the store failed; nothing may be taken to hold.
         """
         at_ms = self.now_ms()

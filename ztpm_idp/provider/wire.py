@@ -22,7 +22,7 @@ URL_BYTES: Final = 256
 
 
 def _clean(value: str) -> str:
-    """Text for people: what a token may carry, and visible at both ends."""
+    """Text for people, as a token may carry it, and visible at both ends."""
     try:
         text.prose(value, most_bytes=TEXT_BYTES)
     except ScopeError as error:
@@ -69,7 +69,7 @@ Url = Annotated[str, Field(max_length=URL_BYTES), AfterValidator(_url)]
 Statement = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=4_096)
 ]
-"""A compact JWS; what it says is checked where it is opened."""
+"""Compact JWS; its content is checked where it is opened."""
 AskText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]

@@ -37,9 +37,9 @@ class Call:
     Attributes:
         party: who calls.
         key: the key that signed the proof.
-        token: what was presented as `Authorization: DPoP`, decoded; the proof names it.
+        token: the token of `Authorization: DPoP`, decoded; the proof names it.
         raw: the body as it came.
-        signed: what the ledger keeps of it.
+        signed: the part of it that the ledger keeps.
     """
 
     party: Party
@@ -52,7 +52,7 @@ class Call:
         """The body as `model`.
 
         Raises:
-            Problem: with the code of what is wrong.
+            Problem: with the code of the fault.
         """
         try:
             return parse_body(model, self.raw)

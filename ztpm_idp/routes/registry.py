@@ -63,7 +63,7 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
     """Every agent, for every registered caller.
 
     `trust_by` has the score of each delegator that is not the policy's prior, as enforcement points are told of it;
-    `conduct` is what is known of its behaviour, or null when nothing was reported.
+    `conduct` is its known behaviour, or null when nothing was reported.
     """
     async with provider_of(request).store.read() as view:
         found = await view.all_parties("agent")
@@ -89,7 +89,7 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
 
 @router.post("/agents/{id_}/attestations", openapi_extra=body_of(wire.EvidenceBody))
 async def attest(request: Request, id_: str, call: Caller) -> dict[str, str]:
-    """An agent shows who it is and what it runs; it is active from then on."""
+    """Attests an agent's key and software; it is active from then on."""
     body = call.body(wire.EvidenceBody)
     await provider_of(request).run(commands.Attest(call.party.id, id_, body.evidence), actor=call.party.id)
     return {"id": id_, "status": "active"}

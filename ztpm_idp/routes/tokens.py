@@ -62,7 +62,7 @@ async def issue(request: Request, call: Caller) -> dict[str, Any]:
 
 @router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
 async def delegate(request: Request, call: Caller) -> dict[str, Any]:
-    """A holder lends part of what its token allows; the proof is by the token's holder."""
+    """Delegates part of a holder's token; the proof is by the token's holder."""
     body, provider = call.body(wire.DelegateBody), provider_of(request)
     if call.token is None:
         raise Problem(FaultCode.TOKEN_MISSING)
@@ -136,7 +136,7 @@ async def wait_for_revocation(request: Request) -> dict[str, int]:
 
 
 def _digest(body: wire.Body) -> bytes:
-    """SHA-256 of the request's canonical form: what the agent's evidence names."""
+    """SHA-256 of the request's canonical form, which the agent's evidence names."""
     return hashlib.sha256(rfc8785.dumps(body.model_dump(mode="json"))).digest()
 
 

@@ -1,4 +1,4 @@
-"""Agents' conduct in its tables: the reducers' states, what of them is told, and PERMITs whose outcome is to come."""
+"""Conduct of agents in its tables: the reducers' states, their published part, and PERMITs without an outcome yet."""
 
 from __future__ import annotations
 

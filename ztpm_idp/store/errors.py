@@ -19,4 +19,4 @@ class OnceOnlyError(StoreError):
 
 
 class ConflictError(StoreError):
-    """A unique constraint refused what another transaction made first."""
+    """Conflict of a unique constraint with a row that another transaction made first."""

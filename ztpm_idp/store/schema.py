@@ -1,6 +1,6 @@
 """The tables.
 
-What may happen once is a primary key or a unique constraint here, so that no race can make it happen twice.
+An act that may happen once is a primary key or a unique constraint here, so that no race can make it happen twice.
 """
 
 from __future__ import annotations
@@ -198,7 +198,7 @@ permits = sa.Table(
     sa.Column("seq", sa.BigInteger, nullable=False),
     sa.Column("report", sa.Text, nullable=False),
 )
-"""PERMITs in enforcement points' journals whose outcome is to come."""
+"""PERMITs in enforcement points' journals that have no outcome yet."""
 
 conduct = sa.Table(
     "conduct",

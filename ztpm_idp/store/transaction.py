@@ -1,4 +1,4 @@
-"""One transaction: what a command sees, and what its events leave behind."""
+"""Transaction: the state that a command sees, and the rows that its events write."""
 
 from __future__ import annotations
 
@@ -269,7 +269,7 @@ class Transaction:
     # --- writing ---------------------------------------------------------------------------------------------------
 
     async def lock(self) -> None:
-        """Until it ends, this transaction alone changes the state, and what it reads from now on is newest."""
+        """Until it ends, this transaction alone changes the state, and all its later reads are newest."""
         await self._connection.execute(sa.update(t.counters).values(beats=t.counters.c.beats + 1))
 
     async def append(self, events: Iterable[Event], *, actor: str, at_ms: int) -> int:

@@ -40,7 +40,7 @@ class EncodingFigures:
         tried: spellings by family, over both tokens.
         codes: faults by code.
         accepted: spellings that were, with their family; the first ones in hex.
-        stray: what was raised.
+        stray: exceptions that were raised.
         tokens: whether both tokens were accepted as they were issued, before and after.
     """
 

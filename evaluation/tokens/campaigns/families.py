@@ -35,7 +35,7 @@ class Family:
     """A chain as it grew.
 
     Attributes:
-        blocks: what was asked of the issuer.
+        blocks: the restrictions that the issuer was asked for.
         tokens: after each block.
         chains: each token, verified.
     """
@@ -174,7 +174,7 @@ def _fitting(chain: Chain, further: tuple[str, ...], chance: Random) -> Restrict
 
 
 def lay_over(held: Scope, restriction: Restriction) -> Scope:
-    """The whole of what a restriction asks for, wider places included."""
+    """Scope that a restriction asks for, wider places included."""
     grants = []
     for asked in held.grants if restriction.grants is None else restriction.grants:
         above = [each for each in held.grants if (each.object, each.operation) == (asked.object, asked.operation)]

@@ -26,7 +26,7 @@ class Field:
 
     Attributes:
         number, wire: of its tag.
-        value: what comes after the tag, and after the length where there is one.
+        value: the bytes after the tag, and after the length where there is one.
         inner: the fields that `value` reads as, or none.
         raw: the whole, as it was written.
     """

@@ -41,7 +41,7 @@ BY_ATTESTER: Final = frozenset(
 
 @dataclass(frozen=True, slots=True)
 class Hostile:
-    """One token: what it is, and what it may be refused for."""
+    """Hostile token: its description, and the reasons for which it may be refused."""
 
     name: str
     token: bytes

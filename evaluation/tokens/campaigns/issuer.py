@@ -1,4 +1,4 @@
-"""An identity provider for measurements: its keys come from a seed, and it can also sign what the rules forbid.
+"""Identity provider for measurements: its keys come from a seed, and it can also sign forbidden blocks.
 
 `mint` and `delegate` issue as the library does. `forge` signs a hop past every rule of issuing, as a broken or bribed
 attester would; verification alone stands against it.

@@ -121,7 +121,7 @@ def symbolic_bound(run: Run, name: str, members: int) -> Bound:
 
 
 def _int(symbol: Symbol) -> Any:
-    """Read as an integer: that is what a symbol stands for."""
+    """Read as an integer, which a symbol stands for."""
     return symbol
 
 

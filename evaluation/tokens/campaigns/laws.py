@@ -159,7 +159,7 @@ def a_child_permits_no_more(child: Scope, parent: Scope, request: Request) -> bo
 
 
 def scopes_meet_in_the_intersection(a: Scope, b: Scope, request: Request) -> bool:
-    """The meet permits exactly what both permit; where there is none, they permit nothing in common."""
+    """The meet permits exactly the requests that both permit; without a meet they permit none in common."""
     both = algebra.meet(a, b)
     return (both is not None and allowed(both, request)) == (allowed(a, request) and allowed(b, request))
 
@@ -196,9 +196,9 @@ def narrowing_is_an_order(a: Scope, b: Scope, c: Scope) -> bool:
 
 
 def strict_is_less(child: Scope, parent: Scope, request: Request) -> bool:
-    """A child that narrows strictly refuses what its parent allows, another nothing, while the child is valid.
+    """A strictly narrower child refuses a request that its parent allows, another child none, while it is valid.
 
-    What it refuses is a request, or a delegate of a further hop.
+    A refusal is of a request, or of a delegate of a further hop.
     """
     found = algebra.narrows(child, parent)
     if found.widenings:

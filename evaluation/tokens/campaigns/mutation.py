@@ -30,7 +30,7 @@ class Pool:
     Attributes:
         shapes: the tokens.
         strangers: tokens of the same shapes that another issuer signed.
-        issued: what is no mutant.
+        issued: tokens that are no mutants.
     """
 
     shapes: tuple[bytes, ...]

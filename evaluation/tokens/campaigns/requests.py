@@ -128,7 +128,7 @@ def _odd(values: list[Quantity], chance: Random) -> tuple[Quantity, ...]:
 
 
 def lend(of: Family, dimension: str, chance: Random) -> Lend:
-    """A request to lend on what one of the holders has, or a little more of this dimension."""
+    """Request to delegate the scope of one of the holders, or a little more of this dimension."""
     able = [n for n, chain in enumerate(of.chains) if chain.scope.depth > 0]
     held = of.chains[chance.choice(able)].scope
     scope = lay_over(held, narrower(held, (), chance))

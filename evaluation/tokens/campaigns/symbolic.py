@@ -86,7 +86,7 @@ class Run:
     """One way through the code.
 
     Attributes:
-        solver: holds what was assumed, and the conditions of this way.
+        solver: holds the assumptions, and the conditions of this way.
         replayed: answers that an earlier run has chosen; from there on they are found out.
         answers: to the comparisons so far.
         conditions: of those comparisons whose answer was open.
@@ -167,7 +167,7 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Way(Generic[T]):
-    """One way through the code: what it answers, and when it is taken."""
+    """One way through the code: its answer, and its conditions."""
 
     answer: T
     conditions: tuple[z3.BoolRef, ...]
@@ -176,7 +176,7 @@ class Way(Generic[T]):
 def ways(code: Callable[[Run], T]) -> Iterator[Way[T]]:
     """Every way through `code`, which makes its symbols from the run that it is given.
 
-    The conditions of the ways exclude each other and leave nothing of what is assumed.
+    The conditions of the ways exclude each other, and together cover all assumed cases.
     """
     waiting: list[Answers] = [()]
     while waiting:

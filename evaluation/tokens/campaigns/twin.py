@@ -36,7 +36,7 @@ class Act:
 
 @dataclass(frozen=True, slots=True)
 class Lend:
-    """A request to lend on: to whom, and the whole of what. The scope states every dimension."""
+    """Request to delegate: the delegate, and the whole scope. The scope states every dimension."""
 
     agent: str
     role: str

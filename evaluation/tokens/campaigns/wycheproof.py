@@ -33,7 +33,7 @@ REFUSED: Final = {
     (CRYPTO, 18): HIGHER_S,
     (CRYPTO, 67): "a key to encrypt to",
 }
-"""Valid elsewhere, refused here on purpose; and each valid vector of the P-256 file whose s is the higher."""
+"""Vectors that are valid elsewhere and refused here on purpose; and P-256 vectors whose s is the higher."""
 
 
 @dataclass(slots=True)

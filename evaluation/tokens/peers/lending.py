@@ -190,7 +190,7 @@ def chain_of(token: bytes) -> Chain:
     """The same, for a token that was just made.
 
     Raises:
-        RuntimeError: when what was made does not verify.
+        RuntimeError: when the made token does not verify.
     """
     chain = check(token)
     if not isinstance(chain, Chain):

@@ -12,7 +12,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """From the first schema, whose rows stay as they are."""
+    """Upgrades from the first schema, whose rows stay as they are."""
     op.create_table(
         "asks",
         sa.Column("ask_id", sa.String(length=32), nullable=False),
