@@ -133,7 +133,7 @@ class _Walk:
             self._size, self._head = seq, hashlib.sha256(line).hexdigest()
 
     def end(self) -> Verified:
-        """Nothing more comes."""
+        """Ends the walk after the last line."""
         signed = self._checkpoint
         if signed is None:
             raise _Found(self._size + 1, DefectCode.CHECKPOINT_MISSING)

@@ -57,7 +57,7 @@ There are so few of them that they are listed.
 _URL_SAFE: Final = bytes.maketrans(b"+/", b"-_")
 _PLAIN: Final = bytes.maketrans(b"-_", b"+/")
 _PADDING: Final = (b"", b"===", b"==", b"=")
-"""By the length of a text modulo 4."""
+"""Base64 padding by the length of a text modulo 4."""
 
 
 class Algorithm(StrEnum):

@@ -20,7 +20,7 @@ from nacl.exceptions import BadSignatureError
 from capabilities.keys import keys
 
 SIGNATURE_BYTES: Final = 64
-"""Of both algorithms (RFC 8032 section 5.1.6; RFC 7518 section 3.4)."""
+"""Bytes of a signature of both algorithms (RFC 8032 section 5.1.6; RFC 7518 section 3.4)."""
 P256_N: Final = 0xFFFFFFFF00000000FFFFFFFFFFFFFFFFBCE6FAADA7179E84F3B9CAC2FC632551
 """Order of P-256 (SP 800-186 section 3.2.1.3)."""
 _LOW_S: Final = P256_N // 2

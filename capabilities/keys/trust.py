@@ -163,7 +163,7 @@ class TrustBundle:
         return None
 
     def span(self, root_key_id: int, root_signed_at: int, hops: Iterable[tuple[bytes, int]]) -> tuple[int, int]:
-        """From when, and up to and without which time, `refusal` finds nothing against these; (0, 0) for never.
+        """Time span in which `refusal` finds nothing against these, its end excluded; (0, 0) for never.
 
         Args:
             root_key_id: that the token names.

@@ -31,7 +31,7 @@ class Role(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Window:
-    """For how long a key is trusted.
+    """Time in which a key is trusted.
 
     Attributes:
         not_before, not_after: its signatures are accepted at `not_before <= t < not_after`, seconds since the epoch.

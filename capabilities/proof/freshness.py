@@ -24,7 +24,7 @@ class Memory(Enum):
     KEPT = "kept"
     """Every proof that had an effect in the last `retention_ms`, whichever process took it, from a durable record."""
     LOST = "lost"
-    """Less than that: the record is missing, cut, or younger than that."""
+    """The record is missing, cut, or younger than that."""
 
 
 def stale(iat: int, *, at: float, caps: Caps) -> Fault | None:

@@ -26,7 +26,7 @@ KEY_BYTES: Final = 32
 NONCE_BYTES: Final = 32
 ANSWER_TYPE: Final = "ztpm-session+jwt"
 _SIGNATURE_BYTES: Final = 1_024
-"""Of a signature as text; one has about 240."""
+"""Most bytes of a signature as text; one has about 240."""
 _P: Final = 2**255 - 19
 """The field of Curve25519 (RFC 7748 section 4.1)."""
 
@@ -61,7 +61,7 @@ def agree(private: bytes, public: bytes) -> bytes:
 
 @dataclass(frozen=True, slots=True)
 class Transcript:
-    """All that the two ends of a session agree on.
+    """Transcript of a session: the values that its two ends agree on.
 
     Attributes:
         audience: canonical URL of the verifier.

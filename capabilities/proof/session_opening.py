@@ -42,7 +42,10 @@ METHOD: Final = "POST"
 _OPENING: Final = frozenset({"audience", "key", "nonce", "profile", "token", "verifier"})
 _ANSWER: Final = frozenset({"key", "mac", "nonce", "not_after", "profile", "signature"})
 _MOST_BYTES: Final = 2_048
-"""Of an opening or an answer; the longest has an audience of 256 bytes or a signature of some 300."""
+"""Most bytes of an opening or an answer.
+
+The longest has an audience of 256 bytes or a signature of some 300.
+"""
 
 
 @dataclass(frozen=True, slots=True)

@@ -243,7 +243,7 @@ def activate(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
 
 
 def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
-    """Nothing that the retired key signs from now on is accepted; tokens under it are to be issued again.
+    """Taints a key: its signatures from now on are refused; tokens under it are to be issued again.
 
     A thief who has the key can sign for earlier times: under a key that is known to be stolen nothing holds, `revoke`.
     """
@@ -260,7 +260,7 @@ def taint(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
 
 
 def revoke(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
-    """Nothing under the key is accepted any more, whenever it was signed."""
+    """Revokes a key: no signature by it is accepted any more, of any time."""
     record = ring.find(id_)
     match record.state if record is not None else None:
         case None:
@@ -274,7 +274,7 @@ def revoke(ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
 
 
 def renew(ring: KeyRing, *, at: int) -> KeyRing | RotationRefused:
-    """The same keys in a new bundle, which holds for its whole life from now on."""
+    """Renews the bundle: the same keys, for its whole life from now on."""
     return _stepped(ring, lambda found: found, at)
 
 

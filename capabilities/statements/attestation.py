@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 KIND: Final = "attestation"
 WORKLOAD: Final = r"|[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+"
-"""Nothing, or three parts; their content is judged by `capabilities.statements.workload`, which also bounds them."""
+"""Form of a workload token: empty, or three parts; `capabilities.statements.workload` bounds and judges them."""
 
 
 class Evidence(Form, frozen=True):

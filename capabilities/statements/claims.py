@@ -77,7 +77,7 @@ def lasting(at: int, not_after: int, most_s: int) -> None:
 
 
 def ordered(found: tuple[Any, ...], what: str) -> None:
-    """Pass when each member is there once and in order: one set has one spelling.
+    """Checks that each member is there once and in order: one set has one spelling.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` otherwise.
@@ -87,7 +87,7 @@ def ordered(found: tuple[Any, ...], what: str) -> None:
 
 
 def unique(found: tuple[_T, ...], key: Callable[[_T], object], what: str) -> None:
-    """Pass when no two members have the same key.
+    """Checks that no two members have the same key.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` otherwise.

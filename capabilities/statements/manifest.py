@@ -50,7 +50,7 @@ class ManifestEntry(Form, frozen=True):
 
 
 class Manifest(Form, frozen=True):
-    """All that a curator vouches for in one collection.
+    """Manifest of a collection, with every entry that a curator vouches for.
 
     Attributes:
         collection: its name.

@@ -77,7 +77,7 @@ class RevocationIndex(Form, frozen=True):
 
 @dataclass(frozen=True, slots=True)
 class RevocationView:
-    """All that a verifier knows to be revoked, and how old that knowledge is.
+    """Revocation view: every id that a verifier knows to be revoked, and the age of that knowledge.
 
     Attributes:
         epoch: of the newest index that went in.

@@ -78,4 +78,4 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         vote.KIND: Signer.APPROVER,
     }
 )
-"""By kind; docs/spec.md part 5 says the same in its table."""
+"""Role that signs each kind of statement; docs/spec.md part 5 says the same in its table."""

@@ -39,7 +39,7 @@ _HEADER: Final = frozenset({"alg", "kid"})
 _TYPES: Final = frozenset({"JWT", "JOSE"})
 """JWT-SVID section 2: `alg`, `kid`, `typ` and no other member; `typ`, where it is stated, is one of these."""
 _SIGNATURE_BYTES: Final = 64
-"""Of both algorithms (RFC 8032; RFC 7518 section 3.4)."""
+"""Bytes of a signature of both algorithms (RFC 8032; RFC 7518 section 3.4)."""
 _COORDINATE_BYTES: Final = 32
 _REQUIRED: Final = frozenset({"sub", "aud", "exp", "iat", "cnf", "measurement"})
 _OPTIONAL: Final = frozenset({"iss", "nbf", "jti"})

@@ -304,7 +304,7 @@ def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...
 
 
 def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
-    """Pass when every value of the block keeps the rules of the profile.
+    """Checks that every value of the block keeps the rules of the profile.
 
     Raises:
         CapabilityError: with the code of the fault.
@@ -323,7 +323,7 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
 
 
 def _well_formed_first(block: AuthorityBlock, caps: Caps) -> None:
-    """Of a block that was read: see `_well_formed_hop`."""
+    """Checks a block that was read: see `_well_formed_hop`."""
     if _TOKEN_ID.fullmatch(block.token_id) is None:
         raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
     sponsor, most = block.sponsor, caps.text_bytes

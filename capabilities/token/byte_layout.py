@@ -71,7 +71,7 @@ _AUTHORITY_SAYS: Final[tuple[bytes, ...]] = (_KEY, b"\x1a\x40")
 """Bytes after the payload of an authority block: the next key and the signature."""
 _AFTER_HOP: Final = Struct(">6s32x2s64x4s64x6s32x2s")
 _HOP_SAYS: Final[tuple[bytes, ...]] = (*_AUTHORITY_SAYS, b"\x22\x68\x0a\x40", _KEY, b"\x28\x01")
-"""Of a hop's block: besides, the external signature with its key, and signature version 1."""
+"""Bytes after the payload of a hop's block: besides, the external signature with its key, and signature version 1."""
 _LAST: Final = Struct(">4s32x")
 _LAST_SAYS: Final = (b"\x22\x22\x0a\x20",)
 """The proof with the next secret, which ends a token."""

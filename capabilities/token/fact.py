@@ -153,7 +153,7 @@ def hop_said(contents: Contents) -> FactContent[HopStatement]:
 
 
 def _check_form(contents: Contents) -> None:
-    """Pass when a fact has the form of the profile."""
+    """Checks that a fact has the form of the profile."""
     if symbols.text_of(contents.symbols, contents.predicate) != PREDICATE or len(contents.raw) != BYTE_STRINGS:
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact that no block of the profile has")
 

@@ -77,7 +77,7 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
 
 
 def check_lifetimes(hops: tuple[Hop, ...], caps: Caps) -> None:
-    """Pass when the token and each hop live no longer than the profile and the evidence of each hop allow.
+    """Checks that the token and each hop live no longer than the profile and their evidence allow.
 
     Raises:
         TokenError: `LIFETIME_TOO_LONG`.

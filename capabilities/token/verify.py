@@ -1,4 +1,4 @@
-"""From token bytes to a verified chain, in numbered steps; each cites its clause in docs/spec.md.
+"""Verification of a token, from bytes to a chain, in numbered steps; each cites its clause in docs/spec.md.
 
 Steps 1 to 6 (capabilities.token.static_verification) ask nothing of the moment and are remembered. Steps 7 to 9 ask
 time, audience and revocation, every time. Step 10, proof of possession, is `capabilities.proof.proof`. Steps 11 and 12
@@ -92,7 +92,7 @@ class Verifier:
         return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
 
     def still(self, chain: Chain, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
-        """As `verify`, for a chain that this verifier returned: steps 7 to 9 once more, now and under this view.
+        """Verifies a chain of this verifier once more: steps 7 to 9, now and under this view.
 
         For an act that goes on after its request: a stream, a motion under way. The token is not read again while it is
         remembered.
@@ -201,7 +201,7 @@ class Verifier:
 def verify(
     token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int, trust: TrustBundle, caps: Caps
 ) -> Chain | Fault:
-    """As `Verifier.verify`, for one token and with nothing remembered."""
+    """Verifies one token as `Verifier.verify` does, with nothing remembered."""
     return Verifier(trust, caps).verify(token, at=at, audience=audience, view=view, lease_ms=lease_ms)
 
 

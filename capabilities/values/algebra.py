@@ -86,7 +86,7 @@ def _compare_grants(child: Grants, parent: Grants) -> Narrowing:
 
 
 def _compare(child: Scope, parent: Scope, depth: int, of_grants: Narrowing) -> Narrowing:
-    """As `narrows`, with `depth` as the parent's and the grants compared already."""
+    """Comparison as of `narrows`, with `depth` as the parent's and the grants compared already."""
     widenings: list[Widening] = []
     strict: set[str] = set()
     if child.ceiling > parent.ceiling:

@@ -101,7 +101,7 @@ def parse(raw: bytes) -> object:
 
 
 def parse_object(raw: bytes) -> dict[str, object]:
-    """As `parse`, for an object.
+    """Parses an object, as `parse` does.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` for anything else.

@@ -49,7 +49,7 @@ def name(value: object, *, most_bytes: int) -> str:
 
 
 def names(values: Iterable[object], *, most_bytes: int) -> None:
-    """Pass when each value is a name (see `name`).
+    """Checks that each value is a name (see `name`).
 
     Raises:
         ScopeError: `STATEMENT_MALFORMED` otherwise.

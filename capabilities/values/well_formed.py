@@ -68,7 +68,7 @@ def well_formed_restriction(restriction: Restriction, caps: Caps) -> Restriction
 
 
 def well_formed_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
-    """Pass when the grants that a restriction states keep the rules of the profile.
+    """Checks that the grants that a restriction states keep the rules of the profile.
 
     Raises:
         ScopeError: as `well_formed`.

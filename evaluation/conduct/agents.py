@@ -160,7 +160,7 @@ def mix_changer(draw: random.Random, _: int, draft: Draft) -> Draft:
 
 
 def elsewhere(draw: random.Random, _: int, draft: Draft) -> Draft:
-    """The same operations at another place: every joint 0.8 rad away."""
+    """Script of the same operations at another place: every joint 0.8 rad away."""
     del draw
     return replace(draft, values=tuple((name, value + 800_000) for name, value in draft.values))
 
@@ -177,12 +177,12 @@ def prober(draw: random.Random, _: int, draft: Draft) -> Draft:
 
 
 def flooder(_: random.Random, __: int, draft: Draft) -> Draft:
-    """The same acts, ten a second."""
+    """Script of the same acts, ten a second."""
     return replace(draft, gap_s=0.1)
 
 
 def hasty(_: random.Random, __: int, draft: Draft) -> Draft:
-    """The same acts, three times as fast."""
+    """Script of the same acts, three times as fast."""
     return replace(draft, gap_s=draft.gap_s / 3)
 
 

@@ -25,7 +25,7 @@ LEARNED: Final = 400
 """Acts before the change: the baseline is complete, and some work was done since."""
 RUNS: Final = 60
 QUICK: Final = 4
-"""Of so few runs nine in ten are all of them: they may take twice as long."""
+"""Runs of a quick trial: nine in ten of so few are all, so they may take twice as long."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -45,7 +45,7 @@ OTHERS: Final[dict[str, Callable[[Sequence[Rule]], Engine]]] = {
     CASBIN: Casbin,
     REGO: Rego,
 }
-"""By name; each needs its package only when it is called."""
+"""Other engines by name; each needs its package only when it is called."""
 RATIOS: Final[Mapping[str, tuple[str, str]]] = MappingProxyType(
     {
         "vs_cedarpy": (OURS, CEDAR),
@@ -107,7 +107,7 @@ def line_up(
 
 
 def agree(engines: Iterable[Engine], policies: PolicySet) -> int:
-    """In how many cases every engine has our answer, and blames our leading primitive.
+    """Number of cases in which every engine has our answer, and blames our leading primitive.
 
     Raises:
         WrongAnswerError: in one it does not.

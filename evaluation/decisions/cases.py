@@ -147,4 +147,4 @@ BROKEN_STOP: Final = (
     "the leaf was attested more than a day ago",
     "the leaf is attested in the future",
 )
-"""Those of the above that a stop is asked for, too."""
+"""Broken conditions that concern a stop, too."""

@@ -91,7 +91,7 @@ class GroupedCedar(Cedar):
         return "\n".join(told)
 
     def blamed(self, names: Iterable[str]) -> tuple[str, ...] | None:
-        """Nobody knows."""
+        """None: grouped policies cannot name a primitive."""
         del names
         return None
 

@@ -27,7 +27,7 @@ Fact = str | int | bool | frozenset[str]
 Facts = dict[str, Fact]
 
 HOPS: Final = 4
-"""Of the chain: the sponsor's, and three delegations."""
+"""Hops of the chain: the sponsor's, and three delegations."""
 AGENTS: Final = tuple(f"agent-{hop}" for hop in range(HOPS))
 EDGES: Final = tuple(zip(("alice", *AGENTS), AGENTS, strict=False))
 VERIFIED: Final = "verified"

@@ -42,7 +42,7 @@ class Op(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class OtherFact:
-    """The other fact that an atom compares with."""
+    """Other fact that an atom compares with."""
 
     name: str
 
@@ -60,7 +60,7 @@ class Atom:
 
 
 Clause = tuple[Atom, ...]
-"""At least one of these holds."""
+"""Clause: at least one of its atoms holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -295,4 +295,4 @@ _PLAIN: Final[Mapping[type, Callable[[Any], Parts]]] = {
         [],
     ),
 }
-"""For each class, its conditions: denied where they do not hold, asked where they do not."""
+"""Conditions of each class: denied where they do not hold, asked where they do not."""

@@ -23,7 +23,7 @@ K = TypeVar("K")
 T = TypeVar("T")
 GAVE_UP: Final = "it gave up in every call for its own limit of time"
 DIGITS: Final = 2
-"""Of a microsecond."""
+"""Decimal places of a duration in microseconds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,7 @@ def installed(others: Mapping[str, Callable[[], T]], absent: Callable[[str], K])
 
 @dataclass(frozen=True, slots=True)
 class LineUp(Generic[K]):
-    """All that is measured in one run.
+    """Line-up: every cell that is measured in one run.
 
     Attributes:
         groups: cells that take turns with each other.
@@ -119,7 +119,7 @@ class Result(Generic[K]):
     seconds: float
 
     def to_json(self) -> dict[str, Any]:
-        """Everything, as one JSON object."""
+        """Whole result, as one JSON object."""
         return {
             "ok": True,
             "ratios": dict(self.ratios),

@@ -87,7 +87,7 @@ def missed(faults: Mapping[str, bool], failures: Mapping[str, Sequence[str]]) ->
 
 
 MISSES: int = 5
-"""As many misses are told."""
+"""Most misses that are told."""
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 KEPT: Final = 20
-"""So many failures of a kind are kept whole by a process; the others are counted."""
+"""Most failures of a kind that a process keeps whole; the others are counted."""
 
 
 def shares(count: int, processes: int) -> tuple[int, ...]:

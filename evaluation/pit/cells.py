@@ -37,7 +37,7 @@ ASSESS: Final = "assess"
 STREAM: Final = "prepared stream"
 CHECKER: Final = "checker"
 ROUNDING: Final = 1e-4
-"""Of an index: coal stops at 1e-6 m, and the narrowest band is 20 mm."""
+"""Tolerance of an index: coal stops at 1e-6 m, and the narrowest band is 20 mm."""
 DISTANCE_M: Final = 1e-5
 """Two libraries' distances."""
 BLIND_M: Final = 0.006 + 2e-4

@@ -1,4 +1,4 @@
-"""The same instants in MuJoCo: every pair by `mj_geomDistance`."""
+"""Sampling in MuJoCo at the same instants: every pair by `mj_geomDistance`."""
 
 from __future__ import annotations
 

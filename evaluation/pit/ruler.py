@@ -64,7 +64,7 @@ class Ruler:
     def __init__(
         self, engine: Engine, robot: Robot, cell: CellParameters, pairs: Pairs, rows: NDArray[np.intp]
     ) -> None:
-        """Nothing is asked yet; `rows` are the pairs that will be."""
+        """Prepares a ruler for the pairs in `rows`; nothing is asked yet."""
         self._engine, self._robot, self._cell, self._rows = engine, robot, cell, rows
         count = len(pairs)
         self._pairs = replace(

@@ -46,22 +46,22 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Shape, Vector
 
 AGE_S: Final = 0.1
-"""Of the view, in every question."""
+"""Age of the view, in every question."""
 TIME_LIMIT_S: Final = 60.0
 """A slow engine is slow here, and no fault."""
 WAY_RAD, SPEED_RAD_S, ACCELERATION_RAD_S2 = 2.0, 1.05, 1.4
-"""Of every joint; speed and acceleration are the controller's defaults."""
+"""Way of every joint; speed and acceleration are the controller's defaults."""
 NEAR_M, FAR_M, MIDDLE_M = 0.25, 0.75, 0.15
 """Things stand so far about the point so high over the base."""
 ROOM_M: Final = 0.005
-"""Nothing is nearer to the way than this: a sampled distance says nothing of bodies that overlap."""
+"""Least distance of a thing to the way: a sampled distance says nothing of bodies that overlap."""
 LEGS: Final = 20
 LINE_M: Final = (0.1, 0.2)
 """Length of a line."""
 ONE_STUCK_OF: Final = 8
-"""So many lines are drawn for one that is not proven to its end."""
+"""Number of lines that are drawn for one that is not proven to its end."""
 PROVEN_SHARE: Final = 0.75
-"""Of a joint's greatest speed: up to it the speed adds nothing to the index."""
+"""Share of a joint's greatest speed up to which the speed adds nothing to the index."""
 HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
 PEOPLE_M: Final = (0.9, 1.2)
 
@@ -100,7 +100,7 @@ def around(rng: Generator, move: MoveJ, count: int) -> Scene:
 
 
 def beside(rng: Generator, course: Course, count: int) -> Scene:
-    """The same, none of them on the way of the course."""
+    """Scene of things beside the course, none of them on its way."""
     cells, bodies = course.cells, robot().world_bodies
     low, high, rows = (
         np.repeat(cells.low, bodies),
@@ -132,7 +132,7 @@ def bare(rng: Generator, things: int, count: int) -> list[Question]:
 
 
 def peopled(rng: Generator, things: int, count: int) -> list[Question]:
-    """The same with two people."""
+    """Moves among things and two people."""
     return [replace(each, scene=with_people(each.scene)) for each in bare(rng, things, count)]
 
 

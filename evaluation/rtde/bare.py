@@ -20,7 +20,7 @@ NOTHING = Judged(0, (), 0.0, 0.0)
 
 
 class Unjudged:
-    """In place of `pep.world.cell_stream.CellStream`."""
+    """Stream without physics, in place of `pep.world.cell_stream.CellStream`."""
 
     def __init__(self, **_: Any) -> None:
         pass

@@ -74,7 +74,7 @@ def row_of(way: str, sent: Sequence[tuple[int, float]], came: Mapping[float, int
 
 @dataclass(frozen=True, slots=True)
 class StreamResult:
-    """Everything.
+    """Result of a run.
 
     Attributes:
         rows: direct, relayed by two processes that do nothing else, through the gateway without physics, and whole.
@@ -89,7 +89,7 @@ class StreamResult:
     machine: dict[str, Any]
 
     def to_json(self) -> dict[str, Any]:
-        """For machines."""
+        """Plain JSON of the result."""
         direct, relayed, policy, whole = self.rows
         return {
             "added_ms": {"p50": _added(policy.p50_us, direct.p50_us), "p99": _added(policy.p99_us, direct.p99_us)},
@@ -108,7 +108,7 @@ def _added(us: float, direct_us: float) -> float:
 
 
 def tables(result: StreamResult) -> list[Table]:
-    """For people."""
+    """Tables of the result, for people."""
     headings = ("values", "while it opened", "skipped", "opened, us", "p50, us", "p99, us", "most, us")
     rows = (
         (row.way, *map(str, (row.sent, row.opening, row.skipped)), *(f"{us:.0f}" for us in _durations(row)))

@@ -34,7 +34,7 @@ PEERS: Final[dict[str, Callable[[], Peer]]] = {
     "macaroons": Macaroons,
     "pyjwt-act": ActToken,
 }
-"""By name; each needs its package only when it is called."""
+"""Peers by name; each needs its package only when it is called."""
 RATIOS: Final = {
     "warm_proof_d3": (Kind.WARM, Kind.WARM, 3),
     "warm_proof_d8": (Kind.WARM, Kind.WARM, 8),

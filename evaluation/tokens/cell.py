@@ -25,7 +25,7 @@ class Kind(StrEnum):
     These are a renewed token, or the next agent's.
     """
     NOVEL = "novel"
-    """The same, under limits that were never seen either."""
+    """The same as `COLD`, under limits that were never seen either."""
     WARM = "warm"
     """A further request under a token that was seen before, in the form that the peer keeps it in."""
     STREAM = "stream"

@@ -14,7 +14,7 @@ from capabilities.values.units import Quantity, Unit
 
 OBJECT: Final = "ur3e"
 STEP: Final = 100
-"""By so many units each hop moves both ends of a limit that it tightens."""
+"""Units by which each hop moves both ends of a limit that it tightens."""
 SERIALS: Final = 50_000
 """Serial numbers are below this, so that every bound keeps room for the request."""
 

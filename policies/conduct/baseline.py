@@ -44,9 +44,9 @@ class Watch(IntEnum):
     FIRST_TOOL = 2
     """Is it the operation that it uses most?"""
     SECOND_TOOL = 3
-    """Is it the one that comes next?"""
+    """Is it the operation that it uses second most?"""
     THIRD_TOOL = 4
-    """And the one after that?"""
+    """Is it the operation that it uses third most?"""
     OUTSIDE = 5
     """Is any value well outside all that the reference saw?"""
     TAIL = 6
@@ -56,7 +56,7 @@ class Watch(IntEnum):
     REFUSED = 8
     """Was it refused for something that is charged to its agent (policies.conduct.trust_changes)?"""
     PROBED = 9
-    """Was that a whole wrong or more: did it ask for what it was not lent?"""
+    """Was that a whole wrong or more: did it ask for more than it was lent?"""
     NEAR = 10
     """Was it close to a limit?"""
     HIGH = 11
@@ -104,7 +104,7 @@ class Act:
     span_s: int | None
 
     def to_json(self) -> list[Any]:
-        """As plain JSON."""
+        """Plain JSON of the act."""
         values = [list(entry) for entry in self.values]
         return [self.operation, values, self.level, self.near, self.refused, self.probed, self.span_s]
 
@@ -190,7 +190,7 @@ class Reference:
         return found | bare_answers(act)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON, ordered."""
+        """Plain JSON of the reference, ordered."""
         return {
             "known": sorted(self.known),
             "usual": sorted(self.usual),

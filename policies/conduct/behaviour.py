@@ -59,7 +59,7 @@ class BehaviourState:
     seen: Mapping[str, CountedReports] = field(default_factory=lambda: MappingProxyType({}))
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON, ordered, so that equal states have equal texts."""
+        """Plain JSON of the state, ordered, so that equal states have equal texts."""
         parts: dict[str, Mapping[str, Any]] = {"careers": self.careers, "seen": self.seen}
         return {part: [[name, held.to_json()] for name, held in sorted(each.items())] for part, each in parts.items()}
 
@@ -82,7 +82,7 @@ class BehaviourState:
 
 
 NOTHING_KNOWN: Final = BehaviourState()
-"""Before the first report."""
+"""State before the first report."""
 
 
 def observe(
@@ -189,7 +189,7 @@ def _timed(career: AgentHistory, report: Report, parameters: Parameters) -> tupl
 
 
 def _deviated(career: AgentHistory, alarm: Alarm, at: int, parameters: Parameters) -> AgentHistory:
-    """With the alarm in it, and contracted when it is one that contracts."""
+    """History with the alarm in it, contracted when it is one that contracts."""
     feature = FEATURES[alarm.watch]
     # two questions about one act are one alarm
     again = career.alarmed is not None and 0 < career.acts - career.alarmed <= parameters.behaviour_repeat_count

@@ -29,7 +29,7 @@ class CountedReports:
     kept: tuple[tuple[int, str], ...] = ()
 
     def added(self, at: int, request_id: str) -> CountedReports | None:
-        """With this report in it, or None when it is not to be counted."""
+        """Reports with this one counted, or None when it does not count."""
         if at <= self.floor or request_id in [known for _, known in self.kept]:
             return None
         kept = list(self.kept)
@@ -40,7 +40,7 @@ class CountedReports:
         return CountedReports(floor, tuple(entry for entry in kept if entry[0] > floor))
 
     def to_json(self) -> list[Any]:
-        """As plain JSON."""
+        """Plain JSON of the counted reports."""
         return [self.floor, [list(entry) for entry in self.kept]]
 
     @classmethod

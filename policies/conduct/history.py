@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 CLEAR: Final = 3
-"""In halves: how far above what was seen in learning a limit stays, where hits follow each other."""
+"""Clearance of a limit above the learned peak, in halves of it, where hits follow each other."""
 _NONE: Final = (0,) * len(Watch)
 _UNASKED: Final = ("",) * len(Watch)
 _CEILED: Final = {
@@ -74,7 +74,7 @@ class Baseline:
         return Baseline(widest(self.reference, other.reference), shares, peaks)
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON."""
+        """Plain JSON of the baseline."""
         return {"reference": self.reference.to_json(), "shares": list(self.shares), "peaks": list(self.peaks)}
 
     @classmethod
@@ -94,7 +94,7 @@ class Baseline:
 
 @dataclass(frozen=True, slots=True)
 class AgentHistory:
-    """All that is known of one agent's conduct.
+    """History of one agent's conduct.
 
     Attributes:
         role: in the registry, or "".
@@ -129,7 +129,7 @@ class AgentHistory:
     restored_at: int | None = None
 
     def judged(self, act: Act, usual: Baseline | None, parameters: Parameters) -> tuple[AgentHistory, list[Alarm]]:
-        """With every detector one trial further, and those that alarmed started afresh.
+        """History with every detector one trial further, and those that alarmed started afresh.
 
         Args:
             act: the newest.
@@ -163,7 +163,7 @@ class AgentHistory:
         return detector._replace(limit=max(detector.limit, against.peaks[watch] * CLEAR // 2))
 
     def learned(self, act: Act, parameters: Parameters) -> AgentHistory:
-        """With the act counted, and learned from while the baseline is not complete.
+        """History with the act counted, and learned from while the baseline is not complete.
 
         From an agent that deviates nothing is learned until a person restores it.
         """
@@ -204,7 +204,7 @@ class AgentHistory:
         )
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON."""
+        """Plain JSON of the history."""
         return {
             "role": self.role,
             "acts": self.acts,

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 EFFECTS: Final = frozenset({"PERMIT", "DENY", "DEFER"})
 OUTCOMES: Final = frozenset({"done", "failed", "refused", "none"})
-"""Of a PERMIT: the act happened as decided; it did not; nothing was sent. Of everything else: "none"."""
+"""Outcomes of a PERMIT: the act happened as decided; it did not; nothing was sent. "none" for every other effect."""
 TEXT_MAX: Final = 256
 """Characters of any name in a report: capabilities.values.caps text_bytes."""
 PARTIES_MAX: Final = 10
@@ -111,7 +111,7 @@ class Report:
         return self.base_tier if self.runtime_tier is None else self.runtime_tier
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON: texts, integers, lists."""
+        """Plain JSON of the report: texts, integers, lists."""
         return {
             "reporter": self.reporter,
             "request_id": self.request_id,

@@ -61,7 +61,7 @@ class TrustState:
     seen: Mapping[str, CountedReports] = field(default_factory=lambda: MappingProxyType({}))
 
     def to_json(self) -> dict[str, Any]:
-        """As plain JSON, ordered, so that equal states have equal texts."""
+        """Plain JSON of the state, ordered, so that equal states have equal texts."""
         return {
             "accounts": [
                 [*edge, reporter, held.at, held.good, held.bad]
@@ -102,7 +102,7 @@ class TrustState:
 
 
 NOTHING_REPORTED: Final = TrustState()
-"""Before the first report."""
+"""State before the first report."""
 
 
 def observe(state: TrustState, report: Report, parameters: Parameters, *, now: int) -> TrustState:

@@ -33,12 +33,12 @@ APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
 
 @dataclass(frozen=True, slots=True)
 class Waiting:
-    """Nobody was asked, or not enough people have answered: the deferral stands as it is."""
+    """Waiting: nobody was asked, or not enough people have answered; the deferral stands as it is."""
 
 
 @dataclass(frozen=True, slots=True)
 class Counts:
-    """Everything that defers is resolved by use number `use` of the approval of ask `ask_id`."""
+    """Approval that counts: use number `use` of ask `ask_id` resolves everything that defers."""
 
     ask_id: str
     use: int
@@ -46,7 +46,7 @@ class Counts:
 
 @dataclass(frozen=True, slots=True)
 class AskAgain:
-    """There is an answer, and it does not count for this case: the deferral stands, and the finding leads it."""
+    """Answer that does not count for this case: the deferral stands, and the finding leads it."""
 
     finding: Finding
 

@@ -59,7 +59,7 @@ def request_to_plain(request: Request) -> dict[str, object]:
 
 
 def evidence_to_plain(evidence: Evidence, request: Request | None) -> object:
-    """Everything in `evidence` that a decision about `request` looks at; None: nothing was asked for, so no grant is.
+    """Plain evidence for a decision about `request`; None: nothing was asked for, so no grant is written.
 
     Total: strange readings have a form, too, which is refused when it is read.
     """

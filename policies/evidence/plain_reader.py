@@ -37,7 +37,7 @@ _NAMES: Final = {name: value for module in _MODULES for name, value in vars(modu
 
 
 def members(kind: type[Any]) -> dict[str, tuple[Any, bool]]:
-    """Of a dataclass that is written down: the annotation of each field, and whether it must be stated."""
+    """Fields of a written dataclass: the annotation of each, and whether it must be stated."""
     hints = get_type_hints(kind, localns=_NAMES)
     return {f.name: (hints[f.name], not _defaults(f)) for f in fields(kind) if f.init}
 
@@ -116,7 +116,7 @@ def _set_of(reader: Callable[[object, str], Any]) -> Callable[[object, str], Any
 
 
 def _tuple_of(arguments: tuple[Any, ...]) -> Callable[[object, str], Any]:
-    """Any number of one kind, or one of each kind."""
+    """Reader of a tuple: any number of one kind, or one of each kind."""
     if arguments[-1] is not Ellipsis:
         each = [reader_of(argument) for argument in arguments]
 

@@ -110,7 +110,7 @@ def _types(hint: Any) -> frozenset[type]:
 
 
 def _inside(hint: Any) -> dict[type, Checker]:
-    """For each type of this annotation that has something inside, its checker."""
+    """Checkers by type, for each type of this annotation that has values inside."""
     found: dict[type, Checker] = {}
     for each in _alternatives(hint):
         plain = get_origin(each) or each

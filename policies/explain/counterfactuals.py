@@ -64,7 +64,7 @@ def valued(request: Request, values: Mapping[str, int]) -> Request:
 
 
 def sighted(evidence: Evidence) -> Evidence:
-    """The same world, freshly seen by every sensor."""
+    """Evidence of the same world, freshly seen by every sensor."""
     impact, seen = evidence.impact, evidence.perception
     if isinstance(impact, ImpactReading):
         evidence = replace(evidence, impact=replace(impact, perception=FRESH))

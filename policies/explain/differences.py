@@ -156,7 +156,7 @@ class Direction(StrEnum):
     MIXED = "mixed"
     """Stricter on some and milder on others."""
     OTHERWISE = "otherwise"
-    """As strict, for other reasons."""
+    """The new set is as strict, for other reasons."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,7 +168,7 @@ class ComparedDecision:
 
     @staticmethod
     def of(decision: Decision) -> ComparedDecision:
-        """That of a decision."""
+        """Compared part of a decision."""
         return ComparedDecision(decision.effect, str(decision.reason))
 
 

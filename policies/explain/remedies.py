@@ -48,7 +48,7 @@ class Means(StrEnum):
     APPROVAL = "approval"
     """People answer; for tier 4 two of them, and with prior leave."""
     NEWS = "newer word"
-    """Nobody need do anything but let fresh word arrive: of revocations, of sensors, of behaviour."""
+    """Newer word of revocations, sensors or behaviour arrives by itself."""
     ROBOT = "person at the robot"
     TOOL = "administrator"
     """An administrator reviews the tool as it is now, and registers it."""

@@ -285,4 +285,4 @@ CATALOG: Final = (
 """The 25 rows, in the paper's order."""
 
 ROWS: Final[Mapping[str, CatalogRow]] = MappingProxyType({row.id: row for row in CATALOG})
-"""The same by id."""
+"""Rows by id."""

@@ -40,7 +40,7 @@ class Attack(StrEnum):
 
 
 class Defence(StrEnum):
-    """In which of the paper's three dimensions a primitive counters an attack."""
+    """Dimension of the paper's three in which a primitive counters an attack."""
 
     DETECTION = "detection"
     PREVENTION = "prevention"

@@ -119,7 +119,7 @@ def milder_for_a_denial(all_told: Sequence[DecidedCase], harmless: frozenset[str
 
 
 def milder_for_a_tier(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
-    """The same act gets a milder answer at a higher tier."""
+    """True where the same act gets a milder answer at a higher tier."""
     del harmless
     lower, higher = all_told
     approval = higher.evidence.approval
@@ -140,7 +140,7 @@ def a_fault_permits(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -
 
 
 def _whole(request: Request, evidence: Evidence) -> bool:
-    """Everything that an act needs is there, and nothing of it speaks against the act."""
+    """True where all evidence that an act needs is there, and none of it speaks against the act."""
     impact, view = evidence.impact, evidence.perception
     authority = isinstance(evidence.chain, Chain) and evidence.proof is True
     asked = evidence.request_fault is None and evidence.robot_fault is None

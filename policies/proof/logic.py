@@ -1,4 +1,4 @@
-"""And, or, not and choice over values of one of two kinds: Python's own, or z3's terms.
+"""Logic: and, or, not and choice over values of one of two kinds, Python's own or z3's terms.
 
 Everything in this package that says what a decision is, is written once, over a `Logic`. With `PLAIN` it is a function
 that answers for one real case, and a test compares it with `policies.decide`; with the solver's logic the same lines

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
 
 def result_to_plain(result: Result) -> dict[str, object]:
-    """Everything about a result. Each case of a counterexample has the form of `policies.evidence.case_json`."""
+    """Plain JSON of a result. Each case of a counterexample has the form of `policies.evidence.case_json`."""
     return {
         "id": result.claim.id,
         "says": result.claim.says,

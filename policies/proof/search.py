@@ -52,7 +52,7 @@ class UndecidedError(Exception):
 
 
 def any_cases(claim: Claim, question: Question) -> tuple[Cases, list[Truth]]:
-    """Any cases that a claim compares, and the laws that hold for them."""
+    """Cases that a claim compares, with open facts, and the laws that hold for them."""
     first = any_facts(unknowns(question.policies))
     known = list(laws(first, question.names, SYMBOLIC))
     match claim.compares:
@@ -105,7 +105,7 @@ class Search:
     """The cases in which a formula is true, one after the other."""
 
     def __init__(self, cases: Cases, known: list[Truth], wanted: Truth, candidates: tuple[int, ...]) -> None:
-        """Nothing is looked for yet.
+        """Prepares a search; nothing is looked for yet.
 
         Args:
             cases: terms for all facts.

@@ -32,7 +32,7 @@ class Integrity(IntEnum):
     """Voucher for a value, in order: each kind is believed for at least as much as the one before."""
 
     NONE = 0
-    """Nobody."""
+    """No voucher."""
     AGENT = 1
     """An authenticated agent says so: its own choice, or its message to another."""
     RECORDED = 2
@@ -86,10 +86,10 @@ def joined(labels: Iterable[Label]) -> Label:
 
 
 def aged(label: Label, by_ms: int) -> Label:
-    """The same label `by_ms` milliseconds later; time never goes back, so a negative wait is none."""
+    """Label `by_ms` milliseconds later; time never goes back, so a negative wait is none."""
     return Label(label.sources, label.signers, label.integrity, label.age_ms + max(0, by_ms), label.tainted)
 
 
 def tainted(label: Label) -> Label:
-    """The same label after instructions or hidden characters were found in the text."""
+    """Label after instructions or hidden characters were found in the text."""
     return Label(label.sources, label.signers, label.integrity, label.age_ms, tainted=True)

@@ -74,7 +74,7 @@ class Drive:
             self._owner = None
 
     def halt(self) -> None:
-        """Nobody moves the arm any more: it brakes."""
+        """Brakes the arm; no owner moves it any more."""
         self._owner = None
         self._suspended = None
 

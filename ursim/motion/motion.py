@@ -166,7 +166,7 @@ class Brake:
         self.duration_s = speed / deceleration_rad_s2
 
     def restart(self, q: Joints) -> None:
-        """Already at rest: nothing is left to do."""
+        """Starts again at rest: nothing is left to do."""
         self._start, self._speed, self._direction, self.duration_s = q, 0.0, ZERO, 0.0
 
     def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:
@@ -195,7 +195,7 @@ class SpeedJoints:
         self.acceleration_rad_s2 = min(acceleration_rad_s2, self._arm.acceleration_limit_rad_s2)
 
     def restart(self, q: Joints) -> None:
-        """Nothing is planned ahead."""
+        """Does nothing: no way is planned ahead."""
 
     def reached(self, now: Kinetic, scaling: float) -> bool:
         """True where the arm moves at the target velocity."""
@@ -221,7 +221,7 @@ class SpeedTool:
         self.target, self.acceleration_m_s2 = target, acceleration_m_s2
 
     def restart(self, q: Joints) -> None:
-        """From rest."""
+        """Starts again from rest."""
         del q
         self._twist = ZERO
 
@@ -347,7 +347,7 @@ class ServoTool:
         self.target, self.speed_m_s, self.acceleration_m_s2 = target, speed_m_s, acceleration_m_s2
 
     def restart(self, q: Joints) -> None:
-        """From rest."""
+        """Starts again from rest."""
         del q
         self._twist = ZERO
 

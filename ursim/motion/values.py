@@ -65,7 +65,7 @@ class Vector(list[Value]):
         return self._each(other, -1)
 
     def __mul__(self, factor: Any) -> Any:
-        """By a number."""
+        """Product with a number."""
         if isinstance(factor, list):
             raise ScriptRuntimeError("lists cannot be multiplied")
         return type(self)(item * factor for item in self)
@@ -73,7 +73,7 @@ class Vector(list[Value]):
     __rmul__ = __mul__
 
     def __truediv__(self, divisor: Any) -> Any:
-        """By a number."""
+        """Quotient by a number."""
         return type(self)(item / divisor for item in self)
 
 

@@ -294,7 +294,7 @@ class Controller:
             self._calm()
 
     def restart_safety(self) -> None:
-        """After a violation or a fault: the safety system starts anew, without power. No button is pulled out by it."""
+        """Restarts the safety system after a violation or a fault, without power. No button is pulled out by it."""
         if self.robot.safety in (SafetyMode.VIOLATION, SafetyMode.FAULT):
             self._calm()
         self.power_off()

@@ -128,7 +128,7 @@ def _starve(*, bytes_per_tick: int) -> Deed:
 
 
 def _mend() -> Deed:
-    """From now on; messages on their way still come as they were sent."""
+    """Ends all faults of delivery from now on; messages on their way still come as they were sent."""
 
     def act(simulator: Simulator) -> None:
         delivery = simulator.delivery

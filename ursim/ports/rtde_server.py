@@ -126,7 +126,7 @@ class RtdeServer:
             self._leave(client)
 
     def occupy(self, names: Iterable[str]) -> None:
-        """These inputs are a field bus's from now on, and nobody else's."""
+        """Gives these inputs to a field bus, from now on, and to no other client."""
         with self._lock:
             self._owners |= dict.fromkeys(names, self._field_bus)
 

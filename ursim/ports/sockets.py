@@ -196,7 +196,7 @@ class Port:
         self._thread.start()
 
     def connections(self) -> tuple[Connection, ...]:
-        """Those open now."""
+        """Connections that are open now."""
         with self._lock:
             return tuple(self._connections)
 

@@ -39,7 +39,7 @@ class Way:
     begun_s: float | None = None
 
     def begun(self, now_s: float) -> Way:
-        """The same, begun by now."""
+        """Way that has begun by now."""
         return self if self.begun_s is not None else replace(self, begun_s=now_s)
 
     def at(self, now_s: float) -> tuple[float, ...]:
@@ -68,7 +68,7 @@ class _Thing:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """Everything that a sensor sees and does. Frozen: a command gives a new one.
+    """Scene and state of a sensor. Frozen: a command gives a new one.
 
     Attributes:
         people, objects: by id.

@@ -255,7 +255,7 @@ class Agent(_Caller):
     def delegate_with(
         self, token: str, delegate: str, restriction: Restriction, *, purpose: str, evidence: str
     ) -> Issued:
-        """As `delegate`, with the delegate's id and evidence as they were received."""
+        """Delegates as `delegate` does, with the delegate's id and evidence as they were received."""
         request = delegate_request(delegate, restriction, purpose=purpose)
         return self._issued(self._post("/tokens/delegate", {"request": request, "evidence": evidence}, token=token))
 
@@ -393,7 +393,7 @@ class Operator(_Caller):
         sees_clear: bool = False,
         shown: str | None = None,
     ) -> dict[str, Any]:
-        """This person approves the ask: exactly the text that the identity provider holds, parsed strictly first.
+        """Approves the ask: exactly the text that the identity provider holds, parsed strictly first.
 
         Args:
             ask_id: which.
@@ -411,11 +411,11 @@ class Operator(_Caller):
         return self._vote(ask_id, "approve", person_answers.Terms(uses, lifetime_s, sees_clear=sees_clear), shown)
 
     def deny(self, ask_id: str) -> dict[str, Any]:
-        """This person denies the ask, and so ends it; `ask_id` and `state`."""
+        """Denies the ask, and so ends it; `ask_id` and `state`."""
         return self._vote(ask_id, "deny")
 
     def withdraw(self, ask_id: str) -> dict[str, Any]:
-        """This person takes its approval back, and so ends the ask; `ask_id` and `state`."""
+        """Takes this person's approval back, and so ends the ask; `ask_id` and `state`."""
         return self._vote(ask_id, "withdraw")
 
     def open_tier_4(

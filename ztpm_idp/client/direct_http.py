@@ -19,5 +19,5 @@ def client(timeout_s: float, transport: httpx2.BaseTransport | None = None) -> h
 
 
 def async_client() -> httpx2.AsyncClient:
-    """The same for an event loop. Who asks bounds each request."""
+    """Client for an event loop. The caller bounds each request."""
     return httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)

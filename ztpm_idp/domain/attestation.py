@@ -44,7 +44,7 @@ class AcceptedEvidence:
 
 
 def give_nonce(rules: Rules, state: State, command: GiveNonce, at_ms: int) -> Outcome:
-    """To a registered agent that is not revoked, a bounded number at a time."""
+    """Gives a nonce to a registered agent that is not revoked, a bounded number at a time."""
     match state.parties.get(command.by):
         case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE) as agent:
             pass
@@ -57,7 +57,7 @@ def give_nonce(rules: Rules, state: State, command: GiveNonce, at_ms: int) -> Ou
 
 
 def attest(rules: Rules, state: State, command: Attest, at_ms: int) -> Outcome:
-    """By the agent itself, for itself; makes a registered agent active."""
+    """Attests an agent that asks for itself; makes a registered agent active."""
     agent = state.parties.get(command.agent)
     if command.by != command.agent or not isinstance(agent, RegisteredAgent):
         return Refusal(IdpCode.NOT_PERMITTED, "an agent attests itself")

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 DELEGATE: Final = "delegate"
 """The operation of lending on."""
 PEERS: Final = 8
-"""With how many others of its role a young agent is compared."""
+"""Number of others of its role that a young agent is compared with."""
 OPEN_RECORDS: Final = 4_096
 """Most records that may follow a PERMIT before its outcome; a later outcome makes no report."""
 
@@ -137,7 +137,7 @@ def _beside(
 
 
 def of_delegation(rules: Rules, chain: Chain, request_id: str, *, at_ms: int, refused: Code | None) -> Report | None:
-    """This provider's own word on a holder that asked to lend on; None when it cannot be put into one.
+    """Report of this provider on a holder that asked to delegate; None when it cannot be put into one.
 
     Args:
         rules: name the provider.

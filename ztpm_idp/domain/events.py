@@ -178,7 +178,7 @@ class PermitConcluded:
 
 @dataclass(frozen=True, slots=True)
 class ConductObserved:
-    """This is known of an agent from now on. Not in the ledger: the records that say so are."""
+    """Conduct of an agent as known from now on. Not in the ledger: the records that say so are."""
 
     agent: str
     conduct: AgentConduct

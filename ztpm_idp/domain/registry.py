@@ -78,7 +78,7 @@ def initialise(state: State, command: Initialise) -> Outcome:
 
 
 def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outcome:
-    """By an administrator."""
+    """Registers a person, for an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
     if PersonRole.APPROVER in command.roles and not state.crowd < snapshot.APPROVERS:
@@ -90,7 +90,7 @@ def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outc
 
 
 def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcome:
-    """By the sponsor named, or by an administrator for an active sponsor."""
+    """Registers an agent, for the named sponsor, or for an administrator on behalf of an active one."""
     if command.by != command.sponsor and active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator registers an agent")
     if active_person(state, command.sponsor, PersonRole.SPONSOR) is None:
@@ -117,7 +117,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
 
 
 def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
-    """By an administrator."""
+    """Registers an enforcement point, for an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers enforcement points")
     if not state.crowd < snapshot.PEPS:
@@ -130,7 +130,7 @@ def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
 
 
 def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outcome:
-    """By an administrator."""
+    """Registers a sensor, for an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers sensors")
     if not state.crowd < snapshot.SENSORS:
@@ -148,7 +148,7 @@ def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outc
 
 
 def register_tool(state: State, command: RegisterTool) -> Outcome:
-    """By an administrator. Registering again is how a reviewed new definition replaces the old one."""
+    """Registers a tool, for an administrator. A reviewed new definition replaces the old one so."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers tools")
     if not state.crowd < snapshot.TOOLS:
@@ -157,7 +157,7 @@ def register_tool(state: State, command: RegisterTool) -> Outcome:
 
 
 def state_trust(state: State, command: StateTrust) -> Outcome:
-    """By the agent's sponsor or an administrator."""
+    """States trust in an agent, for its sponsor or an administrator."""
     agent = state.parties.get(command.agent)
     admin = active_person(state, command.by, PersonRole.ADMIN) is not None
     match agent:

@@ -128,7 +128,7 @@ class Wanted:
     agents_of: str | None = None
     """A person: those of its agents that are not in the revocation index."""
     revocations: bool = False
-    """Everything that is revoked, with its epoch: for judging a token."""
+    """Every revocation, with its epoch: for judging a token."""
     ask: str | None = None
     """An ask, with its votes."""
     asks_of: str | None = None
@@ -140,7 +140,7 @@ class Wanted:
     openings_of: str | None = None
     """An audience: its openings that may be in force, and whether an enforcement point serves it."""
     concerned: Concerned | None = None
-    """Of the journal: its open PERMITs among these requests, the edges of these hops, and the agents of both."""
+    """Subjects in the journal: open PERMITs among these requests, the edges of these hops, and the agents of both."""
     conduct_of: frozenset[str] = frozenset()
     """Agents: their conduct."""
 

@@ -52,7 +52,7 @@ class EpochWait:
             self._wake()
 
     def close(self) -> None:
-        """Everybody who waits is answered now, and nobody waits any more: the service ends."""
+        """Ends the service: every waiting caller is answered now, and none waits any more."""
         self._closed = True
         self._wake()
 

@@ -1,4 +1,4 @@
-"""From a refusal to an answer: RFC 9457 problem details, as one table.
+"""Problem details (RFC 9457) of each refusal, as one table.
 
 A stranger gets the code and its fixed title only.
 """

@@ -74,7 +74,7 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, polic
 
 
 class Provider:
-    """Everything the routes need, and all that may change the state.
+    """Provider that the routes use: it alone may change the state.
 
     Args:
         settings, keys, store: of this deployment.

@@ -35,7 +35,7 @@ async def trust(request: Request) -> Response:
 
 @router.get("/trust/signed")
 async def signed_trust(request: Request) -> dict[str, list[str]]:
-    """The same keys, signed by each registry key that is trusted: for those who trust an earlier bundle."""
+    """Trust bundle, signed by each trusted registry key, for callers who trust an earlier bundle."""
     provider = provider_of(request)
     keys = provider.keys
     return {"statements": [signed.sign(provider.rules.trust, key) for key in (keys.registry, *keys.former_registry)]}

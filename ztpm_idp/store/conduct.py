@@ -85,7 +85,7 @@ class Conduct:
         )
 
     async def everybody(self) -> tuple[dict[str, dict[str, int]], dict[str, dict[str, Any]]]:
-        """By agent: the trust of each delegator that is told of, and the standing that was last worked out."""
+        """Published trust of each delegator and last standing, both by agent."""
         e, c = t.edges.c, t.conduct.c
         scores: dict[str, dict[str, int]] = {}
         for delegator, delegate, permille in await self._connection.execute(

@@ -269,7 +269,7 @@ class Transaction:
     # --- writing ---------------------------------------------------------------------------------------------------
 
     async def lock(self) -> None:
-        """Until it ends, this transaction alone changes the state, and all its later reads are newest."""
+        """Locks the state: until its end, this transaction alone changes it, and all its later reads are newest."""
         await self._connection.execute(sa.update(t.counters).values(beats=t.counters.c.beats + 1))
 
     async def append(self, events: Iterable[Event], *, actor: str, at_ms: int) -> int:
@@ -391,7 +391,7 @@ class Transaction:
         )
 
     async def _revoke(self, events: list[Revoked], by: str, at_ms: int) -> None:
-        """They are in the index, in this order, and the parties that end by them have ended."""
+        """Writes revocations to the index, in this order, and ends the parties that end by them."""
         if not events:
             return
         # The epochs are taken from the locked row inside this transaction: they become visible in their own order.

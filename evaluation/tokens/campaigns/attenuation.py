@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 COUNT: Final = 200_000
 LEAST_PER_DIMENSION: Final = 8_000
-"""For `COUNT` pairs; fewer pairs need so many fewer."""
+"""Least pairs of a dimension for `COUNT` pairs; fewer pairs need so many fewer."""
 EACH: Final = 600
 """Requests for each chain: signatures are dear."""
 _BY_BISCUIT: Final = 10

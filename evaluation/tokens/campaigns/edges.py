@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 LONGEST_MS: Final = 1
-"""For a refusal that comes before any signature is checked or made."""
+"""Longest time of a refusal that comes before any signature is checked or made."""
 BEST_OF: Final = 5
 _ROOMY: Final = replace(DEFAULT, token_bytes=1_000_000)
 """Caps under which the edge of another cap can be reached at all."""
@@ -104,7 +104,7 @@ def _timed(edge: Edge, settings: Settings) -> tuple[int, FaultCode | None]:
 
 
 def edges() -> Iterator[Edge]:
-    """All of them."""
+    """Every edge of every cap."""
     yield from _of_tokens()
     yield from _of_scopes()
     yield from _of_scopes_in_tokens()

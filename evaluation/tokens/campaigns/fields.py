@@ -136,14 +136,14 @@ CHANGES: Final = ("drop", "double", "reorder", "retag", "lengthen", "split", "ad
 
 
 def _retagged(field: Field, chance: Random) -> bytes:
-    """Under another number, or as another wire type."""
+    """Field under another number, or as another wire type."""
     if chance.random() < 0.5:
         return write(chance.randrange(1, 17), field.wire, field.value)
     return varint(field.number << 3 | chance.choice((0, 1, 2, 3, 4, 5, 6, 7))) + field.raw[1:]
 
 
 def _lengthened(field: Field, chance: Random) -> bytes:
-    """With tag, length or number in more bytes than it needs."""
+    """Field with tag, length or number in more bytes than it needs."""
     longer = chance.choice((1, 1, 2, 4, 9))
     where = chance.randrange(3)
     if where == 0:

@@ -185,7 +185,7 @@ def _forbidden(text: str) -> Iterator[Probe]:
 
 
 def _likeness(token: bytes) -> list[dict[int, int]]:
-    """For each block, how often it has each field but texts (1), and how many terms its facts have."""
+    """Counts for each block: of each field but texts (1), and of the terms of its facts."""
     counted = []
     for signed in wire.read(token).blocks:
         parts = fields.read(signed.payload)

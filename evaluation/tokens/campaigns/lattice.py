@@ -108,7 +108,7 @@ def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]]) ->
 
 
 def symbolic_bound(run: Run, name: str, members: int) -> Bound:
-    """Any range, or any set of this many integers that are not consecutive."""
+    """Symbolic bound: any range, or any set of this many integers that are not consecutive."""
     if not members:
         low, high = run.symbol(f"{name}_low"), run.symbol(f"{name}_high")
         run.assume(low.term <= high.term)
@@ -170,7 +170,7 @@ def scope_cases(claim: ScopeClaim) -> Iterator[Callable[[Run], bool]]:
 
 
 def _numbers(run: Run, name: str, group: tuple[str, ...]) -> Scope:
-    """Any numbers in these dimensions; all else as it is everywhere."""
+    """Scope with any numbers in these dimensions, and the others fixed."""
     scope = Scope((_MOVE,), Tier(1), _NAMES, _NAMES, 1, 0, 9)
     if "limit" in group:
         limit = Limit(_FIXED.parameter, symbolic_bound(run, name, 0))
@@ -193,7 +193,7 @@ def _natural(run: Run, name: str) -> Any:
 
 
 def _fewer_numbers(run: Run) -> Restriction:
-    """As a scope's, without an order between the ends of the window."""
+    """Restriction with numbers as of a scope, without an order between the ends of the window."""
     limit = Limit(_FIXED.parameter, symbolic_bound(run, "r", 0))
     ceiling, depth = _natural(run, "r_ceiling"), _natural(run, "r_depth")
     start, end = _int(run.symbol("r_start")), _int(run.symbol("r_end"))
@@ -215,7 +215,10 @@ def _shapes(count: int) -> Iterator[tuple[_Names, ...]]:
 
 
 def _named(run: Run, name: str, names: _Names) -> Scope:
-    """Any audiences and delegates, integers in place of names since only sameness counts; numbers as they are."""
+    """Scope with any audiences and delegates, and fixed numbers.
+
+    Integers stand in place of names, since only sameness counts.
+    """
     grants, audiences, delegates = names
     held = tuple(Grant("arm", grant, (_FIXED,) if grant == "move" else ()) for grant in grants)
     return Scope(

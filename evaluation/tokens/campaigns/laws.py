@@ -113,7 +113,7 @@ def left_out(child: Bound, parent: Bound) -> int | None:
 
 
 def _candidates(child: Bound, parent: Bound) -> Iterator[int]:
-    """If any value of `parent` is left out, one of these is."""
+    """Values of which one is left out, if any value of `parent` is."""
     if isinstance(parent, OneOf):
         yield from parent.values
         return
@@ -219,7 +219,7 @@ def refuses_something(child: Scope, parent: Scope) -> bool:
 
 
 def _witnesses(child: Scope, parent: Scope) -> Iterator[Request]:
-    """If `child` refuses any request that `parent` allows while both are valid, it refuses one of these."""
+    """Requests of which `child` refuses one, if it refuses any that `parent` allows while both are valid."""
     start = child.not_before
     for grant in parent.grants:
         pair = grant.object, grant.operation

@@ -26,7 +26,7 @@ GROWTH_MIB: Final = 64.0
 _AGAIN: Final = 50
 """Most further tries of a mutant that took too long: one that is slow by itself is slow every time."""
 _CONTROL: Final = 10_000
-"""After so many mutants the issued tokens are verified again."""
+"""Number of mutants after which the issued tokens are verified again."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,12 +73,12 @@ Name = tuple[bool, int]
 
 
 def _pair(one: Name, other: Name) -> tuple[Name, Name]:
-    """The same for either order."""
+    """Pair of names, the same for either order."""
     return (one, other) if one <= other else (other, one)
 
 
 Answers = tuple[tuple[bool, bool], ...]
-"""To each comparison in order: the answer, and whether it was open."""
+"""Answer to each comparison in order, and whether it was open."""
 
 
 @dataclass
@@ -103,11 +103,11 @@ class Run:
     _known: dict[tuple[bool, Name, Name], bool] = field(default_factory=dict)
 
     def symbol(self, name: str) -> Symbol:
-        """Any integer; the same one for the same name."""
+        """Symbol for any integer; the same one for the same name."""
         return Symbol(z3.Int(name), self)
 
     def assume(self, *conditions: z3.BoolRef) -> None:
-        """Only integers with these conditions are meant. To be said before the first comparison."""
+        """Assumes these conditions of all integers. To be called before the first comparison."""
         self.solver.add(*conditions)
 
     def less(self, one: Symbol | int, other: Symbol | int) -> bool:

@@ -47,7 +47,7 @@ class Lend:
 
 
 def acts(blocks: Blocks, act: Act) -> list[bool]:
-    """For the holder after each block, whether the request is permitted: when no block so far says no."""
+    """Answers for the holder after each block: true where no block so far refuses the request."""
     answers: list[bool] = []
     for block in blocks:
         answers.append((answers[-1] if answers else _shaped(blocks[0], act)) and _allows(block, act))
@@ -91,7 +91,7 @@ def inside(bound: Bound, value: int) -> bool:
 
 
 def lends(blocks: Blocks, holders: Sequence[str], lend: Lend) -> list[bool]:
-    """For the holder after each block, whether it may lend on so. Nobody holds twice."""
+    """Answers for the holder after each block: true where it may delegate so. Nobody holds twice."""
     return [lend.agent not in holders[: n + 1] and _may_lend(blocks[: n + 1], lend) for n in range(len(blocks))]
 
 

@@ -187,7 +187,7 @@ def check(token: bytes) -> Chain | Fault:
 
 
 def chain_of(token: bytes) -> Chain:
-    """The same, for a token that was just made.
+    """Chain of a token that was just made.
 
     Raises:
         RuntimeError: when the made token does not verify.

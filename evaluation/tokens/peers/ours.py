@@ -66,7 +66,7 @@ class OurCall:
 
 
 def forget() -> None:
-    """Nothing that the package remembers for the whole process is remembered."""
+    """Forgets everything that the package remembers for the whole process."""
     for name, module in list(sys.modules.items()):
         if name.split(".", 1)[0] == "capabilities":
             for member in list(vars(module).values()):
@@ -197,7 +197,7 @@ class OurTokens:
     def _unseen(
         self, workload: Workload, depth: int, kind: Kind, *, proof: bool, pool: list[HeldToken]
     ) -> Cell[TokenKey]:
-        """From bytes that were never seen: by a new verifier for each call of `FIRST`, else by one for all."""
+        """Cell from bytes that were never seen: a new verifier for each call of `FIRST`, else one for all."""
         verifier = Verifier(self._trust, DEFAULT)
 
         def calls() -> Iterator[OurCall]:
@@ -248,7 +248,7 @@ class OurTokens:
         )
 
     def _attenuate(self, workload: Workload, depth: int) -> Cell[TokenKey]:
-        """From a verified chain, as the identity provider does it: attestation and checking are its own steps."""
+        """Cell from a verified chain, as the identity provider does it: attestation and checking are its own steps."""
         serial = self._next(1)[0]
         parent = tokens.lend(workload, depth - 1, serial, varied=True).token
         chain = tokens.chain_of(parent)

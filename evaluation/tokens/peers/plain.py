@@ -49,14 +49,14 @@ class PlainPeer(ABC):
 
     @abstractmethod
     def decide(self, token: Any, ask: Ask) -> Verdict:
-        """From the wire to a decision."""
+        """Decision from the wire."""
 
     def read(self, token: Any) -> Any:
         """Part of a read token that is kept."""
         return token
 
     def decide_read(self, kept: Any, ask: Ask) -> Verdict:
-        """From that to a decision."""
+        """Decision from the kept part of a token."""
         return self.decide(kept, ask)
 
     @abstractmethod
@@ -65,7 +65,7 @@ class PlainPeer(ABC):
 
     @abstractmethod
     def attenuate(self, made: Any, workload: Workload, hop: int, serial: int) -> Any:
-        """The same with one more hop."""
+        """Token with one more hop."""
 
     @abstractmethod
     def wire(self, made: Any) -> Any:

@@ -12,7 +12,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """From nothing."""
+    """Creates the first schema."""
     op.create_table(
         "counters",
         sa.Column("singleton", sa.Integer(), autoincrement=False, nullable=False),
