@@ -75,7 +75,7 @@ def create_app(
         openapi_url=f"{path}/openapi.json",
         redoc_url=None,
         redirect_slashes=False,
-        # Off: the framework's own records would hold exception messages, and so what callers sent.
+        # Off: the framework's own records would hold exception messages, and so texts of callers.
         telemetry={
             "tracing": False,
             "metrics": False,
@@ -133,7 +133,7 @@ class _Shield:
             if scope["type"] != "http":
                 raise
             places = [f"{frame.filename}:{frame.lineno}" for frame in traceback.extract_tb(error.__traceback__)]
-            # No traceback: its message may hold what a caller sent.
+            # No traceback: its message may hold a caller's text.
             path = " < ".join(reversed(places[-6:]))
             logger.error("unexpected %s at %s", type(error).__name__, path)  # noqa: TRY400
             if started:

@@ -63,7 +63,7 @@ def serve(
         port=settings.port,
         ssl_certfile=settings.tls_certificate_file,
         ssl_keyfile=settings.tls_key_file,
-        loop="asyncio",  # whatever else is installed: uvloop comes with packages that ask for it
+        loop="asyncio",  # in any environment: uvloop comes with packages that ask for it
         http="h11",
         ws="none",
         lifespan="on",

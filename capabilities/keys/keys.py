@@ -239,7 +239,7 @@ def unb64u(value: str) -> bytes:
         raw = binascii.a2b_base64(value.encode("ascii").translate(_PLAIN) + _PADDING[len(value) % 4])
     except (UnicodeEncodeError, binascii.Error):
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not base64url") from None
-    # Much is read leniently here. What it says has one text in base64url, and that is what has to stand there.
+    # The decoder is lenient, so encode the result again: bytes have one text in base64url, and only that one is taken.
     if b64u(raw) != value:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not the canonical base64url")
     return raw

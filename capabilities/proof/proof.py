@@ -108,7 +108,7 @@ def check_proof(
 
 def token_digest(token: str) -> str:
     """The base64url SHA-256 of a token's text, as `ath` states it (RFC 9449 section 4.2)."""
-    # Nothing but ASCII is a token; whatever else is presented as one gets a digest of its own, and no exception.
+    # Only ASCII is a token; any other text presented as one gets a digest of its own, and no exception.
     return _digest(token.encode("utf-8", "surrogatepass"))
 
 

@@ -125,7 +125,7 @@ def refusal(manifest: Manifest, digest: str, place: ExpectedManifest, *, at: flo
         return Fault(FaultCode.STATEMENT_UNTRUSTED, "STM-7", "it names another curator than its key's")
     if (manifest.collection, manifest.content) != (place.collection, place.content):
         return Fault(FaultCode.WRONG_AUDIENCE, "STM-7", "the manifest of another collection")
-    # Two manifests of one version are two truths: whoever can choose between them can take a correction back.
+    # Two manifests of one version are two truths: a party that chooses between them can take a correction back.
     if manifest.version < place.version or (manifest.version == place.version and digest != place.digest):
         return Fault(FaultCode.REPLAYED, "STM-7", f"version {place.version} was seen")
     if not manifest.at <= at + caps.skew_s:

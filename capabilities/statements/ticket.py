@@ -58,7 +58,7 @@ class RequestDigests:
     @classmethod
     def of(cls, *, token: str | None, proof: str | None, body: bytes) -> RequestDigests:
         """Digests of this request; None stands for a part that it does not have."""
-        # Nothing but ASCII is a token or a proof; whatever else came as one gets a digest of its own, and no exception.
+        # Only ASCII is a token or a proof; any other text that came as one gets a digest of its own, and no exception.
         texts = ((text or "").encode("utf-8", "surrogatepass") for text in (token, proof))
         return cls(*(hashlib.sha256(raw).hexdigest() for raw in (*texts, body)))
 

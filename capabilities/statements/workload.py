@@ -248,7 +248,7 @@ def _signed(token: str, platform: Platform, caps: Caps) -> bytes:
         verified = _ENGINE.decode_complete(token, key.public, algorithms=[key.algorithm])
     except jwt.exceptions.PyJWTError:
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "not signed by this key") from None
-    if verified["payload"] != payload:  # what was verified is what will be read
+    if verified["payload"] != payload:  # the verified bytes are those that will be read
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "two readers see two payloads")
     return payload
 

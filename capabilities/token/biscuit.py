@@ -52,7 +52,7 @@ def _contained(code: FaultCode) -> Callable[[Callable[_P, _T]], Callable[_P, _T]
                 return function(*args, **kwargs)
             except TokenError:
                 raise
-            except Exception as error:  # noqa: BLE001 - whatever the library raises is a refusal
+            except Exception as error:  # noqa: BLE001 - any exception of the library is a refusal
                 reached = _LIMITS_WORD in str(error)
                 raise TokenError(FaultCode.LIMIT_EXCEEDED if reached else code, type(error).__name__) from None
             except BaseException as error:

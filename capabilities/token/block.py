@@ -257,7 +257,7 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
     return members
 
 
-# What is made of the checks is remembered: a renewed token has the same ones, and so has the next agent's.
+# Results of reading checks are remembered: a renewed token has the same checks, and so has the next agent's.
 
 
 @functools.lru_cache(maxsize=REMEMBERED)

@@ -104,7 +104,7 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
             assert_never(kind)
 
 
-# A renewed token has the same grants at each hop, and so has the next agent's: what is made of them is remembered.
+# Results are remembered: a renewed token has the same grants at each hop, and so has the next agent's.
 _lay_over: Final = functools.lru_cache(maxsize=REMEMBERED)(algebra.lay_over)
 
 

@@ -39,7 +39,7 @@ _NUMBERS: Final = {
 
 # Messages of schema.proto with their field numbers: "?" optional, "*" repeated, "|" one of several. An enumeration is
 # an int32 here, since only its number counts. Fields that this profile never has are declared where they have to be
-# seen; what is not declared counts as unknown, and unknown fields are refused.
+# seen; an undeclared field counts as unknown, and unknown fields are refused.
 _SCHEMA: Final[Mapping[str, str]] = {
     "PublicKey": "?algorithm=1:int32 ?key=2:bytes",
     "ExternalSignature": "?signature=1:bytes ?publicKey=2:PublicKey",
@@ -53,7 +53,7 @@ _SCHEMA: Final[Mapping[str, str]] = {
         "*symbols=1:string ?context=2:string ?version=3:uint32 *facts=4:Fact *rules=5:bytes *checks=6:bytes "
         "*scope=7:bytes *publicKeys=8:bytes"
     ),
-    # Of the same message, what it says and demands of its own.
+    # Part of the same message: its own facts and checks.
     "Body": "*facts=4:Fact *checks=6:bytes",
     "Fact": "?predicate=1:Predicate",
     "Rule": "?head=1:Predicate *body=2:Predicate *expressions=3:Expression *scope=4:bytes",
@@ -172,7 +172,7 @@ def _contents(payload: bytes, version: int) -> Contents:
     if index is None or not index.HasField("integer"):
         raise TokenError(FaultCode.CHAIN_BROKEN, "a fact without index")
     raw = tuple([term.bytes for term in further])
-    if not all(raw):  # empty is also what a term of another type says here
+    if not all(raw):  # a term of another type reads as empty, too
         raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no byte string")
     return Contents(symbols, predicate.name, index.integer, raw, tuple(body.checks))
 

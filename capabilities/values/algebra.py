@@ -107,7 +107,7 @@ def _compare(child: Scope, parent: Scope, depth: int, of_grants: Narrowing) -> N
 
 
 def _compare_limits(child: Grant, parent: Grant, widenings: list[Widening], strict: set[str]) -> None:
-    # What the hop leaves as it was is the parent's very object and needs no comparison.
+    # A limit that the hop did not change is the parent's very object and needs no comparison.
     changed = [(below, above) for below, above in zip(child.limits, parent.limits, strict=False) if below is not above]
     if len(child.limits) != len(parent.limits) or any(below.parameter != above.parameter for below, above in changed):
         # Another signature is another operation: neither parameters nor units nor their order may change.

@@ -81,7 +81,7 @@ class Grant:
     _hash: int = field(default=0, init=False, repr=False, compare=False)
 
     def __hash__(self) -> int:
-        # Computed once: what is remembered about grants is looked up by them.
+        # Computed once: memories about grants look them up by it.
         if not self._hash:
             object.__setattr__(self, "_hash", hash((self.object, self.operation, self.limits)) or 1)
         return self._hash

@@ -80,7 +80,7 @@ def canonical(value: object) -> bytes:
         StatementError: `STATEMENT_MALFORMED` for a value that has no such form.
     """
     try:
-        return rfc8785.dumps(value)  # type: ignore[arg-type]  # wrong types are what the except is for
+        return rfc8785.dumps(value)  # type: ignore[arg-type]  # the except is for wrong types
     except (rfc8785.CanonicalizationError, UnicodeEncodeError, RecursionError):
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "no canonical form") from None
 

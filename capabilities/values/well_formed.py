@@ -87,7 +87,7 @@ def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
     within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
     if isinstance(
         grants, HashedTuple
-    ):  # what was read is one object for all tokens that lend it; a refusal is not kept
+    ):  # grants that were read are one object for all tokens that lend them; a refusal is not kept
         if grants.passed != within:
             _check_each(grants, *within)
             grants.passed = within

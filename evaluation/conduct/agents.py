@@ -130,7 +130,7 @@ def reported(draft: Draft, *, at: int, n: object, agent: str = "worker", reporte
     )
 
 
-# --- what may become of one ------------------------------------------------------------------------------------------
+# --- changes of an agent ---------------------------------------------------------------------------------------------
 
 
 def drifter(milli_per_act: int) -> Callable[[random.Random, int, Draft], Draft]:

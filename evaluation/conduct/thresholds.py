@@ -80,4 +80,4 @@ def table() -> str:
 
 
 if __name__ == "__main__":
-    print(table())  # noqa: T201 - what the command is for
+    print(table())  # noqa: T201 - the command is for printing

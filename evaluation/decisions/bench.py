@@ -99,7 +99,7 @@ def line_up(
     told("asking every engine for every broken condition")
     engines = [*mine, *ready]
     agreed = agree(engines, policies)
-    # We take turns with one other at a time: a slow engine empties the processor's caches for whoever comes next.
+    # We take turns with one other at a time: a slow engine empties the processor's caches for the next one.
     turns = [[*mine, other] for other in ready] or [mine]
     groups = [[_cell(engine, case, group[-1], policies) for engine in group] for case in cases.CASES for group in turns]
     versions = {engine.name: engine.version for engine in engines}

@@ -66,7 +66,7 @@ ORDINARY: Final[Mapping[str, Fact]] = MappingProxyType(
         "payload_g": 1_200,
         "expected_payload_g": 1_200,
         "frames_match": True,
-        # what was done before
+        # earlier acts
         "unfinished": False,
         "held_known": True,
         "drift_urad": 100,
@@ -77,7 +77,7 @@ ORDINARY: Final[Mapping[str, Fact]] = MappingProxyType(
         "deviations": frozenset(),
         "deviated_ago_s": NEVER,
         "contracted": False,
-        # what the arguments derive from
+        # origins of the arguments
         "unnamed_arguments": 0,
         "integrities": frozenset({"AGENT"}),
     }

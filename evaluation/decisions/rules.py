@@ -126,7 +126,7 @@ def _guard(policy: Policy) -> Clause:
     return tuple(guard)
 
 
-# --- each primitive, as its class says it: what is denied where it does not hold, and what is asked ---
+# --- conditions of each primitive, as its class states them: those that deny, and those that ask ---
 
 _CHAIN: Final = (Atom("chain", Op.EQUAL, VERIFIED),)
 Parts = tuple[list[Clause], list[Clause]]

@@ -127,7 +127,7 @@ def _groups(
         asked = [ready(each) for each in workload.steps(rng, 20, count, servo=servo)]
         prepared.append(streaming(asked, name))
         whole.append(assessing(asked, name))
-    # Each by itself: whoever serves a stream asks about nothing else in between.
+    # Each by itself: the server of a stream asks about nothing else in between.
     return groups, [prepared, whole]
 
 

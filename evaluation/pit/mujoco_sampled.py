@@ -53,7 +53,7 @@ class SampledByMujoco:
             return int(mj.mj_name2id(self._model, mj.mjtObj.mjOBJ_GEOM, name))
 
         moving = robot.bodies[: robot.world_bodies]
-        # MuJoCo's meshes have no rounding: what is left out of one stands beside its pairs.
+        # MuJoCo's meshes have no rounding: the missing radius stands beside each pair.
         self._pairs = [
             (geom(body.name), geom(f"/{k}"), self._rounded.get(f"/{k}", 0.0))
             for k in range(len(shapes))

@@ -80,7 +80,7 @@ class Ruler:
         found = self._laid(path, move, zero=-DEEPEST_M, band=COARSE_M)
         if found.upper <= BEYOND:
             return Least(REACH_M, math.inf)
-        # One coarse step below what is met the least may lie, so it is on the fine band; what rounds is laid again.
+        # The least may lie one coarse step below the attained one, inside the fine band. An end at zero is laid again.
         while True:
             zero = found.witnesses[0].clearance_m - MIDDLE * FINE_M
             found = self._laid(path, move, zero=zero, band=FINE_M)

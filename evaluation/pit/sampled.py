@@ -66,7 +66,7 @@ def _instants(robot: Robot, motion: Motion) -> Iterator[tuple[Floats, Floats]]:
         case MoveL():
             yield from _along(robot, motion)
         case ServoJ():
-            # Whatever the envelope holds more than this, the arm may at least go on as it goes for a period.
+            # Beside the rest of the envelope, the arm may at least go on at its speed for a period.
             start, qd = np.array(motion.start), np.array(motion.qd_rad_s)
             for t in (0.0, motion.period_s):
                 yield start + t * qd, qd

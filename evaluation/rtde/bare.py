@@ -25,7 +25,7 @@ class Unjudged:
     def __init__(self, **_: Any) -> None:
         pass
 
-    def see(self, q_rad: Sequence[float]) -> Shown:  # noqa: ARG002 - the form of what it stands for
+    def see(self, q_rad: Sequence[float]) -> Shown:  # noqa: ARG002 - the signature of the replaced method
         """View that is always fresh."""
         return Shown(0, None)
 

@@ -229,7 +229,7 @@ def _outcome(call: Future[Answer]) -> str:
         answer = call.result()
     except Exception as error:  # noqa: BLE001 - how the call ends is told, not judged; the arm is
         return type(error).__name__
-    # After a revocation the SDK looks at the tools once more, and is refused: then that is what came last.
+    # After a revocation the SDK looks at the tools once more, and is refused: that is then the last record.
     return str(answer.content.get("outcome") or answer.reason)
 
 

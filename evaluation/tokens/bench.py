@@ -89,7 +89,7 @@ def line_up(
                     sizes.append(Size(peer.name, workload.name, depth, prepared.bytes))
                     cells += [cell for cell in prepared.cells if isinstance(cell, Cell)]
                     unmeasured += [row for row in prepared.cells if isinstance(row, Row)]
-                # What is forgotten before each call of one cell must not be missed by another: a group of its own.
+                # Cells that forget before each call must not disturb others: they are a group of their own.
                 first = [cell for cell in cells if cell.of.kind is Kind.FIRST]
                 groups += [[cell for cell in cells if cell.of.kind is not Kind.FIRST], first]
     versions = {peer.name: peer.version for peer in peers}

@@ -132,7 +132,7 @@ def act_of(report: Report, parameters: Parameters, *, span_s: int | None) -> Act
     """Act that one report tells of, as the questions see it."""
     tier, near = report.tier, report.near_permille
     charged = charge(report).milli
-    permitted = False if report.effect == "PERMIT" else None  # what nobody is charged for says nothing of the agent
+    permitted = False if report.effect == "PERMIT" else None  # a refusal without a charge says nothing of the agent
     return Act(
         operation=report.operation,
         values=report.values[:NAMES_MAX],
@@ -289,7 +289,7 @@ def widest(one: Reference, other: Reference) -> Reference:
     return Reference(
         one.known | other.known,
         one.usual | other.usual,
-        one.top if one.top == other.top else ("", "", ""),  # what is used most differs within a role: not asked
+        one.top if one.top == other.top else ("", "", ""),  # the most used ones differ within a role: not asked
         MappingProxyType({operation: MappingProxyType(bounds) for operation, bounds in ranges.items()}),
         min(quick, default=None),
         max(high, default=None),

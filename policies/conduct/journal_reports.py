@@ -52,7 +52,7 @@ def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDe
     try:
         request, decision, evidence = body["request"], body["decision"], body["evidence"]
         chain, tool = evidence["chain"], evidence["tool"]
-        # A chain that was verified, and a proof that its leaf's key made for this very request: somebody acted.
+        # A chain that was verified, and a proof that its leaf's key made for this very request: an agent acted.
         if chain["type"] != "Chain" or evidence["proof"] is not True:
             return None
         parties = (chain["sponsor"]["subject"], *(hop["agent"] for hop in chain["hops"]))

@@ -80,7 +80,7 @@ def standing(case: Case, deferred: Iterable[Finding], policies: PolicySet) -> St
         case "used":
             return AskAgain(found("", Reason.APPROVAL_USED, ask_id=approval.ask_id))
         case "granted":
-            # first: a world that differs besides makes the refusal of what is too fast no question
+            # first, because it denies: other differences of the world would turn that denial into a question
             fast = _too_fast(case, policies.parameters)
             if fast is not None:
                 return Refused(fast)
@@ -102,13 +102,13 @@ def _differences(
     """Differences of the case from the approved one that exceed their slack; none when the approval counts."""
     evidence, parameters = case.evidence, policies.parameters
     chain = evidence.chain
-    # whose it is, and what decides it
+    # its sponsor and its policy set
     sponsor = chain.sponsor.subject if isinstance(chain, Chain) else None
     if sponsor != approval.sponsor:
         yield _difference("sponsor", approval.sponsor, sponsor)
     if policies.digest != approval.policy_digest:
         yield _difference("policy_digest", approval.policy_digest, policies.digest)
-    # what was shown
+    # the shown impact
     if case.tier is None or case.tier != approval.tier:
         yield _difference("tier", int(approval.tier), None if case.tier is None else int(case.tier))
     if unlisted := reasons - approval.reasons:

@@ -212,7 +212,7 @@ def _policy(table: _Table, parameters: Parameters) -> Policy:
             pit_bound=_pit_bound(table),
         )
     except PolicyError as error:
-        # what only the whole policy knows is named by its part; here its place becomes known
+        # an error that only the whole policy shows is named by its part; here its place becomes known
         if error.where.startswith(table.where):
             raise
         raise PolicyError(error.code, table.place(error.where), error.detail) from error

@@ -30,7 +30,7 @@ SPEED: Final = "speed"
 
 AFTER: Final[Mapping[Reason, Obligation]] = MappingProxyType(
     {
-        # somebody tried to have more than was lent, or to pass for somebody else; a slip of a parameter is neither
+        # an agent tried to have more than was lent, or to pass for another one; a slip of a parameter is neither
         **dict.fromkeys(
             (
                 Reason.SIGNATURE_INVALID,
@@ -52,7 +52,7 @@ AFTER: Final[Mapping[Reason, Obligation]] = MappingProxyType(
             ),
             LOWER_TRUST,
         ),
-        # the holder is not, or no longer, known to be what it should be
+        # the holder is not, or no longer, known to be the attested agent
         **dict.fromkeys(
             (
                 Reason.ATTESTATION_INVALID,
@@ -89,7 +89,7 @@ def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obl
     if approval is not None:
         owed.append(CONSUME)
     if plan.needs.physical:
-        # the impact was computed for this speed: at a higher one it is not what was decided
+        # the impact was computed for this speed, and the decision is for no higher one
         owed += [Obligation(ObligationKind.CLAMP, value) for value in case.request.values if value.name == SPEED]
     return _sorted(owed)
 

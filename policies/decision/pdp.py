@@ -67,7 +67,7 @@ def decide(request: Request, evidence: Evidence, policies: PolicySet) -> Decisio
             lifetime_ms=plan.needs.lifetime_ms if permitted else 0,
             approval=approval,
         )
-    except Exception as error:  # noqa: BLE001 - total: whatever goes wrong in deciding is a DENY, and the record says what it was
+    except Exception as error:  # noqa: BLE001 - total: any exception in deciding is a DENY, and the record names it
         return _undecidable(request, policies, found("", Reason.POLICY_ERROR, error=type(error).__name__))
 
 

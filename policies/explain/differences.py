@@ -144,7 +144,7 @@ def _names(names: frozenset[str] | None) -> str:
     return "any" if names is None else " ".join(sorted(map(str, names))) or "none"
 
 
-# --- what is decided -------------------------------------------------------------------------------------------------
+# --- decisions -------------------------------------------------------------------------------------------------------
 
 
 class Direction(StrEnum):

@@ -181,7 +181,7 @@ def _judged(primitive: Primitive, case: Case) -> PredicateVerdict:
     parameters = tuple((f.name, getattr(primitive, f.name)) for f in fields(primitive))  # type: ignore[arg-type]
     try:
         verdict = primitive.judge(case)
-    except Exception:  # noqa: BLE001 - a primitive that breaks makes its policy deny, and that is what is told
+    except Exception:  # noqa: BLE001 - a primitive that breaks makes its policy deny, and the explanation says so
         return PredicateVerdict(primitive.id, "raises", parameters=parameters)
     match verdict:
         case Holds(findings) | Fails(findings) | Defers(findings):

@@ -107,7 +107,7 @@ def remedies(request: Request, evidence: Evidence, policies: PolicySet, decision
     first: dict[str, _Change] = {}
     for reason in reasons:
         finding = next(finding for finding in decision.findings if finding.reason is reason)
-        # what was not even of the right shape cannot be supposed to be otherwise
+        # evidence that was not even of the right shape cannot be supposed to be otherwise
         changes = [] if decision.evidence is None else list(_changes(finding, request, evidence, policies))
         for change in changes or [_Change(Means.NOTHING, {"instead": REASONS[reason].remedy}, _as_it_is)]:
             key = canonical.text((change.means, change.detail))

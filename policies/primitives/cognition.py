@@ -229,7 +229,7 @@ class ProvenanceOfContent:
     def _argument(self, case: Case, argument: ArgumentReading) -> list[Finding]:
         highest = self.max_tier(argument)
         if case.tier is None:
-            # physics was not computed: what asks for it says so, and no argument is believed for an unknown tier
+            # without physics the primitive that needs it says so, and no argument is believed for an unknown tier
             return (
                 [] if highest is Tier.SAFETY_CRITICAL else [found(self.id, Reason.EVIDENCE_MISSING, evidence="impact")]
             )

@@ -71,7 +71,7 @@ def what_it_says(primitive: Primitive, case: Case) -> PrimitiveVerdict:
     """The verdict of a primitive, asked."""
     try:
         verdict = primitive.judge(case)
-    except Exception:  # noqa: BLE001 - as `decide` does: what raises is heard of, and denies
+    except Exception:  # noqa: BLE001 - as `decide` does: an exception denies
         return PrimitiveVerdict(holds=False, fails=False, raises=True)
     return PrimitiveVerdict(
         isinstance(verdict, Holds), isinstance(verdict, Fails), not isinstance(verdict, Holds | Fails | Defers)
@@ -168,7 +168,7 @@ def _approval(case: Case, policies: PolicySet) -> dict[str, Any]:
             "approval_tier": _ANY,
             "approvers": _ANY,
         }
-    # what defers is what is told while nobody was asked
+    # the deferring reasons are those of a decision without approval
     unasked = decide(case.request, replace(evidence, approval=None), policies)
     return {
         "approval": STATES.index(approval.state) if approval.state in STATES[1:-1] else ANOTHER_STATE,

@@ -66,7 +66,7 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
     concerned = [(policy, concerns(policy, facts, names, logic)) for policy in policies.policies]
     bound = logic.some(*(concern for policy, concern in concerned if policy.pit_bound is not None))
     anybody = logic.some(*(concern for _, concern in concerned), added.concerns if added else False)
-    # [POL-7] what no policy names counts as physical
+    # [POL-7] an operation that no policy names counts as physical
     at = situation(facts, logic.some(logic.no(anybody), bound), logic)
     said = [_only_when(concern, _said(policy, at, names), logic) for policy, concern in concerned]
     if added is not None:
@@ -75,7 +75,7 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
     grants = logic.some(*(s.grants for s in said))
     refused = logic.some(logic.no(facts.well_formed), logic.no(grants), *(s.denies for s in said))
     deferred = logic.every(logic.no(refused), logic.some(*(s.defers for s in said)))
-    # people may be asked, and what they said may count
+    # people may be asked, and their answer may count
     hopeless = logic.every(_critical(at), logic.no(facts.opening_in_force))
     answered = logic.every(deferred, logic.no(hopeless), facts.approval == GRANTED)
     by_people = logic.every(answered, logic.no(_too_fast(at)), approval_fits(at))

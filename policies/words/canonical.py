@@ -47,7 +47,7 @@ def _writer(kind: type) -> Callable[[Any], object]:
 
 def _record(kind: type[Any]) -> Callable[[Any], object]:
     """Each field by its name, beside the type's."""
-    # what a value only remembers for itself, its hash in this process above all, is no part of it
+    # a field that is no argument, such as a remembered hash, is no part of the value
     title, names = kind.__name__, tuple(f.name for f in fields(kind) if f.init)
 
     def write(value: Any) -> object:
@@ -80,7 +80,7 @@ def _list(value: tuple[object, ...]) -> object:
 
 
 _WRITERS: Final[tuple[tuple[type[Any], Callable[[Any], object]], ...]] = (
-    (Enum, lambda member: plain(member._value_)),  # before what an enum may be besides
+    (Enum, lambda member: plain(member._value_)),  # before the other types that an enum may be
     (int, lambda value: {"int": str(int(value))}),
     (str, str),
     (float, lambda value: {"float": value.hex()}),

@@ -326,7 +326,7 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
 """Every reason with its fixed text, remedy and owners."""
 
 PRECEDENCE: Final[tuple[Reason, ...]] = (
-    # what is wrong with the authority, in the order in which verification finds it
+    # first the faults of the authority, in the order in which verification finds them
     *(r for r in tuple(Reason)[tuple(Reason).index(Reason.TOKEN_MISSING) : tuple(Reason).index(Reason.NOT_GRANTED)]),
     Reason.KEY_MALFORMED,
     Reason.KEY_WRONG_ROLE,
@@ -337,7 +337,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.ATTESTATION_OLD,
     Reason.TRUST_NOT_OF_EDGE,
     Reason.REATTESTATION_NEEDED,
-    # then what was said, and who said it
+    # then the texts and their authors
     Reason.INSTRUCTION_UNAUTHENTIC,
     Reason.INSTRUCTION_MALFORMED,
     Reason.INSTRUCTION_OLD,
@@ -379,7 +379,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.ROBOT_NOT_EXCLUSIVE,
     Reason.PAYLOAD_MISMATCH,
     Reason.FRAMES_MISMATCH,
-    # then physics: what cannot be believed, what nothing lifts, what the token forbids, what a person may answer
+    # then physics: faults, violations that nothing lifts, the token's ceiling, and questions for people
     Reason.ENGINES_DISAGREE,
     Reason.STATEMENT_MALFORMED,
     Reason.STATEMENT_WRONG_KIND,
@@ -405,7 +405,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.BEHAVIOUR_DEVIATES,
     Reason.TRUST_TOO_LOW,
     Reason.APPROVAL_REQUIRED,
-    # last, what only says that something else was not known
+    # last, reasons that only say that another fact was not known
     Reason.EVIDENCE_MALFORMED,
     Reason.POLICY_ERROR,
     Reason.NO_POLICY,

@@ -61,7 +61,7 @@ class MoveArc(MoveTool):
         self._from = self._arm.tool(q, self._tcp)
         self._swept = self._angle(self._from[0], self.target[0])
         self._turn = to_vector(compose(self.target[1], transpose(self._from[1])))
-        # Whoever braked is beside the circle, and comes back to it on the rest of the way.
+        # An arm that braked is beside the circle, and comes back to it on the rest of the way.
         self._aside = self._askew = (0.0, 0.0, 0.0)
         position, rotation = self._pose(0.0)
         self._aside = _minus(self._from[0], position)

@@ -124,7 +124,7 @@ class Robot:
         self.slowed_for = Cause.NOT_SLOWED
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
         self.touched_at: int | None = None  # step since which the tool touches something
-        self.force_from_client = False  # the wrench at the tool is what external_force_torque says
+        self.force_from_client = False  # the wrench at the tool is external_force_torque
         self.values: dict[str, Value] = {name: _zero(kind) for name, kind in (OUTPUTS | INPUTS).items()}
         self.written_at: dict[str, int] = {}
         self.computed = self._computed()

@@ -21,11 +21,11 @@ BANNER: Final = "Connected: Universal Robots Dashboard Server"
 MAX_LINE: Final = 1024
 SERIAL_NUMBER: Final = "20235300001"  # e-Series serials start with the year and are digits alone; ur_rtde checks that
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}_2022-04-01_00-00-00.zip"  # a name alone: nothing is written
-MODEL: Final = "UR3"  # what a UR3e answers
+MODEL: Final = "UR3"  # the answer of a UR3e
 TOO_SOON: Final = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
-# What a robot in local control answers, as reported in issue 181 of UR's ROS 2 driver.
+# Answer of a robot in local control, as reported in issue 181 of UR's ROS 2 driver.
 NOT_REMOTE: Final = (
     "Command is not allowed due to safety reasons, "
     "please switch robot to Remote Control mode and reconnect to port 29999"

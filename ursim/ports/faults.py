@@ -152,7 +152,7 @@ def _protective_stop(controller: Controller) -> None:
 
 
 _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
-    # what the arm and its people do
+    # the arm and its people
     "stop": _act(lambda c: c.stop()),
     "protective_stop": _act(_protective_stop),
     "safeguard_stop": _act(lambda c: c.safeguard_stop()),
@@ -170,13 +170,13 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
     "release_touch": _act(lambda c: setattr(c.robot, "touched_at", None)),
     "slider_stuck": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", 0.0)),
     "slider_free": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", SLIDER_CHANGE_PER_S)),
-    # what the network does
+    # the network
     "drop_connections": _drop,
     "delay": _delay,
     "torn_frames": _tear,
     "slow_frames": _starve,
     "sound_network": _mend,
-    # what a field bus does
+    # a field bus
     "in_use": _occupy,
     "inputs_free": _vacate,
 }

@@ -58,7 +58,7 @@ class ScriptServer:
     def __init__(self, controller: Controller, version: ControlVersion) -> None:
         self._controller = controller
         self._version = version
-        self.telling: list[Port] = []  # primary: state and what programs do
+        self.telling: list[Port] = []  # primary: state and the programs' events
         self.stating: list[Port] = []  # secondary: state alone
         self.realtime: list[Port] = []
         controller.on_event = self._event

@@ -176,7 +176,7 @@ class Ticker:
     def start(self) -> None:
         """Ticks from now on."""
         sys.setswitchinterval(SWITCH_S)
-        gc.freeze()  # what was built at start need not be looked at again
+        gc.freeze()  # objects built at start need not be looked at again
         self._thread.start()
 
     def stop(self) -> None:

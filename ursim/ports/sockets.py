@@ -62,7 +62,7 @@ class Connection:
         self._backlog = bytearray()
         self._behind_since = 0.0
         self._delivery = delivery
-        self._waiting: deque[tuple[float, bytes]] = deque()  # what a fault holds back, and until when
+        self._waiting: deque[tuple[float, bytes]] = deque()  # messages that a fault holds back, and their time
         self.open = True
 
     def receive(self) -> bytes:

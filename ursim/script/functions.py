@@ -327,7 +327,7 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("get_actual_tool_flange_pose", "", lambda run: Pose(to_pose(run.robot.flange()))),
         row("get_actual_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
         row("get_target_tcp_speed", "", lambda run: Pose(run.robot.tool_speed())),
-        # Corrected by what the robot itself needs, as the vendor's manual says; there is nothing else here.
+        # Corrected by the robot's own need, as the vendor's manual says; there is nothing else here.
         row("get_joint_torques", "", lambda run: Vector(ZERO)),  # noqa: ARG005
         row("get_tcp_force", "", lambda run: Pose(run.robot.tool_force())),
         row("force", "", lambda run: math.hypot(*run.robot.tool_force()[:3])),

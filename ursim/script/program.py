@@ -120,7 +120,7 @@ class Execution:
             except MotionError as error:
                 self.robot.alarm = str(error)
                 return None
-            except Exception as error:  # noqa: BLE001  whatever a program does wrong ends that program and nothing else
+            except Exception as error:  # noqa: BLE001  any error of a program ends that program and nothing else
                 return Ending(Ended.FAILED, self._line(error), _told(error))
         return None
 
@@ -138,7 +138,7 @@ class Execution:
         self.finish()
         return ending
 
-    # -- what compiled programs call
+    # -- calls of compiled programs
 
     def step(self) -> None:
         """Counts a loop turn or a call."""
@@ -179,7 +179,7 @@ class Execution:
         """`exit_critical`."""
         self._critical = None
 
-    # -- what built-ins use
+    # -- calls of built-ins
 
     def perform(self, plan: Callable[[Joints], Motion]) -> Steps:
         """Brings the arm to rest, then makes the motion that `plan` lays out from there, to its end."""

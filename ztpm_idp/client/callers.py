@@ -27,7 +27,7 @@ from capabilities.statements import attestation, opening
 from capabilities.values.errors import StatementError
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from ztpm_idp.client import direct_http, person_answers
-from ztpm_idp.client.signing import ProofAuth as ProofAuth  # noqa: PLC0414 - part of what this module offers
+from ztpm_idp.client.signing import ProofAuth as ProofAuth  # noqa: PLC0414 - part of this module's public names
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping

@@ -109,7 +109,7 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     # 5. A safety-critical act rests on an opening that a person made for just this, and that is in force.
     if asked.tier is Tier.SAFETY_CRITICAL and not _opened_for(state.opening, asked, at_ms):
         return refused(IdpCode.OPENING_NOT_IN_FORCE, "no opening in force allows to ask for this")
-    # 6. People can still read what waits for them, and no agent crowds the others out.
+    # 6. Waiting asks are still few enough to be read, and no agent crowds the others out.
     if (spent := _budget_spent(rules, state, asked, at_ms)) is not None:
         return refused(IdpCode.ASK_BUDGET_SPENT, spent)
     return (AskTaken(_record(asked, command.text), command.text),)
@@ -235,7 +235,7 @@ def _too_late(asked: Asked, vote: Vote, at_ms: int) -> tuple[Code, str] | None:
             return IdpCode.ASK_OVER, "the ask is over"
         case AskState.GRANTED if vote.answer == Answer.APPROVE:
             return IdpCode.ASK_ANSWERED, "enough people approved"
-        case AskState.GRANTED | AskState.OPEN:  # a denial ends even what was granted
+        case AskState.GRANTED | AskState.OPEN:  # a denial ends even a granted ask
             return None
 
 

@@ -127,7 +127,7 @@ def judge(
     # 2. It is for exactly this act.
     if stated.delegator != delegator or stated.request_digest != request_digest:
         return _invalid("the evidence is for another delegator or request")
-    # 3. What runs is what was registered.
+    # 3. The stated software is the registered one.
     if stated.measurement != agent.software_digest:
         return _invalid("the measurement is not the registered software")
     # 4. The nonce is ours, was given to this agent, is young, and unspent.
@@ -142,7 +142,7 @@ def judge(
     skew_ms = rules.caps.skew_s * 1_000
     if not nonce.given_ms - skew_ms <= stated.at * 1_000 + 999 or not stated.at * 1_000 <= at_ms + skew_ms:
         return _invalid("the evidence was not made between the nonce and now")
-    # 6. What the platform says, when it is asked to say anything, is of this very agent.
+    # 6. The platform's token, where there is one, is of this very agent.
     if stated.workload and (unproven := _unproven(rules, agent, stated.workload, at_ms)) is not None:
         return unproven
     return AcceptedEvidence(

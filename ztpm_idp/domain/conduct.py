@@ -167,7 +167,7 @@ def of_delegation(rules: Rules, chain: Chain, request_id: str, *, at_ms: int, re
         return None
 
 
-# --- what is known ---------------------------------------------------------------------------------------------------
+# --- known conduct ---------------------------------------------------------------------------------------------------
 
 
 def of(state: State, agent: str) -> AgentConduct:

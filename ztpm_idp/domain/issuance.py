@@ -72,7 +72,7 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
 
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
     """Appends one hop, when the holder delegates strictly less than it has to an agent attested for exactly this."""
-    # 1. The token verifies in full against what is revoked in this very transaction.
+    # 1. The token verifies in full against the revocations of this very transaction.
     verified = _verified(rules, state, command, at_ms)
     if isinstance(verified, Refusal):
         return verified

@@ -35,7 +35,7 @@ def revoke(state: State, command: Revoke) -> Outcome:
             return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")
     first = Revoked(command.kind, command.id, command.reason, _party_concerned(state, command))
     # With a person end that person's agents, wherever they stand: in trees of other people only their own names stop
-    # them. What is in the index already is not there twice, so ending a person again ends what was left.
+    # them. An id that is in the index already is not there twice, so ending a person again ends only the rest.
     agents = (Revoked(RevocationKind.AGENT, agent, command.reason, agent) for agent in state.agents_of)
     return (*(() if state.revoked_at_epoch is not None else (first,)), *agents)
 
@@ -74,7 +74,7 @@ def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
 def _held_by(state: State, command: Revoke, agent: RegisteredAgent) -> bool:
     match command.kind:
         case RevocationKind.TOKEN:
-            # The whole token is what its first holder has and everything below.
+            # Its first holder has the whole token, and so everything below.
             return any(hop.parent is None and hop.agent == agent.id for hop in state.hops.values())
         case RevocationKind.HOP:
             # The state holds the hop and all hops above it: the caller must hold one of them.

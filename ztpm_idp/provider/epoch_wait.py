@@ -72,7 +72,7 @@ class EpochWait:
         self._waiting += 1
         left = asyncio.create_task(gone())
         try:
-            # Taken before the store is asked: what is committed after the answer sets this very event.
+            # Taken before the store is asked: a commit after the answer sets this very event.
             grown = self._grown
             epoch = await self._epoch()
             if epoch > since or self._closed:

@@ -134,7 +134,7 @@ async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, 
         told = await view.conduct.told(since=since, most=conduct.ENTRIES)
     if since > newest:
         raise Problem(IdpCode.EPOCH_AHEAD)
-    # A kind that was cut ends at its last; what is newer of the other one is told with what follows.
+    # A kind that was cut ends at its last row; newer rows of the other kind are told with the next word.
     cut = [rows[-1].version for rows in _kinds(told) if len(rows) == conduct.ENTRIES]
     through = min([newest, *cut])
     rows = sorted((row for kind in _kinds(told) for row in kind if row.version <= through), key=lambda row: row.version)

@@ -157,7 +157,7 @@ class Provider:
             raise Problem(outcome.code, outcome.detail, outcome.explanation)
         if done is None:
             raise AssertionError
-        self.epochs.told(done.epoch)  # after the commit: nobody is woken for what may still be rolled back
+        self.epochs.told(done.epoch)  # after the commit: no caller is woken for an epoch that may still be rolled back
         return done
 
     async def _epoch(self) -> int:

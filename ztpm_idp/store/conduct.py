@@ -152,7 +152,7 @@ class Conduct:
         match event:
             case PermitOpened(pep=pep, seq=seq, report=report):
                 same = sa.and_(p.pep == pep, p.request_id == report.request_id)
-                # What is decided afresh takes the place of what was not acted on in time; what nothing came of goes.
+                # A new decision takes the place of one that was not acted on; one that is too old for an outcome goes.
                 await self._connection.execute(
                     sa.delete(t.permits).where(sa.or_(same, sa.and_(p.pep == pep, p.seq < seq - OPEN_RECORDS)))
                 )
@@ -218,7 +218,7 @@ def _trust(text: str) -> TrustState:
     try:
         return TrustState.from_json(json.loads(text))
     except ValueError as error:
-        # Not what was stored, or of another version: to begin anew would be to forgive everything.
+        # A changed row, or one of another version: to begin anew would be to forgive everything.
         raise StoreUnavailableError from error
 
 

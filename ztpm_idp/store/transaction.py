@@ -103,7 +103,7 @@ class Transaction:
             young_ms: before now; nonces given before it, and asks, approvals and openings over before it, are left out.
         """
         held = await self.conduct.held(wanted.conduct_of, wanted.concerned, wanted.journal)
-        # Of whom something will be known, what it is for is known, too.
+        # Agents whose conduct will change are loaded too, for their role.
         met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
         parties, since_s = await self._parties(wanted.parties | met), young_ms // 1_000
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
@@ -182,7 +182,7 @@ class Transaction:
 
     async def _parties(self, ids: frozenset[str]) -> dict[str, Party]:
         found = {p.id: p for p in await self._by_id(ids)}
-        # Whoever judges an agent judges its sponsor too.
+        # A judgement of an agent is one of its sponsor too.
         sponsors = {p.sponsor for p in found.values() if isinstance(p, RegisteredAgent)} - found.keys()
         return found | {p.id: p for p in await self._by_id(sponsors)}
 

@@ -102,7 +102,7 @@ class AttenuationFigures:
         return missed(faults, failures)
 
 
-# --- what the library says -------------------------------------------------------------------------------------------
+# --- answers of the library ------------------------------------------------------------------------------------------
 
 
 def may_act(verifier: Verifier, token: bytes, act: Act) -> bool:
@@ -238,7 +238,7 @@ def _forge(asked: _Asked, what: str) -> None:
         hop = asked.issuer.holder(lend.agent, chain.leaf.agent)
         token = asked.issuer.forge(asked.of.tokens[at], chain.scope, len(chain.hops), hop, restriction)
         if len(token) > DEFAULT.token_bytes:
-            continue  # refused, and not for what it says
+            continue  # refused for another reason than its content
         does = isinstance(verified(asked.issuer.verifier(), token, at=lend.scope.not_before), Chain)
         asked.found.forged[name] += 1
         if does != may or (may and name != "fair"):

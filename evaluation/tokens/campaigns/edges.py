@@ -131,7 +131,7 @@ def _of_tokens() -> Iterator[Edge]:
     deep = tokens.lend(SMALL, DEFAULT.hops, 0).token
 
     def junk(distance: int) -> FaultCode | None:
-        # Zeros are no token: what matters is only whether that is found out, or the size first.
+        # Zeros are no token: the question is only whether that or the size is found first.
         said = _verified(bytes(DEFAULT.token_bytes + distance), DEFAULT)
         return None if said is FaultCode.TOKEN_MALFORMED else said
 

@@ -70,7 +70,7 @@ class Issuer:
         """The private key of a role or of an agent."""
         return _key(f"{self.seed} {name}")[0]
 
-    def holder(  # what a block states about one holder
+    def holder(  # statement of a block about one holder
         self,
         agent: str,
         delegator: str,

@@ -117,7 +117,7 @@ def hunt(of: Pool, count: int, seed: int, ask: Callable[[bytes], Chain | Fault],
         if number % _CONTROL == _CONTROL - 1:
             found.lost += _control(of, ask)
     found.lost += _control(of, ask)
-    # A peak of before is none of ours; below it, what is there now tells whether something was kept.
+    # A peak from before the run is not ours; below it, the present size tells whether memory was kept.
     highest_mib = _memory_mib("VmHWM")
     found.growth_mib = (highest_mib if highest_mib > peak_mib else _memory_mib("VmRSS")) - before_mib
     return found

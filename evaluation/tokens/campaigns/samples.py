@@ -60,7 +60,7 @@ def outcome(raw: bytes, root: Any, code: str, *, extern: bool) -> int | None:
         if extern:
             builder.register_extern_func("test", _of_the_sample)
         return int(builder.build(token).authorize())
-    except Exception:  # noqa: BLE001 - whatever the library raises is a refusal
+    except Exception:  # noqa: BLE001 - any exception of the library is a refusal
         return None
     except BaseException as error:
         if type(error).__name__ != _PANIC:

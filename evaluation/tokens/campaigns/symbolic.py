@@ -141,7 +141,7 @@ class Run:
                 self._go(compare(one, other), way=value)
         else:
             condition = compare(one, other)
-            # What was answered so far is possible, so one of the two answers is.
+            # The answers so far are possible together, so one of the two answers is.
             value = self._possible(condition)
             was_open = value and self._possible(z3.Not(condition))
             if was_open:
