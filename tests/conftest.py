@@ -63,23 +63,26 @@ def pytest_collection():
 
 
 def pytest_make_parametrize_id(config, val, argname):  # noqa: ARG001 - pytest's signature
-    """Cases are named by how a long text begins: what follows may be a megabyte, or drawn anew by each worker."""
+    """Names cases by the beginning of a long text: the rest may be a megabyte, or drawn anew."""
     if isinstance(val, str | bytes) and len(val) > NAMED:
         return f"{argname}: {ascii(val[:NAMED])}"
     return None
 
 
 def in_real_time(item):
-    """Whether an arm moves, or a short limit runs, on the machine's own clock."""
+    """True where an arm moves, or a short limit runs, on the machine's own clock."""
     return any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
 
 
 SEEDS = 2
-"""How many seeds of a long test that is parametrised by `seed` are for the suite; the others draw more of the same, for campaigns."""
+"""Number of seeds of a long test that are for the suite.
+
+The others draw more of the same, for campaigns.
+"""
 
 
 def draws_more(item):
-    """Whether it is a long test once more with another seed."""
+    """True where it is a long test once more with another seed."""
     seed = item.callspec.params.get("seed", 0) if hasattr(item, "callspec") else 0
     return item.get_closest_marker("long") is not None and seed >= SEEDS
 

@@ -1,4 +1,4 @@
-"""Bodies that no server of ours may let in, and the reason that each is refused with: one table for every HTTP edge.
+"""Bodies that no server of ours may let in, with the reasons: one table for every HTTP edge.
 
 A row is (name, body, reasons): `body` is bytes; any of `reasons` is a right answer, since edges differ in what they look at first. None of them
 may be answered with a status of 500 or above, and none may leave anything half done.

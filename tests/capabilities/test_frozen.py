@@ -1,4 +1,4 @@
-"""What a maker makes is what the class makes."""
+"""A maker makes the same value as its class."""
 
 from __future__ import annotations
 

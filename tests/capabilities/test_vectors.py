@@ -125,7 +125,10 @@ def holds(raw: bytes, case: dict) -> bool:
 
 @pytest.mark.clause("VAL-14")
 def test_wycheproof_p256_all_262():
-    """Of the 173 valid vectors 70 have the higher s. Those are refused, and hold once s is lowered: nothing else is wrong."""
+    """Of the 173 valid vectors 70 have the higher s.
+
+    Those are refused, and hold once s is lowered: nothing else is wrong.
+    """
     accepted = raised = 0
     cases = wycheproof("ecdsa_secp256r1_sha256_p1363_test.json")
     for group, case in cases:
@@ -176,7 +179,10 @@ def test_wycheproof_jose(name):
 
 @pytest.mark.clause("PRF-3", "VAL-5")
 def test_wycheproof_keys():
-    """RSA, AES and MAC keys, wrong curves, wrong uses, a point beside the curve; one member of one set is a P-256 key."""
+    """RSA, AES and MAC keys, wrong curves and uses, a point beside the curve are refused.
+
+    One member of one set is a P-256 key.
+    """
     found = []
     for group, case in wycheproof("json_web_key_test.json"):
         for stated in (group.get("private"), group.get("public")):

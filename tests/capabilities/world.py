@@ -1,4 +1,4 @@
-"""A small fixed world for the tests of `capabilities`: keys, one sponsor, four agents, one scope, and blocks built to be wrong."""
+"""World of the tests of `capabilities`: keys, one sponsor, four agents, one scope, and blocks built to be wrong."""
 
 from __future__ import annotations
 

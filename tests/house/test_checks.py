@@ -1,4 +1,4 @@
-"""The ways to run the tests: README's line, the targets of the Makefile and what a bare machine runs say the same."""
+"""Ways to run the tests: README's line, the targets of the Makefile and a bare machine's commands agree."""
 
 import re
 from pathlib import Path
@@ -12,14 +12,14 @@ README = (TOP / "README.md").read_text()
 
 
 def recipe(target: str) -> str:
-    """What `make` does for a target."""
+    """Commands of `make` for a target."""
     found = re.search(rf"^{target}:.*\n((?:\t.*\n)+)", MAKEFILE, re.MULTILINE)
     assert found is not None, target
     return found[1]
 
 
 def test_readme_and_make_run_the_same_tests_in_the_same_way() -> None:
-    """The same number of workers, and groups: or what is seen by one is not what is seen by the other."""
+    """The same number of workers, and groups: otherwise the two see different things."""
     line = README.split("<!-- line: tests -->")[1].split("```")[1]
     (promised,) = re.findall(r"pytest (-q .*)", line)
     assert promised in recipe("test")
@@ -39,7 +39,7 @@ def test_a_bare_machine_judges_everything_once() -> None:
 
 @pytest.mark.parametrize("text", [RUN, MAKEFILE], ids=["a bare machine", "make"])
 def test_compiled_modules_are_kept(text: str) -> None:
-    """Whatever the machine's habit is: each of hundreds of processes would compile all that it imports."""
+    """Under any habit of the machine: otherwise each of hundreds of processes compiles all its imports."""
     assert re.search(r"^(unset|unexport) PYTHONDONTWRITEBYTECODE$", text, re.MULTILINE)
 
 

@@ -1,4 +1,4 @@
-"""What every landing promises about the house itself."""
+"""Promises of every landing about the house itself."""
 
 import importlib.metadata
 import re
@@ -64,7 +64,7 @@ DECODES = re.compile(
     r"msgspec\.(?:json|msgpack|yaml|toml)\.(?:decode|Decoder)\(|from msgspec(?:\.\w+)? import .*\b(?:decode|Decoder|json)\b"
 )
 OF_A_TOKEN = {"capabilities/token/fact.py"}
-"""Whatever it decodes it encodes again, and takes only the same bytes: no key twice, no other spelling."""
+"""Modules that decode and encode again, and take only the same bytes: no key twice, no other spelling."""
 
 
 def test_no_bytes_reach_msgspec_past_our_strict_reader() -> None:
@@ -78,7 +78,7 @@ def test_no_bytes_reach_msgspec_past_our_strict_reader() -> None:
 
 
 def test_each_clause_of_physics_has_a_number_of_its_own() -> None:
-    """And whoever cites one, in whatever file, cites one that there is."""
+    """Each citation of a clause, in any file, is of one that exists."""
     clauses = re.findall(r"\*\*(PHY-\d+)", (TOP / "docs" / "physics.md").read_text())
     assert len(clauses) == len(set(clauses)) > 30
     cited = {

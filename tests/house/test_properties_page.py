@@ -1,4 +1,4 @@
-"""What SECURITY.md and docs/properties.md name as shown by something is shown by something that there is."""
+"""Tests and commands that SECURITY.md and docs/properties.md name exist."""
 
 import ast
 import re

@@ -66,7 +66,7 @@ def test_a_circle_is_found() -> None:
 
 
 def folders(tree: Path) -> set[Path]:
-    """The tree itself and all folders below it that modules stand in, at whatever depth."""
+    """Folders of modules: the tree itself and all below it, at any depth."""
     return {folder for path in tree.rglob("*.py") for folder in path.parents if folder.is_relative_to(tree)}
 
 

@@ -1,4 +1,4 @@
-"""The specification and the tests read both ways: every clause has a test that names it, every test of tokens a clause.
+"""Specification and tests, read both ways: every clause has a test, every test of tokens a clause.
 
 A clause is an id in bold in docs/spec.md; a numbered item of a list below one is a rule of it, `TOK-6.3`. A test names
 clauses with `@pytest.mark.clause("TOK-6.3", ...)`, all tests of a module with `pytestmark`. A test that shows none says
@@ -42,7 +42,10 @@ def clauses(spec: str) -> list[str]:
 
 
 def demanding(spec: str) -> list[str]:
-    """Paragraphs and items of lists with a MUST and no id of their own; a rule of a list has that of its number."""
+    """Paragraphs and items of lists with a MUST and no id of their own.
+
+    A rule of a list has the id of its number.
+    """
     pieces = re.split(r"\n\n|\n(?=\* )", spec)
     return [piece for piece in pieces if "MUST" in piece and not ID.search(piece) and not re.match(r"\d+\. ", piece)]
 
@@ -52,7 +55,7 @@ def demanding(spec: str) -> list[str]:
 
 @dataclass(frozen=True)
 class Named:
-    """What one test names: clauses, or why it names none."""
+    """Clauses that one test names, or its reason for naming none."""
 
     module: str
     test: str
@@ -118,7 +121,7 @@ def test_every_clause_is_named_by_a_test() -> None:
 
 
 def any_rule(name: str, shown: set[str]) -> bool:
-    """Whether a clause is shown by its rules: then it need not be named as a whole."""
+    """True where a clause is shown by its rules: then it need not be named as a whole."""
     return any(other.startswith(f"{name}.") for other in shown)
 
 

@@ -78,7 +78,7 @@ FRAMES = {
     "TEA-4": ("evidence.impact", ImpactFault("PHYSICS_FAULT", "another frame")),
     "CII-4": ("evidence.perception.sensors.0.state", "invalid"),
 }
-"""What a wrong frame comes to."""
+"""Reading that a wrong frame leads to, by primitive."""
 
 EMPTIES = {
     "CII-1": ("evidence.instruction.intent_digest", ""),
@@ -154,7 +154,7 @@ KINDS = {
 
 
 def place_of(name, kind, chance):
-    """Where in this draw, and whether it is a place of that kind of value."""
+    """Place in this draw, and whether it is one of that kind of value."""
     own = KINDS[kind][0].get(name)
     return (chance.choice(own), True) if own else (chance.choice(READINGS[name]), False)
 

@@ -1,4 +1,4 @@
-"""No answer is an old one: what was decided before, beside it, or in another order changes nothing (bars B2 and B4)."""
+"""Fresh answers: earlier decisions, neighbours and order change nothing (bars B2 and B4)."""
 
 import dataclasses
 import os
@@ -63,7 +63,7 @@ def test_batches_singles_orders_and_threads_agree():
 
 
 def test_an_answer_that_is_kept_by_too_little_is_seen(monkeypatch):
-    """A set that knows a plan by its operation alone, whatever the points and the object."""
+    """A set that knows a plan by its operation alone, for any points and object, is seen."""
     plan, kept = PolicySet.plan, {}
 
     def by_operation(self, request):

@@ -47,7 +47,10 @@ from policies import (
 
 NOW = 1_000_000
 STRANGE = 20
-"""One value in so many is strange: a triple has about fifteen of them, and one strange one is enough for a denial."""
+"""Number of values of which one is strange.
+
+A triple has about fifteen, and one strange value is enough for a denial.
+"""
 RECORD = Obligation(ObligationKind.RECORD)
 
 

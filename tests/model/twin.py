@@ -367,13 +367,13 @@ def truth(predicate, r, e, physical):
 
 
 def opened(e):
-    """Whether somebody has opened the way to tier 4, and it is still open."""
+    """True where a person has opened the way to tier 4, and it is still open."""
     o = e.opening
     return isinstance(o, OpeningReading) and o.uses_left > 0 and o.not_after >= e.at
 
 
 def fits(e, policies, physical, tier, asked):
-    """Whether the granted approval fits the case: a list of plain yes or no."""
+    """True where the granted approval fits the case: a list of plain yes or no."""
     a, p, c = e.approval, policies.parameters, e.chain
     four = a.tier == 4
     yes = [
@@ -406,7 +406,7 @@ def fits(e, policies, physical, tier, asked):
 
 
 def answered(e, policies, physical, tier, asked):
-    """What people's answer makes of a deferral."""
+    """Decision on a deferral after people's answer."""
     if tier == 4 and not opened(e):
         denied = {("TEA-4", "TIER_SAFETY_CRITICAL")}
         return "DENY", tier, asked | denied, denied
@@ -504,5 +504,5 @@ def decide(r, e, policies):
 
 
 def consumes(r, e, policies):
-    """Whether it is permitted only because people approved it: without their answer it would be a deferral."""
+    """True where it is permitted only because people approved it: without their answer it would be a deferral."""
     return decide(r, e, policies)[0] == "PERMIT" and decide(r, replace(e, approval=None), policies)[0] != "PERMIT"

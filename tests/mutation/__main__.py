@@ -37,7 +37,7 @@ def arguments():
 
 
 def in_functions(tree, count, seed):
-    """What became of a sample of mutmut's mutants, and of how many."""
+    """Results of a sample of mutmut's mutants, and the number of all."""
     command = [sys.executable, "-m", "tests.mutation.engine", str(count), str(seed)]
     subprocess.run(command, cwd=tree, env=os.environ | ROUNDS, check=True)
     told = json.loads((tree / "mutants.json").read_text("utf-8"))
@@ -45,7 +45,7 @@ def in_functions(tree, count, seed):
 
 
 def outside(tree, modules, count, seed):
-    """What became of a sample of the mutants of tables, constants and classes, and of how many."""
+    """Results of a sample of the mutants of tables, constants and classes, and the number of all."""
     os.environ.update(ROUNDS)
     first = path_of(modules[0])
     if tables.tried(tree, modules[0], (tree / first).read_text("utf-8")) != "survived":
@@ -65,7 +65,7 @@ def outside(tree, modules, count, seed):
 
 
 def reason(mutant):
-    """Why it may survive, or None."""
+    """Reason for which it may survive, or None."""
     for known in KNOWN:
         same = known.get("was", "") == " ".join(mutant["was"])
         if same and known["path"] == mutant["path"] and " ".join(mutant["becomes"]) in known["becomes"]:

@@ -29,7 +29,7 @@ def fastest_first(self, tests):
 
 
 def lines(diff, sign):
-    """What a diff takes away or puts in, without its header and its indentation."""
+    """Lines that a diff takes away or puts in, without its header and its indentation."""
     return [line[1:].strip() for line in diff.splitlines() if line.startswith(sign) and not line.startswith(sign * 3)]
 
 

@@ -1,4 +1,4 @@
-"""What mutmut does not change by itself: verdicts and effects, arms of an `if`, entries of literals, numbers downwards.
+"""Changes that mutmut does not make: verdicts and effects, arms of an `if`, entries of literals, smaller numbers.
 
 Every operator takes a libcst node and gives the nodes that may stand in its place.
 """

@@ -1,4 +1,4 @@
-"""Which modules are mutated, which tests concern them, and the copy of the tree in which that happens."""
+"""Mutated modules, the tests that concern them, and the copy of the tree in which both run."""
 
 import ast
 import shutil
@@ -31,7 +31,7 @@ LEFT_OUT = [
     "tests/model/test_twin.py::test_the_random_triples_reach_every_effect_and_most_reasons",
     "tests/policies/test_properties.py::test_decisions_are_the_same_in_every_process_and_on_every_hash_seed",
 ]
-"""What asks nothing of a single decision, and takes long."""
+"""Tests that ask nothing of a single decision, and take long."""
 ROUNDS = {"ZTPM_TWIN_ROUNDS": "60", "ZTPM_BAD_DRAWS": "2"}
 
 PYTEST = [

@@ -12,7 +12,7 @@ def pytest_sessionstart(session):
 
 @pytest.fixture(autouse=True)
 def nothing_remembered():
-    """The shape of a class is worked out once in a process; here it belongs to the test that asks for it."""
+    """Forgets the shapes of classes, which a process computes once: each belongs to the test that asks."""
     from policies.evidence import shape
 
     shape._checker.cache_clear()

@@ -7,7 +7,7 @@ import sys
 from tests.mutation.sources import PYTEST, TESTS, path_of
 
 ENOUGH_S = 300
-"""How long one run of the tests may take."""
+"""Longest run of the tests, seconds."""
 
 
 def places(tree):
@@ -48,7 +48,7 @@ def less(entries, n):
 
 
 def mutants(source):
-    """What is changed, and the module's source with that change."""
+    """Change and changed source of the module, one after the other."""
     tree = ast.parse(source)
     for name, assignment in places(tree):
         for node in ast.walk(assignment.value):
@@ -60,7 +60,7 @@ def mutants(source):
 
 
 def tried(tree, module, source):
-    """What becomes of the tests with this source in place of the module's, in the copy `tree`."""
+    """Result of the tests with this source in place of the module's, in the copy `tree`."""
     path = tree / path_of(module)
     original = path.read_text("utf-8")
     path.write_text(source, "utf-8")

@@ -1,4 +1,4 @@
-"""What the shipped set says, story by story."""
+"""Answers of the shipped set, story by story."""
 
 import dataclasses
 

@@ -1,4 +1,4 @@
-"""What holds for every request, evidence and set: hypothesis chooses, `tests.model.triples` shapes."""
+"""Properties of every request, evidence and set: hypothesis chooses, `tests.model.triples` shapes."""
 
 import dataclasses
 import os
@@ -52,7 +52,10 @@ def cases(draw):
 
 
 def unasked(case):
-    """The case before anybody was asked. An approval binds the very policies and tier, so what compares two of them starts here."""
+    """Case before people were asked.
+
+    An approval binds the very policies and tier, so a comparison of two of them starts here.
+    """
     request, evidence, policies, pick = case
     return request, dataclasses.replace(evidence, approval=None), policies, pick
 
@@ -201,7 +204,10 @@ def test_raising_the_base_tier_never_makes_the_answer_milder(case):
 
 
 def contradicts(evidence):
-    """Whether physics calls a view fresh that rests on no fresh sensor: CII-4 denies that, wherever it is told both."""
+    """True where physics calls a view fresh that rests on no fresh sensor.
+
+    CII-4 denies that, wherever it is told both.
+    """
     impact, perception = evidence.impact, evidence.perception
     if not isinstance(impact, ImpactReading) or not isinstance(perception, PerceptionReading):
         return False
@@ -298,7 +304,7 @@ def test_less_of_an_approval_or_a_worse_world_never_permits_more(case):
 
 
 def test_each_member_of_an_approval_is_needed():
-    """Of one that counts, every step to a worse world or a lesser approval takes the PERMIT away, tier 3 and tier 4 alike."""
+    """Every step to a worse world or a lesser approval takes the PERMIT away, in tier 3 and 4."""
     for tier in (Tier.HIGH_CONSEQUENCE, Tier.SAFETY_CRITICAL):
         request, evidence, policies = world.approved(tier)
         assert decide(request, evidence, policies).effect is Effect.PERMIT

@@ -285,7 +285,7 @@ def evidence(plain):
 
 
 def put(whole, steps, value):
-    """A copy of `whole` with `value`, of whatever type, at this place."""
+    """Copy of `whole` with `value`, of any type, at this place."""
     if not steps:
         return value
     first, *rest = steps
@@ -314,7 +314,7 @@ OPENING = {"opening_id": "0b" * 16, "opener": "carol", "uses_left": 1, "not_afte
 
 
 def approved(at_tier, /, **changes):
-    """Request, evidence and the shipped set: a move of this tier that deferred, and the approval that fits it, but for `changes`."""
+    """Request, evidence and the shipped set: a move of this tier with its approval, but for `changes`."""
     policies = load_shipped("paper-default")
     given = {"evidence.impact.tier": int(at_tier), "evidence.impact.index_milli": 1000 * at_tier - 500, "evidence.chain.hops": [
         {**hop, "ceiling": int(at_tier)} for hop in WORLD["evidence"]["chain"]["hops"]

@@ -1,4 +1,4 @@
-"""What the tests of the simulated controller share: waiting with a deadline, and a controller without threads."""
+"""Base of the tests of the simulated controller: waiting with a deadline, and a controller without threads."""
 
 import time
 from pathlib import Path

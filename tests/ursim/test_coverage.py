@@ -1,4 +1,7 @@
-"""The rest of what a cell asks of its controller, by the unmodified clients: streams, lines, paths, outputs, safety, slider, gripper, panel."""
+"""Other requests of a cell to its controller, by the unmodified clients.
+
+Streams, lines, paths, outputs, safety, slider, gripper, panel.
+"""
 
 import math
 import socket
@@ -24,7 +27,7 @@ def at_rest(receive):
 
 
 def test_a_servoj_stream_at_500_hz_is_followed(control, receive):
-    """0.5 s of a half cosine; the arm follows with the lag of its lookahead and ends where it was sent."""
+    """The arm follows 0.5 s of a half cosine with its lookahead's lag and ends at the target."""
     way, goal = 0.2, list(HOME)
     begun = receive.getTimestamp()
     for i in range(250):
@@ -257,7 +260,7 @@ def test_local_control_takes_no_program_and_what_runs_goes_on(cell, control, rec
 
 
 def test_a_time_given_to_speedj_ends_nothing(control, receive):
-    """The script repeats the motion until it is told to stop: whoever counts on that time as a dead man is wrong."""
+    """The script repeats the motion until it is told to stop: that time is no dead man."""
     assert control.speedJ([0.2, 0.0, 0.0, 0.0, 0.0, 0.0], 4.0, 0.1)
     until(lambda: receive.getActualQ()[0] > 0.2)  # a second later
     assert receive.getActualQd()[0] == pytest.approx(0.2)

@@ -1,4 +1,4 @@
-"""What ur_rtde 1.6.5 and its script do wrong on a robot, they do on the simulated one: each shown by the real client."""
+"""Defects of ur_rtde 1.6.5 and its script on a robot, each shown on the simulated one by the real client."""
 
 import json
 import math

@@ -327,7 +327,7 @@ def a_wrench_from_the_client(b):
 
 @asks(CONTROL, "directTorque")
 def direct_torque(b):
-    """The script of this version does nothing for it and does not even wait a tick: an infinite loop ends the program."""
+    """The script does nothing for it and waits no tick: an infinite loop ends the program."""
     assert b.control.directTorque(STILL)
     until(lambda: b.receive.getRuntimeState() == STOPPED)
 
@@ -367,7 +367,7 @@ def matrices(b):
 
 @asks(CONTROL, "getCoriolisAndCentrifugalTorques", "getTargetJointAccelerations")
 def vectors(b):
-    """Likewise; the script answers with whatever stood in the registers: here what asking for the TCP left."""
+    """Vectors that the script answers with the registers' old content: here that of asking for the TCP."""
     assert b.control.setTcp(TOOL)
     assert b.control.getTCPOffset() == pytest.approx(TOOL)
     assert b.control.getCoriolisAndCentrifugalTorques() == pytest.approx(TOOL)
@@ -521,7 +521,10 @@ def custom_scripts(b):
 
 @asks(CONTROL, "setCustomScriptFile")
 def another_control_script(b):
-    """The file is sent as it is, so it holds the whole program; on a client of its own, which keeps it for good."""
+    """The file is sent as it is, so it holds the whole program.
+
+    It goes to a client of its own, which keeps it for good.
+    """
     b.control.disconnect()
     own = rtde_control.RTDEControlInterface(b.cell.host)
     file = b.path / "own.script"
@@ -707,7 +710,7 @@ def digital(b):
 )
 @asks(IO, "setAnalogOutputVoltage", "setAnalogOutputCurrent")
 def analog(b):
-    """Volts and amperes, as the channel is told; the channel not named stays, whatever the client sends for it."""
+    """Volts and amperes, as the channel is told; the channel not named stays, with any sent value."""
     assert (b.receive.getStandardAnalogInput0(), b.receive.getStandardAnalogInput1()) == (0.0, 0.0)
     assert b.io.setAnalogOutputVoltage(0, 0.25)
     until(lambda: b.receive.getStandardAnalogOutput0() == pytest.approx(2.5))

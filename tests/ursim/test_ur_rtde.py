@@ -54,7 +54,7 @@ def test_the_timestamp_is_steps_of_two_milliseconds_and_no_package_is_skipped(re
 
 
 def snapshot(receive):
-    """Time, angle and speed of the first joint out of one package, whatever arrives meanwhile."""
+    """Time, angle and speed of the first joint out of one package."""
     while True:
         found = (receive.getTimestamp(), receive.getActualQ()[0], receive.getActualQd()[0])
         if receive.getTimestamp() == found[0]:

@@ -24,7 +24,7 @@ from pep.gate import records
 
 
 class Journal:
-    """What one enforcement point writes down and ships; `made` holds every record, shipped or not."""
+    """Journal of one enforcement point; `made` holds every record, shipped or not."""
 
     def __init__(self, world: World, pep: str = "cell-1", *, registered: bool = False) -> None:
         self.world, self.pep = world, pep
@@ -95,7 +95,7 @@ class Journal:
         return request
 
     def ship(self, made: list | None = None) -> int:
-        """What was not shipped yet, or these, is in the ledger."""
+        """Ships the records that were not shipped yet, or these, into the ledger."""
         batch = self.made[self.shipped :] if made is None else made
         through = self.world.peps[self.pep]._post("/ledger/records", {"records": batch})["accepted_through"]
         self.shipped = max(self.shipped, through)

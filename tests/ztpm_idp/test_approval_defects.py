@@ -18,7 +18,7 @@ from capabilities.statements import ask, opening, statement_form, vote
 from capabilities.values import strict_json
 
 Attempt = tuple[str, str, object]
-"""Who calls, the path, the body."""
+"""Caller, path and body."""
 
 
 @pytest.fixture(scope="module")
@@ -250,7 +250,7 @@ def _(cell):
 
 
 def spelled(name, code, spell, *, kept=True):
-    """A vote that is right but for how it is spelled: `spell` makes the text from its claims and the person's key."""
+    """Vote that is right but for its spelling: `spell` makes the text from its claims and the person's key."""
 
     @row(f"vote: {name}", code, kept=kept)
     def _(cell):

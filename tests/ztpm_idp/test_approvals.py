@@ -1,4 +1,4 @@
-"""Asking people, over the wire: an ask is shown, answered by signed votes, told to its enforcement point, and ends by silence."""
+"""Asking people over the wire: an ask is shown, answered by signed votes, told to its PEP, and ends."""
 
 from __future__ import annotations
 
@@ -396,7 +396,7 @@ def longest_opening():
 
 
 def test_all_that_stands_fits_one_answer_whatever_is_over(cell, monkeypatch):
-    """The longest votes and openings there can be: what is open or granted is told whole, then the latest of what is over."""
+    """With the longest votes and openings, every open or granted ask is told whole, then the latest others."""
     approval = longest_vote("approve")
     standing = [record(n, [approval, replace(approval, approver="o" * 63)]) for n in range(STANDING_ASKS)]
     over = [record(1_000 + n, [longest_vote("deny")] * 5) for n in range(500)]
@@ -602,7 +602,7 @@ def test_nothing_is_signed_but_what_was_shown(cell, name, code):
 
 
 def test_a_lie_that_is_signed_is_no_vote_on_what_was_asked(cell):
-    """Without the digest of what was shown the lie is signed, and the vote fits no ask of the enforcement point."""
+    """Without the digest of the shown text the lie is signed, and the vote fits no ask of the PEP."""
     ask_id, _ = cell.taken()
     other = keys.generate()
     lie = ask.sign(cell.ask(ask_id=ask_id, index_milli=1), other)

@@ -226,7 +226,7 @@ def places(value, path=()):
 
 
 def test_no_place_of_a_record_can_be_spoilt_into_an_error_or_a_gain(lent):
-    """Every place of a real record with every strange value: taken, and at most one wrong of the same agent is counted."""
+    """Every place of a real record with every strange value is taken, and counts at most one wrong."""
     _, body = lent.journal.decision(lent.second, "DENY", "NOT_GRANTED")
     wrong = [None, 2**53 - 1, 1.5, "", "x" * 300, [[]], True]
     number = 0

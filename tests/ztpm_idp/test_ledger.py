@@ -204,7 +204,7 @@ def test_cuts_reorders_and_repeats_are_found(world):
 
 
 def resealed(entries, world=None, key=None):
-    """The lines of a ledger that somebody with the file rewrote consistently, as far as anybody can."""
+    """Lines of a ledger that its owner rewrote consistently, as far as anyone can."""
     lines, prev = [], "0" * 64
     for seq, entry in enumerate(entries, 1):
         line = rfc8785.dumps(entry | {"seq": seq, "prev": prev})

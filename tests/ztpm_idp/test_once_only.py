@@ -1,4 +1,4 @@
-"""What may happen once happens once, however many try at the same time, in one process or in several."""
+"""An act that may happen once does, over many tries at once, in one process or several."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The identity provider as a process: ready line, clean end, no secret on its outputs, and nothing acknowledged is lost to kill -9."""
+"""Identity provider as a process: ready line, clean end, no secret on its outputs.
+
+Nothing that was acknowledged is lost to kill -9.
+"""
 
 from __future__ import annotations
 
@@ -242,7 +245,7 @@ def test_kill_9_loses_no_acknowledged_revocation(tmp_path):
 
 
 def answered(process, peps_key):
-    """What the enforcement point is told, over the wire."""
+    """Answers that the enforcement point gets over the wire."""
     with httpx2.Client() as http:
         trust = TrustBundle.from_json(http.get(process.issuer + "/trust").content)
         response = http.get(

@@ -1,4 +1,4 @@
-"""Who may revoke what, and what the signed feed says about it."""
+"""Rights to revoke, and the signed feed's account of a revocation."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def index(world, since=0, nonce=NONCE):
 
 
 def forest(world):
-    """alice -> planner -> mover -> helper, and alice -> planner -> second; bob -> other. The ids of it all."""
+    """Ids of a forest: alice -> planner -> mover -> helper, alice -> planner -> second; bob -> other."""
     planner, mover, helper = world.agent("planner", role="planner"), world.agent("mover"), world.agent("helper")
     second, other = world.agent("second"), world.agent("other", sponsor="bob")
     lent = world.people["alice"].issue(planner, world.scope(), purpose="p")
@@ -78,7 +78,10 @@ MAY = {
     "other": {("token", "bob's"), ("hop", "other's"), ("agent", "other"), ("key", "other's")},
     "cell-1": set(),
 }
-"""Everything that each caller may revoke; whatever is not here is refused. Administrators come in a test of their own."""
+"""Subjects that each caller may revoke; any other is refused.
+
+Administrators come in a test of their own.
+"""
 
 
 def test_who_may_revoke_matrix_refusals(world):
@@ -180,7 +183,7 @@ def test_the_nonce_is_echoed_and_the_time_taken_before(world):
 
 
 def test_as_of_is_taken_before_the_snapshot(world):
-    """A revocation that commits while the answer is being made may be in it; the time stated must not be later than it."""
+    """A revocation that commits while the answer is made may be in it; the stated time is not later."""
     provider, beat = world.provider, feed.Heartbeat(world.provider)
     inner = beat.beat
 

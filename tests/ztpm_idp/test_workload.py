@@ -1,4 +1,4 @@
-"""Evidence of kind `jwt`: what a platform's word adds to an agent's own, and everything that does not count as one."""
+"""Evidence of kind `jwt`: the part that a platform adds to an agent's own, and everything refused as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An identity provider in this process, with clocks and stores that a test controls, and the people and agents around it."""
+"""Identity provider in this process, with clocks and stores of the test, and people and agents around it."""
 
 from __future__ import annotations
 
@@ -138,7 +138,7 @@ class World:
         return httpx2.Client(transport=self.transport, base_url=ISSUER)
 
     def workload_token(self, name, *, signer=None, **changes) -> str:
-        """What the platform says of an agent's workload now, or something else that a test wants said."""
+        """Workload token of the platform for an agent, with the changes of a test."""
         at = int(self.clock())
         stated = dict(
             id=f"spiffe://{TRUST_DOMAIN}/{name}",

@@ -71,7 +71,7 @@ def test_nothing_is_verified_with_a_bad_key(raw):
 
 
 def test_the_higher_s_holds_for_openssl_and_not_for_us():
-    """r with n - s verifies under the same key; so anybody could make a second spelling of a statement."""
+    """r with n - s verifies under the same key, so anyone could make a second spelling of a statement."""
     key, message = SIGNERS["p256"], b"the message"
     signature = signatures.sign(key, message)
     r, s = int.from_bytes(signature[:32], "big"), int.from_bytes(signature[32:], "big")

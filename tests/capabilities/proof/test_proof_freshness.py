@@ -1,4 +1,4 @@
-"""[PRF-6] to [PRF-9]: whoever sets a clock back or restarts a verifier, no proof is accepted twice, and fresh ones are accepted once."""
+"""[PRF-6] to [PRF-9]: over set-back clocks and restarts no proof counts twice, and fresh ones count once."""
 
 from __future__ import annotations
 
@@ -62,7 +62,10 @@ def test_how_long_an_id_is_kept():
 
 
 class Verifier:
-    """A verifier as the clauses tell it, in exact time: a true clock in milliseconds, a judged one that may be set back by the skew."""
+    """Verifier as the clauses tell it, in exact time.
+
+    It has a true clock in milliseconds, and a judged one that may be set back by the skew.
+    """
 
     def __init__(self, caps: Caps) -> None:
         self.caps = caps
@@ -147,7 +150,10 @@ def test_no_proof_is_accepted_twice(moves):
 
 
 def test_the_worst_case_is_reached_so_nothing_of_the_bound_is_spare_but_the_second():
-    """A proof from the end of the skew, and a clock set back by the skew: acceptable again up to 40 s later but for the memory."""
+    """A proof from the end of the skew, and a clock set back by the skew.
+
+    It is acceptable again up to 40 s later but for the memory.
+    """
     verifier = Verifier(DEFAULT)
     iat = NOW + SKEW
     assert verifier.accepts(0, iat)

@@ -1,4 +1,7 @@
-"""The two ways of reading a proof have one result; every defect singly, in the canonical spelling and in a free one."""
+"""Two ways of reading a proof with one result.
+
+Every defect comes singly, in the canonical spelling and in a free one.
+"""
 
 from __future__ import annotations
 

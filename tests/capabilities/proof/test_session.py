@@ -1,4 +1,4 @@
-"""Opening a session: who may open one, who may answer, and what each value of the two messages is there for."""
+"""Opening of a session: the rights to open and answer, and the purpose of each value in the two messages."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ def code(found: object) -> tuple[FaultCode, str]:
 
 
 def talk(holder: Session, verifier: Session) -> bool:
-    """Whether a message passes in each direction."""
+    """True where a message passes in each direction."""
     there, back = holder.seal(b"move", at=NOW), verifier.seal(b"state", at=NOW)
     return verifier.open(there, at=NOW) == SessionMessage(b"move", 0) and holder.open(back, at=NOW) == SessionMessage(
         b"state", 0
@@ -338,7 +338,10 @@ def test_an_answer_of_something_else(change, expected):
 
 @pytest.mark.clause("SES-5")
 def test_the_one_in_the_middle_who_answers_needs_the_static_key():
-    """It has a key of its own for X25519 and can make every MAC, but it cannot sign; with its own signature it is somebody else."""
+    """It has a key of its own for X25519 and can make every MAC, but it cannot sign.
+
+    With its own signature it is another party.
+    """
     pending = begun()
     mine = dict(private=seeded("eve"), nonce=seeded("eve nonce"))
     for signer in (None, key_of("eve")):
@@ -351,7 +354,7 @@ def test_the_one_in_the_middle_who_answers_needs_the_static_key():
 
 
 def forgeries(pending: PendingSession):
-    """Answers of the one in the middle, whose MAC is right for what the holder expects; the signature is what it can get."""
+    """Answers of the one in the middle, with the right MAC and each signature that it can get."""
     genuine = json.loads(answered(pending).text)["signature"]
     transcript = key_agreement.Transcript(
         audience=CELL,
@@ -417,7 +420,7 @@ def forgeries(pending: PendingSession):
 
 @pytest.mark.clause("SES-5")
 def test_without_a_static_key_the_middle_can_answer_but_reaches_no_verifier():
-    """What the documentation says of such a session, both halves of it."""
+    """Both halves of the documented promise for such a session."""
     pending = begun(verifier_key=None)
     theirs = answered(pending, signer=None, private=seeded("eve"), nonce=seeded("eve nonce"))
     deceived = concluded(pending, theirs.text)

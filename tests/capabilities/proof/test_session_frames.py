@@ -282,7 +282,7 @@ class TestTime:
 
 
 def in_between(code: CodeType, line: str, meanwhile: Callable[[], object]) -> Callable[[], None]:
-    """From now on this thread stops before `line` of the function, once, until `meanwhile` has run in another thread or cannot."""
+    """Stops this thread once before `line` of the function, until `meanwhile` has run in another thread or cannot."""
     source, first = inspect.getsourcelines(code)
     (number,) = (first + n for n, text in enumerate(source) if text.strip() == line)
     other = threading.Thread(target=meanwhile, daemon=True)
@@ -336,7 +336,7 @@ def test_two_counters_when_two_seal_at_the_same_time():
 
 @dataclass
 class Twin:
-    """One end as the text tells it: a list of what the other end really sealed, and what was taken of it. No MAC, no bytes."""
+    """Twin of one end: a list of really sealed messages, and the number taken. No MAC, no bytes."""
 
     most_missing: int
     sealed: list[tuple[str, bytes]]

@@ -184,7 +184,7 @@ def test_one_prepared_key_at_a_time_and_not_too_many():
 )
 @settings(max_examples=80, deadline=None)
 def test_any_steps_leave_a_ring_that_can_be(steps):
-    """Whatever is asked in whatever order: one signer a role, no way back, versions and times that only grow."""
+    """Any steps in any order keep one signer a role, no way back, and growing versions and times."""
     ring, at, prepared = RING, NOW, 0
     for verb, role, number, wait in steps:
         at += wait
@@ -293,7 +293,7 @@ def lent(ring: KeyRing, root: str, attester: str, at: int) -> bytes:
 
 
 def presented(token: bytes, ring: KeyRing, signed_at: int, attester: str, at: int) -> Chain | Fault:
-    """What a verifier answers that holds the ring's bundle: steps 1 to 9, then the keys of the moment."""
+    """Answer of a verifier with the ring's bundle: steps 1 to 9, then the keys of the moment."""
     bundle = ring.bundle(DEFAULT)
     chain = check(token, at=at, trust=bundle)
     if isinstance(chain, Fault):
@@ -306,7 +306,10 @@ ROOT_1, ATTESTER_1 = f"first {Role.ROOT}", f"first {Role.ATTESTER}"
 
 @pytest.mark.parametrize("role", [Role.ROOT, Role.ATTESTER])
 def test_a_rotation_from_end_to_end(role):
-    """0 valid refused during the overlap, 0 accepted after it, after a taint none that is newer, after a revocation none."""
+    """Valid tokens pass during the overlap, and none after it.
+
+    After a taint only older tokens pass; after a revocation none does.
+    """
     stem = rotation.ID_STEM[role]
     minute, names = 60, {Role.ROOT: ROOT_1, Role.ATTESTER: ATTESTER_1}
     old = lent(RING, ROOT_1, ATTESTER_1, NOW)
@@ -353,7 +356,7 @@ def bundle_root(bundle: TrustBundle) -> int:
 
 
 def test_the_longest_token_outlives_no_overlap():
-    """Signed in the last second of the old key with the longest life there is, a token ends before its key does."""
+    """A token of the longest life, signed in the old key's last second, ends before its key does."""
     active = rotated(RING, Role.ROOT, "second", NOW + 100)
     assert NOW + 99 + DEFAULT.lifetime_s < active.bundle(DEFAULT).windows[FIRST[Role.ROOT]].not_after
 

@@ -1,4 +1,7 @@
-"""Every kind of statement against every role of a key: no role speaks for another, and no text is read as another kind."""
+"""Statements of every kind against every role of a key.
+
+No role speaks for another, and no text is read as another kind.
+"""
 
 from __future__ import annotations
 
@@ -30,7 +33,10 @@ RAW = {role: keys.public_raw(key) for role, key in PRIVATE.items()}
 
 
 def said_by(kind: str, role: Signer):
-    """What a statement of the kind says; evidence names the key that signs it, so that nothing but the role is wrong."""
+    """Content of a statement of the kind.
+
+    Evidence names the key that signs it, so that nothing but the role is wrong.
+    """
     if kind == "attestation":
         return structs.replace(EVIDENCE, key_thumbprint=keys.thumbprint(RAW[role]))
     return KINDS[MODULES[kind]]
@@ -100,7 +106,7 @@ CALL = re.compile(r"\b(\w+)\.open\([^()]*?\b_?trust\.(\w+)", re.DOTALL)
 
 
 def test_every_reader_of_the_provider_asks_the_right_role():
-    """Where a statement is opened with keys of the trust bundle, they are those of the kind's signer."""
+    """A statement that is opened with keys of the trust bundle is opened with those of its kind's signer."""
     alias = {"answers_statement": "answers"}
     found = 0
     for package in ("pep", "ztpm", "ztpm_idp", "evaluation"):

@@ -161,7 +161,7 @@ def test_text_stays_text(field):
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_an_issuer_that_binds_hostile_text_gains_nothing(text):
-    """With the real root key and none of our checks, a hostile name is refused on reading, or it is harmless text."""
+    """A hostile name under the real root key, without our checks, is refused on reading or harmless text."""
 
     try:
         token = Forge.authority(fact=saying(lambda members: members.update(agent=text)))

@@ -1,4 +1,4 @@
-"""The order of verification: the first step that fails is the one that is told, and none is skipped for want of input."""
+"""Order of verification: the first failing step is told, and none is skipped for want of input."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def clause(token, **other):
 
 @pytest.mark.clause("VFY-1")
 def test_the_first_fault_is_told():
-    """One token with something wrong in every step; what is told moves on as the faults are mended, one by one."""
+    """One token with a fault in every step; the told fault moves on as the faults are mended."""
     everything = {"at": NOW + 10**6, "audience": "", "view": STALE}
     stranger = Forge.hop(Forge.authority(), Restriction(), signer="stranger")
     idle = Forge.hop(Forge.authority(), Restriction())  # narrows nothing
@@ -162,7 +162,7 @@ def test_what_a_hop_does_not_state_is_kept():
 
 @pytest.mark.clause("BLK-5")
 def test_a_hop_cannot_bring_another_trust():
-    """Members of the first block have no place in a further one, whatever they say."""
+    """Members of the first block have no place in a further one, with any value."""
     for member in ("profile", "token", "sponsor", "parameters"):
         token = Forge.hop(mint_root(), fact=saying(lambda m, name=member: m.update({name: "x"})))
         assert check(token).code is FaultCode.CHAIN_BROKEN

@@ -1,4 +1,4 @@
-"""What the process remembers of one token is never told of another: tokens that differ in one thing, in every order."""
+"""Memory of one token is never told of another: tokens that differ in one thing, in every order."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def test_at_once_they_are_what_they_are_alone(tokens, alone):
 
 
 def test_agreement_is_remembered_apart_for_checks_of_every_form():
-    """Which of the three conditions are stated, whether grants are, and of each parameter what; not the numbers."""
+    """The form has the stated conditions and grants, and each parameter's kind of bound, but no numbers."""
     root = mint_root()
 
     def form(taken: Restriction) -> str:

@@ -1,4 +1,4 @@
-"""What is read off the bytes of a token is what a full reader of its messages finds, whatever the bytes are."""
+"""Content read off the bytes of a token is the full reader's, for any bytes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Every fault of steps 1 to 6 and 12, reached by a token that was built for it with the real keys."""
+"""Faults of steps 1 to 6 and 12, each reached by a token built for it with the real keys."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bytes that nobody issued are refused, whatever they look like, by a fault and never by an exception."""
+"""Bytes that nobody issued are refused in any form, by a fault and never by an exception."""
 
 from __future__ import annotations
 
@@ -127,7 +127,7 @@ def test_appended_fields_are_refused(number, tail):
 
 @pytest.mark.clause("TOK-3", "TOK-5")
 def test_the_root_key_id_is_not_malleable():
-    """The id is no part of what is signed, so two ids of one key would be two spellings of one token."""
+    """The id is not signed, so two ids of one key would be two spellings of one token."""
     token = small_token()
     for value in (b"\x08\x06", b"\x08\x08", b"\x08\x87\x00", b""):
         assert isinstance(check(value + token[2:]), Fault)

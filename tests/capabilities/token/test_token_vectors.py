@@ -35,7 +35,7 @@ def test_our_verifier_finds_what_is_expected(id):
 
 
 def test_generating_again_changes_nothing():
-    """Every author's own expectation is met, and each file is byte for byte what its tokens and cases make of it."""
+    """Every author's expectation is met, and each file equals the output of its tokens and cases."""
     groups = generate.all_groups()
     assert {group.name for group in groups} == {path.stem for path in codec.files()}
     assert codec.WORLD.read_text("utf-8") == codec.written(generate.new_world()) + "\n"

@@ -566,7 +566,7 @@ def test_roots_and_attesters_are_ed25519(role):
 
 @pytest.mark.clause("TRB-2", "TRB-3", "VFY-2")
 def test_a_key_counts_only_while_the_bundle_says_so():
-    """What was found about a token earlier is no answer to it: the same verifier asks for each key anew."""
+    """An earlier result about a token is no answer: the same verifier asks for each key anew."""
     token = add_hop(mint_root(), "robotic", SLOWER)
     windows = {raw_of("attester"): Window(not_after=NOW + 10), raw_of("root"): Window(not_after=NOW + 20)}
     checker = Verifier(replace(TRUST, windows=windows), DEFAULT)

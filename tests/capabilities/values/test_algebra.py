@@ -254,7 +254,7 @@ def test_the_nearest_restriction_that_is_accepted(restriction, repaired):
 
 
 def test_an_equal_set_is_not_less():
-    """A parent that holds a set and a child with the range of the same integers, and the other way round."""
+    """A parent with a set and a child with the range of the same integers are equal, either way."""
     three = replace(SCOPE, grants=(Grant("ur3e", "gripper_move", (Limit(WIDTH, OneOf(frozenset({3, 4, 5}))),)),))
     span = replace(SCOPE, grants=(Grant("ur3e", "gripper_move", (Limit(WIDTH, Range(3, 5)),)),))
     for child, parent in ((three, span), (span, three)):

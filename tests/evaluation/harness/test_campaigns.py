@@ -198,7 +198,7 @@ def test_a9_every_cap_is_approached_or_listed_with_a_reason():
 
 
 def shifted(cap: str, by: int, monkeypatch) -> list[str]:
-    """What is missed when the code's cap is not the one that the campaign expects."""
+    """Misses when the code's cap is not the one that the campaign expects."""
     monkeypatch.setattr(edges, "_ROOMY", dataclasses.replace(edges._ROOMY, **{cap: getattr(DEFAULT, cap) + by}))
     return list(edges.run(settings()).missed)
 

@@ -1,4 +1,4 @@
-"""The proofs of the scope algebra, and that what they are made of is the code: the same answers, one way for each case."""
+"""Proofs of the scope algebra, and the equality of their parts with the code, way by way."""
 
 from __future__ import annotations
 

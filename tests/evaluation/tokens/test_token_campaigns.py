@@ -249,7 +249,7 @@ def test_a_token_whose_text_has_only_letters_has_no_escape_of_its_own():
 
 
 def lax(value):
-    """What a usual reader of base64 takes a text for."""
+    """Bytes that a usual reader of base64 reads in a text."""
     try:
         return base64.b64decode(value.encode() + b"==", altchars=b"-_")
     except ValueError:

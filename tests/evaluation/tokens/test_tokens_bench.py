@@ -1,4 +1,4 @@
-"""What the command prints: the JSON that was promised, the ratios of one run, the picture."""
+"""Output of the command: the promised JSON, the ratios of one run, the picture."""
 
 import importlib.util
 import json

@@ -1,4 +1,4 @@
-"""What is lent in the benchmark: the same on both sides, never the same twice, and narrower at each hop."""
+"""Scope of the benchmark: the same on both sides, never the same twice, and narrower at each hop."""
 
 import pytest
 from evaluation.tokens.workload import DEPTHS, REALISTIC, SERIALS, SMALL, WORKLOADS, Workload

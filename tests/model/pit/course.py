@@ -39,7 +39,7 @@ class CourseBends:
 
 
 def course_bends(robot: Robot, plan: Layout, cells: Cells) -> CourseBends:
-    """How strongly each body can leave a chord of the course, or the course, cell by cell."""
+    """Greatest bending of each body away from a chord of the course, or from the course, cell by cell."""
     reach, moved = robot.reach, plan.moved_by
 
     def sums(rate: Floats) -> tuple[Floats, Floats, Floats]:
@@ -74,7 +74,7 @@ class NumpyCourse(Nodes, Course):
 
     @cached_property
     def bends(self) -> CourseBends:
-        """How strongly each body can leave a chord of the course, cell by cell."""
+        """Greatest bending of each body away from a chord of the course, cell by cell."""
         return course_bends(self.robot, self.layout, self.cells)
 
     @property
@@ -121,7 +121,7 @@ class NumpyCourse(Nodes, Course):
         return np.asarray(speed + self.layout.radius * spin)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
-        """What is proven on each row's interval, and attained in its middle or beside it."""
+        """Leaves: the proven values on each row's interval, and the attained ones in its middle or beside it."""
         intervals, row = np.unique(np.stack([low, high]), axis=1, return_inverse=True)
         cut_low, cut_high = intervals[0], intervals[1]
         count = len(cut_low)

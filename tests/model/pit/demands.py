@@ -129,7 +129,7 @@ class Intervals:
 
 
 class Demands:
-    """What a move demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
+    """Loads of a move: the parts without its timing, computed once, then ratios for any profile."""
 
     def __init__(self, path: Path, cell: CellParameters) -> None:
         """Torque and speed terms at the path's nodes."""
@@ -153,7 +153,7 @@ class Demands:
         return tuple(self._each(profile))
 
     def at_most(self, profile: Profile, index: float) -> bool:
-        """Whether no ratio has a higher index; the dearest are only asked for where the others have none."""
+        """True where no ratio has a higher index; the dearest are computed only where the others have none."""
         return all(ratio.index <= index for ratio in self._each(profile))
 
     def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:

@@ -1,4 +1,4 @@
-"""A line of the tool traced in numpy, and whether its poses can be reached: the twin of the compiled pieces."""
+"""Line of the tool traced in numpy, with the reach of its poses: the twin of the compiled pieces."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
 
 def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
-    """Whether for each of these poses, (n, 3) and (n, 3, 3), some joint angles were found, in any configuration.
+    """True where joint angles were found for each of these poses, (n, 3) and (n, 3, 3), in any configuration.
 
     No is no proof: nothing was found from `SEARCH_STARTS` starts each.
     """
@@ -170,14 +170,14 @@ def _solution(matrix: Floats, right: Floats) -> Floats | None:
 
 
 def _gain(inverse: Floats) -> Floats:
-    """How far a linear and an angular deviation can go in each joint, (6, 2)."""
+    """Greatest effect of a linear and an angular deviation on each joint, (6, 2)."""
     half = len(inverse) // 2
     return np.stack([np.linalg.norm(inverse[:, :half], axis=1), np.linalg.norm(inverse[:, half:], axis=1)], axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Middle:
-    """The middle of a piece: derivatives of the joints (6,), gain of the inverse (6, 2), and |G J'| (6, 6)."""
+    """Middle of a piece: derivatives of the joints (6,), gain of the inverse (6, 2), |G J'| (6, 6)."""
 
     dq: Floats
     ddq: Floats
@@ -225,7 +225,7 @@ def _derivatives(lever: _Lever, middle: _Middle, r: float) -> tuple[Floats, Floa
 
 
 def _on_path(lever: _Lever, node: Stance, near: Floats, within: Floats) -> bool:
-    """Whether `node` is within `within` (6,) of `near` (6,), and the only configuration there with its tool's pose.
+    """True where `node` is within `within` (6,) of `near` (6,), the only configuration there with its pose.
 
     Two of them differ by at most twice that, joint by joint; on so small a box Newton's map from `node` contracts.
     """
@@ -241,7 +241,7 @@ def _on_path(lever: _Lever, node: Stance, near: Floats, within: Floats) -> bool:
 
 
 def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
-    """Whether some joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
+    """True where joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
     shares = np.linspace(since / GRID, 1, ASKED_POSES)
     poses = [twist.at(float(s)) for s in shares]
     return reachable(robot, np.array([p for p, _ in poses]), np.array([r for _, r in poses]))

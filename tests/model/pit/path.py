@@ -33,7 +33,7 @@ class Bending:
 
 
 def bending(robot: Robot, plan: Layout, dq: Floats) -> Bending:
-    """How strongly each body can leave a chord of the path."""
+    """Greatest bending of each body away from a chord of the path."""
     share = np.abs(dq) * plan.moved_by
     outer = np.cumsum(share, axis=1)
     inner = outer - share
@@ -43,7 +43,7 @@ def bending(robot: Robot, plan: Layout, dq: Floats) -> Bending:
 
 
 class Nodes:
-    """What the poses at one configuration say of some pairs, and the searches on any path that has poses."""
+    """Poses at one configuration, with the clearance of pairs and the searches on any path."""
 
     certify, fits, blow_ratio = certify, fits, blow_ratio
 
@@ -71,7 +71,7 @@ class NumpyPath(Nodes, Path):
 
     @cached_property
     def bending(self) -> Bending:
-        """How strongly each body can leave a chord of the path."""
+        """Greatest bending of each body away from a chord of the path."""
         return bending(self.robot, self.layout, self.delta)
 
     def nodes(self, keys: Keys) -> tuple[NDArray[np.intp], Poses]:
@@ -106,7 +106,7 @@ class NumpyPath(Nodes, Path):
         return np.asarray(speed + self.layout.radius * spin)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
-        """What is proven on each row's interval and attained in its middle."""
+        """Leaves: the proven values on each row's interval, and the attained ones in its middle."""
         intervals, row = np.unique(np.stack([low, high]), axis=1, return_inverse=True)
         cut_low, cut_high = intervals[0], intervals[1]
         count = len(cut_low)

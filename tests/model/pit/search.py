@@ -111,7 +111,7 @@ def certify(
 
 
 def _slower(path, pairs, profile, stop, certified, slower, check_time):
-    """The highest commanded speed, to a step of the bisection, at which the index is proven to be a tier lower."""
+    """Highest commanded speed, to a bisection step, at which the index is proven a tier lower."""
     target = float(tier_of(min(certified.upper, HIGHEST)) - 1)
     leaves = certified.leaves.take(certified.leaf_index > target)
 
@@ -128,7 +128,7 @@ def _slower(path, pairs, profile, stop, certified, slower, check_time):
 
 
 class _Found:
-    """What the search met so far: per obstacle the highest index, per kind the deepest violation."""
+    """Findings of the search so far: per obstacle the highest index, per kind the deepest violation."""
 
     def __init__(self, pairs: Pairs) -> None:
         """Nothing was met yet."""
@@ -203,7 +203,7 @@ def fits(
     index: float,
     check_time: Callable[[], None],
 ) -> Fit:
-    """Whether it is proven that no row exceeds `index` at this profile.
+    """Fit that is proven where no row exceeds `index` at this profile.
 
     "Not proven" may also mean that `LOWER_DEPTH` halvings did not suffice to prove it: the caller then names a slower
     speed, never a faster.
@@ -223,7 +223,7 @@ def fits(
 
 
 def blow_ratio(path: Route, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Callable[[], None]) -> float:
-    """Proven: no body region that the arm could meet on this path is met at more than this share of its limit speed."""
+    """Proven bound on the share of its limit speed at which the arm could meet any body region."""
     rows = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.PERSON))
     if not rows.size:
         return 0.0

@@ -1,4 +1,4 @@
-"""What pinocchio and coal see, in numpy: the slow twin of `pep.pit.second.compiled_sight`."""
+"""Sight of pinocchio and coal, in numpy: the slow twin of `pep.pit.second.compiled_sight`."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ if TYPE_CHECKING:
 
 
 def look(world, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float) -> Sight:
-    """What is seen at these places; coal measures at the first ones.
+    """Sight at these places; coal measures at the first ones.
 
     Args:
         q: joint angles, (places, 6), rad.
         qd: their speeds, (places, 6), rad/s.
         kernel: the first engine's clearances at the first places, (measured, pairs).
-        stop: how the motion ends when it must.
-        since: the first place of which what is open counts.
+        stop: the stopping of the motion.
+        since: the first place whose open pairs count.
         upper: the index that the first engine proved of the motion.
     """
     ends, turns, origins, speed = world._motion(q, qd)

@@ -1,4 +1,4 @@
-"""What an approval does to a decision: one member at a time, on the boundary and one step beyond it."""
+"""Effect of an approval on a decision: one member at a time, on the boundary and one step beyond it."""
 
 from dataclasses import replace
 
@@ -237,7 +237,7 @@ def test_trust_below_theta_is_resolved_where_the_ask_listed_it():
 
 
 def test_a_question_about_a_safety_critical_act_without_physics_wants_an_opening_too():
-    """Where no impact gate looks, a policy that asks people still cannot ask about tier 4 without prior leave."""
+    """Without an impact gate, a policy that asks people still cannot ask about tier 4 without prior leave."""
     points = frozenset({Point.TOOL, Point.ACTUATION})
     record = frozenset({Obligation(ObligationKind.RECORD)})
     known = Policy("known", Subject(), Object(), Check(ROWS["TEA-1"].make()), points, Effect.PERMIT, record, None)

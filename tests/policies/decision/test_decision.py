@@ -1,4 +1,4 @@
-"""Every member of a Decision, whatever the effect."""
+"""Every member of a Decision, for every effect."""
 
 from dataclasses import dataclass, replace
 

@@ -1,4 +1,4 @@
-"""What must be done: with a PERMIT for it to count, and because of what a DENY found."""
+"""Obligations: those of a PERMIT, and those of the findings of a DENY."""
 
 from dataclasses import replace
 from importlib import resources

@@ -1,4 +1,4 @@
-"""What a set remembers of an operation is what it would work out again, and it never grows without bound."""
+"""A set remembers of an operation the plan that it would make again, and it never grows without bound."""
 
 import random
 

@@ -1,4 +1,4 @@
-"""What is decided again from its record is decided the same; whatever is not of the form is refused with its place."""
+"""A case decided again from its record gets the same decision; any other form is refused with its place."""
 
 import asyncio
 import copy
@@ -193,7 +193,7 @@ def same(body, again):
 
 
 def a_day(rig):
-    """What happens at a cell: most of what can be decided, and most of what goes wrong."""
+    """Day of a cell: most of the possible decisions, and most of the possible faults."""
     holder = rig.agent(scope=full_scope(rig.clock.wall_s(), speed_high=600_000))
 
     def go(who=holder, **options):

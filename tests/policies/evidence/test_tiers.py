@@ -1,4 +1,4 @@
-"""How the runtime tier is made, what each tier asks for, and how far a PERMIT reaches while its effect lasts."""
+"""Runtime tier, the rule of each tier, and the reach of a PERMIT while its effect lasts."""
 
 from dataclasses import replace
 

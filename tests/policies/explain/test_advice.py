@@ -1,4 +1,4 @@
-"""What loads but is probably not meant: each warning, and the sets that have none of it."""
+"""Warnings: each of them, and the sets that have none of it."""
 
 import pytest
 from policies.evidence.model import Point

@@ -1,4 +1,4 @@
-"""What would change an answer: each suggestion that can be checked is, and the check is the decision itself."""
+"""Remedies: each suggestion that can be checked is, and the check is the decision itself."""
 
 import dataclasses
 import random

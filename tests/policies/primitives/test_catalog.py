@@ -37,7 +37,7 @@ def test_home_one_the_class(row):
 
 
 def test_no_class_is_outside_the_catalog():
-    """Whatever has a method `judge` in the package is a row's class."""
+    """Every class with a method `judge` in the package is a row's class."""
     judging = {
         node.name
         for path in Path(policies.__file__).parent.rglob("*.py")

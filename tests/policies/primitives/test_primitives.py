@@ -146,13 +146,13 @@ def test_every_reason_of_a_primitive_leads_in_a_case_or_belongs_to_verification(
 
 
 def plain(value):
-    """Whether TOML can say it: it has no null."""
+    """True where TOML can say the value: it has no null."""
     members = value.values() if isinstance(value, dict) else [value]
     return all(member is not None for member in members)
 
 
 def test_whatever_a_primitive_says_of_a_reason_is_compared_in_a_case():
-    """A word that the holder may rely on stands in a case, and what is missing is named in each of its cases."""
+    """A word that the holder may rely on stands in a case, and missing evidence is named in each."""
     for path in FILES:
         document = tomllib.loads(path.read_text("utf-8"))
         name, told, compared = document["primitive"], set(), set()

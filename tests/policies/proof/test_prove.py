@@ -63,7 +63,7 @@ PLANTED = {
     "gate-at-the-tool-only": {"P2", "P3", "P6", "P7"},
     "proof-by-approval": {"P6"},
 }
-"""Which claims each broken set breaks; all others are proven for it."""
+"""Claims that each broken set breaks; all others are proven for it."""
 CLAIMS = {claim.id: claim for claim in proof.CLAIMS}
 needs_z3 = pytest.mark.skipif(prover.importlib.util.find_spec("z3") is None, reason="z3 is not installed")
 
@@ -99,7 +99,7 @@ def decided(request, evidence, policies):
 
 
 def differ(seed, rounds):
-    """Whether the formulas and `decide` answer any of so many random triples differently."""
+    """True where the formulas and `decide` differ on any of so many random triples."""
     pick = random.Random(seed).choice
     cases = (triples.triple(pick) for _ in range(rounds))
     return any(modelled(*case) != decided(*case) for case in cases)
@@ -300,7 +300,7 @@ def test_a_denial_that_fails_at_a_higher_tier_is_caught():
 
 @needs_z3
 def test_primitives_without_a_formula_may_say_anything():
-    """With them a set is proven where it is proven whatever they say, and caught where their holding is real."""
+    """A set with them is proven where any of their answers proves it, and caught where they really hold."""
     unknown = [row.id for row in ROWS.values() if row.decides not in (HOLDS | MAY_DEFER)]
     at_both = [id for id in unknown if {Point.TOOL, Point.ACTUATION} <= ROWS[id].points]
     if not at_both:
@@ -332,7 +332,7 @@ def test_a_counterexample_that_decide_does_not_confirm_is_a_fault(monkeypatch):
 
 @needs_z3
 def test_code_that_lets_one_person_approve_tier_4_is_caught(monkeypatch):
-    """[P2] Two people are what is claimed, and not whatever the code wants."""
+    """[P2] The claim is two people, and does not follow the code."""
     monkeypatch.setattr(approval, "APPROVERS_OF_TIER", {})
     monkeypatch.setattr("policies.proof.outcome.APPROVERS_OF_TIER", {})
     result = proven(load_shipped("paper-default"))["P2"]

@@ -1,4 +1,4 @@
-"""The digest of a request is that of RFC 8785 whoever writes it; canonical texts know no order that is not theirs."""
+"""Digest of a request as of RFC 8785, from any writer; canonical texts know no order but their own."""
 
 import hashlib
 import random

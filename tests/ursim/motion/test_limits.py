@@ -1,4 +1,4 @@
-"""What the arm cannot do, or may not: it stops as the robot does, and says why. Ticked by the test, without a clock."""
+"""Limits of the arm: it stops as the robot does, and says why. Ticked by the test, without a clock."""
 
 import math
 

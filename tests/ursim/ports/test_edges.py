@@ -1,4 +1,4 @@
-"""The ports as they meet anybody: what breaks a protocol ends that connection, and nothing else."""
+"""Ports before any client: a broken protocol ends that connection, and nothing else."""
 
 import json
 import random

@@ -1,4 +1,4 @@
-"""Operational modes and the two kinds of control: who is obeyed in which, on the wire, and what tells of a change."""
+"""Operational modes and the two kinds of control: their rights on the wire, and the signs of a change."""
 
 import socket
 import struct
@@ -79,7 +79,7 @@ class Watcher:
         raise AssertionError("no error is told")
 
     def mode(self):
-        """What the Masterboard part of the next state says: its operational mode."""
+        """Operational mode in the Masterboard part of the next state."""
         for _ in range(20):
             kind, body = self.frame()
             while kind == STATE and body:
@@ -91,7 +91,7 @@ class Watcher:
 
 
 def be(cell, panel, kind):
-    """The robot in `kind`, whatever it was."""
+    """Brings the robot to `kind` from any state."""
     cell.fault("local_control" if kind == "local" else "remote_control")
     mode = kind if kind in {"manual", "automatic"} else None
     panel.ask(f"set operational mode {mode}" if mode else "clear operational mode")

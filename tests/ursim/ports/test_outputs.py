@@ -1,4 +1,4 @@
-"""Every output that the vendor knows for these versions is there by its name and type, and tells what the arm does.
+"""Outputs that the vendor knows for these versions: each is there by name and type, and tells the truth.
 
 The names are those of `tests/resources/exhaustive_rtde_output_recipe.txt` of UniversalRobots/Universal_Robots_Client_Library,
 the types those of its `tests/fake_rtde_server.cpp`, which its maintainers compare with the vendor's RTDE guide. What is

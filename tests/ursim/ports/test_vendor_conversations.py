@@ -1,4 +1,4 @@
-"""What other clients of the vendor's interfaces say and read, byte by byte, with a decoder of their own.
+"""Conversations of other clients of the vendor's interfaces, byte by byte, with a decoder of their own.
 
 The RTDE part follows UniversalRobots/RTDE_Python_Client_Library: `rtde/rtde.py`, `rtde/serialize.py` and
 `examples/example_control_loop.py` with its configuration. The other reads the secondary interface as the vendor's
@@ -80,7 +80,7 @@ class Talk:
         return ">B" + "".join(FORMATS[each] for each in types)
 
     def package(self, form):
-        """What the next data package holds; it is exactly as long as its recipe."""
+        """Content of the next data package; it is exactly as long as its recipe."""
         kind, payload = self.frame()
         assert kind == "U"
         return struct.unpack(form, payload)
@@ -243,7 +243,7 @@ def test_every_type_of_the_wire_is_read_by_a_decoder_of_its_own(cell):
 
 @pytest.mark.parametrize("protocol", [1, 2])
 def test_the_controllers_own_text_is_read(cell, protocol):
-    """What breaks the protocol is told before the connection ends, in the form of the version that was agreed on."""
+    """A fault of the protocol is told before the connection ends, in the form of the agreed version."""
     with Talk(cell) as talk:
         talk.says(struct.pack(">HBH", 5, ord("V"), protocol), b"\x00\x04V\x01")
         talk.socket.sendall(b"\x00\x03Z")

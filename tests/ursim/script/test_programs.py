@@ -15,7 +15,7 @@ def ur_rtde(offset=0, path=(), **options):
 
 
 def command(bench, number, doubles=(), integers=(), offset=0):
-    """What ur_rtde writes for one command."""
+    """Writes the registers of one command as ur_rtde does."""
     values = {f"input_double_register_{offset + i}": float(x) for i, x in enumerate(doubles)}
     values |= {f"input_int_register_{offset + i + 1}": x for i, x in enumerate(integers)}
     bench.controller.write({f"input_int_register_{offset}": number, **values})

@@ -1,4 +1,4 @@
-"""What clients of the script ports send, word for word, and how they take apart what comes back.
+"""Programs that clients of the script ports send, word for word, and their reading of the answers.
 
 The lines are those of urx 0.11.0 (`urrobot.py`, `ursecmon.py`), UR_py_ctl 0.1.7 (`urscript_commands.py`) and
 ursocket 0.2 (`UR.py`), for which no package is needed here. The functions among them that the vendor's script manual
@@ -269,7 +269,10 @@ def test_angles_come_back_from_a_rotation_vector():
 @pytest.mark.e2e
 @pytest.mark.parametrize("version", ["5.11", "5.22"])
 def test_urx_finds_its_state_behind_the_greeting_and_its_output_in_it(version):
-    """Its way of reading: byte by byte to the first thing that looks like a state below 2000 bytes, in pieces of 1024."""
+    """Its way of reading: byte by byte to the first thing like a state below 2000 bytes.
+
+    It reads in pieces of 1024.
+    """
     with (
         SimulatedController.start(joints=HOME, version=version) as cell,
         socket.create_connection((cell.host, 30002), 5) as port,

@@ -26,7 +26,7 @@ def tell(*sensors_and_line, at_s=0.0):
 
 
 def sees(sensor, at_s=0.0):
-    """What the sensor's next frame shows: places of people, places of objects, complete."""
+    """Places of people, places of objects, and completeness in the sensor's next frame."""
     seen = observation.open(sensor.frame(captured_s=at_s), frozenset({sensor.raw}), CAPS)
     torsos = {p.id: dict(p.regions)["torso"].a_um[:2] for p in seen.people}
     things = {o.id: getattr(o.shape, "center_um", None) or o.shape.a_um for o in seen.objects}
@@ -180,7 +180,7 @@ def test_the_simulated_sensor_makes_nobody_thinner(sensor):
 
 @pytest.mark.e2e
 def test_two_simulated_sensors_in_one_process_push_what_they_see(tmp_path):
-    """A real process, two keys, two connections; a walk that the frames show, one sensor that is told to be silent."""
+    """A real process with two keys and two connections shows a walk, and falls silent on command."""
     from pep.base.clock import SystemClock
 
     registry, clock, arguments = Registry(), SystemClock(), []

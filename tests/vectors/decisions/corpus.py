@@ -23,7 +23,10 @@ DIGEST_DIGITS = 12
 
 @dataclass(frozen=True)
 class Answer:
-    """What is recorded of a decision. The digest is over everything that was decided, down to each finding's detail."""
+    """Record of a decision.
+
+    The digest is over everything that was decided, down to each finding's detail.
+    """
 
     effect: str
     reason: str
@@ -50,7 +53,7 @@ class Difference:
 
 
 def answer(decision):
-    """What is recorded of this decision. Remedies are texts for people and may be reworded."""
+    """Record of this decision. Remedies are texts for people and may be reworded."""
     findings = [(f.primitive, f.reason, _said(f.detail)) for f in decision.findings]
     whole = (
         decision.effect, decision.reason, decision.primitive, findings, decision.tier, decision.index,

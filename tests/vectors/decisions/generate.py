@@ -31,7 +31,7 @@ OTHER_SETS = 7
 SILENT = 0.3
 """A random set that has nothing to say to more than this share of cases is not recorded."""
 EXAMPLE = Path(policies.__file__).parent / "cases" / "ordinary.json"
-"""What `ztpm policy schema --example` prints."""
+"""Output of `ztpm policy schema --example`."""
 SHOWN = 5
 """Differences that are shown whole."""
 

@@ -1,4 +1,4 @@
-"""What a vector is before it has a token: what it shows, how its token is made, and what its author expects by hand."""
+"""Case of a vector before it has a token: its claim, the making of its token, its author's expectation."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Faulty:
 
 @dataclass(frozen=True)
 class Refused:
-    """What step 11 says against the request; `of` has parameter, value, unit, bound and nearest, where there are any."""
+    """Refusal of the request by step 11; `of` has parameter, value, unit, bound and nearest, where there are any."""
 
     code: FaultCode
     hop: int

@@ -56,7 +56,7 @@ def new_world() -> dict[str, Any]:
 
 
 def outcome(world: dict[str, Any], text: str, vector: dict[str, Any]) -> dict[str, Any]:
-    """What our verifier makes of a vector, in the form of a file."""
+    """Answer of our verifier to a vector, in the form of a file."""
     trust = codec.trust_of(world["trust"][vector.get("trust", "ordinary")])
     if "claimed" in vector:
         return _claim(trust, text, vector)
@@ -95,7 +95,7 @@ def _claim(trust: Any, text: str, vector: dict[str, Any]) -> dict[str, Any]:
 
 
 def differs(case: Case, found: dict[str, Any]) -> bool:
-    """Whether our verifier found something else than the author of the case expects."""
+    """True where our verifier finds something else than the author of the case expects."""
     match case.expected:
         case Faulty(code, clause):
             return found != {"fault": {"code": str(code), "clause": clause}}
@@ -127,7 +127,7 @@ def mint(group: Group) -> dict[str, Any]:
 
 
 def complete(world: dict[str, Any], group: Group, frozen: dict[str, Any]) -> dict[str, Any]:
-    """The file of a group from its frozen tokens: what is given by its author, what is expected by our verifier."""
+    """File of a group from its frozen tokens, with its author's inputs and our verifier's answers."""
     cases = {case.id: case for case in group.cases}
     assert list(cases) == [vector["id"] for vector in frozen["vectors"]], "other vectors than cases: mint again"
     assert len(cases) == len(group.cases), "two cases of one id"

@@ -1,4 +1,6 @@
-"""The ordinary case that every vector changes a little of: keys, a sponsor, agents, a scope; and blocks written as Datalog text.
+"""Ordinary case that every vector changes a little: keys, a sponsor, agents, a scope.
+
+Its blocks are written as Datalog text.
 
 The text is formatted here, which is for a forge alone: who issues tokens binds values (docs/spec.md, 2.2).
 """
@@ -167,8 +169,10 @@ def context_check(not_before: int | None, not_after: int | None, ceiling: int | 
 
 
 def compiled(statements: list[str], version: int) -> bytes:
-    """The message of a block with these statements, as the library writes it, of this version of Datalog or the later one that
-    it needs."""
+    """Message of a block with these statements, as the library writes it.
+
+    It is of this version of Datalog or the later one that it needs.
+    """
     text = re.sub(r"\bhex:(?![0-9a-f])", "{none}", ";\n".join(statements) + ";")  # the one literal without a spelling
     builder = biscuit_auth.BiscuitBuilder(text, {"none": b""} if "{none}" in text else {})
     private = biscuit_auth.PrivateKey.from_bytes(key_of("any").private_bytes_raw(), biscuit_auth.Algorithm.Ed25519)

@@ -1,4 +1,4 @@
-"""Tokens signed byte by byte with the real keys, whatever their blocks say: what an issuer must never do, and can.
+"""Tokens signed byte by byte with the real keys, with any blocks: an issuer must never do so, and can.
 
 The container and its signatures are those of eclipse-biscuit/biscuit (schema.proto; specification, section "Signature").
 Nothing of `capabilities` is used to sign, so that a defect there cannot hide in a vector.
@@ -85,7 +85,7 @@ def cut(message: bytes) -> list[tuple[int, bytes]]:
 
 
 def inner(raw: bytes) -> bytes:
-    """What a field of `cut` holds, without tag and length."""
+    """Content of a field of `cut`, without tag and length."""
     at = 1
     while raw[at] > 127:
         at += 1
@@ -143,7 +143,7 @@ class Sealed:
 
 
 def _signed(block: bytes, version: int, next_key: bytes, previous: bytes | None, external: bytes | None) -> bytes:
-    """What the signature of a block covers."""
+    """Bytes that the signature of a block covers."""
     if version == 0:
         return block + (external or b"") + struct.pack("<i", ED25519) + next_key
     out = b"\0BLOCK\0\0VERSION\0" + struct.pack("<I", version) + b"\0PAYLOAD\0" + block

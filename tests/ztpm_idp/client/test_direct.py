@@ -1,4 +1,4 @@
-"""Requests go straight to who was named, whatever the environment says of proxies; its certificates are believed."""
+"""Requests go straight to the named host, past all proxies of the environment; its certificates are believed."""
 
 import asyncio
 import http.server

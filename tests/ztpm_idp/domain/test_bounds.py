@@ -1,4 +1,4 @@
-"""A registry snapshot always fits one statement, whoever registers and states what; and a person ends with its agents."""
+"""A registry snapshot always fits one statement, and a person ends with its agents."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def test_tools_sensors_peps_and_approvers_are_bounded(world, monkeypatch):
 
 
 def largest():
-    """As many of everything as may be registered, with the longest names, whatever the bounds are."""
+    """Events that register as many of everything as may be, with the longest names."""
     name = lambda kind, n: f"{kind}{n:04}".ljust(63, "x")
     party = lambda: (raw := fresh(), keys.thumbprint(raw))
     for n in range(snapshot.APPROVERS - 2):

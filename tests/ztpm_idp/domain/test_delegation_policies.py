@@ -1,4 +1,4 @@
-"""What the policies say of lending on (e2): decided before anything is signed, refused with its reason, on record."""
+"""Policies on delegation (e2): decided before anything is signed, refused with a reason, on record."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ def test_the_shipped_set_lets_an_agent_lend_that_is_well(world):
 
 
 def test_an_agent_that_deviated_lends_nothing_before_it_is_lent_to_anew(world):
-    """The deviation came after it was attested for its hop: whoever lends on is verified anew first."""
+    """The deviation came after the attestation for its hop: a holder that delegates is verified anew first."""
     planner, mover, lent = party(world)
     world.journal, world.second = Journal(world), lent.token
     world.clock.at_s += 2

@@ -1,4 +1,7 @@
-"""The domain by itself: values in, events or a refusal out. No store, no clock, no network, and nothing of them imported."""
+"""Domain by itself: values in, events or a refusal out.
+
+No store, no clock, no network, and none of them imported.
+"""
 
 from __future__ import annotations
 

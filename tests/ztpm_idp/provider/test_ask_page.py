@@ -1,4 +1,7 @@
-"""The page of an ask: everything an approval binds, from the very text it binds, readable without script, colour or trust in names."""
+"""Page of an ask: everything that an approval binds, from the very text that it binds.
+
+It is readable without script, colour or trust in names.
+"""
 
 from __future__ import annotations
 
@@ -28,7 +31,10 @@ ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "scop
 
 
 class Reader(HTMLParser):
-    """What a reader sees of a page, which must be well formed and use nothing but the plain tags and attributes."""
+    """Content of a page as a reader sees it.
+
+    The page must be well formed and use nothing but the plain tags and attributes.
+    """
 
     def __init__(self, text):
         super().__init__()

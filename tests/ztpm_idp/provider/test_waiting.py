@@ -69,7 +69,7 @@ async def forever():
 
 
 def test_it_ends_by_time_with_the_stores_epoch():
-    """What another process has committed is found then."""
+    """An epoch that another process has committed is found then."""
 
     async def go():
         scene = Scene(longest_s=0.05)

@@ -1,4 +1,7 @@
-"""Every endpoint: permitted, refused by role, and every bad body and proof answered with a 4xx and a code, nothing half done."""
+"""Endpoints: each permits, refuses by role, and answers every bad body and proof with a code.
+
+The status is a 4xx, and nothing is half done.
+"""
 
 from __future__ import annotations
 

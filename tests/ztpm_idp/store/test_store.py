@@ -1,4 +1,4 @@
-"""The store: its migration builds exactly the schema, its commits are durable ones, and its faults are 503 and nothing else."""
+"""Store: its migration builds exactly the schema, its commits are durable, and its faults are 503 only."""
 
 from __future__ import annotations
 

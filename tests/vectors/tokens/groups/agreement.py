@@ -35,7 +35,7 @@ MOST = 2**53 - 1
 
 
 def claim(title: str, claimed: Scope, agreed: bool, token: Any = OWN, request: dict[str, Any] = GO) -> Case:
-    """Whether Biscuit's authorizer draws the lines of the token where this scope does."""
+    """Case of a claim on the lines of Biscuit's authorizer: they are those of this scope, or not."""
     expected = Permitted() if agreed else Faulty(FaultCode.ENGINES_DISAGREE, "TOK-12")
     return Case(title, "TOK-12", token, expected, request=request, claimed=claimed)
 

@@ -46,7 +46,7 @@ def third(**other: Any) -> Callable[[], Made]:
 
 
 def child_of(parent: Scope, **stated: Any) -> Scope:
-    """What is left, said by hand: every dimension that is stated, the others kept, one hop less."""
+    """Scope of a child, said by hand: every stated dimension, the others kept, one hop less."""
     return replace(parent, **{"depth": parent.depth - 1, **stated})
 
 

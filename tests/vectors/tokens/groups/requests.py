@@ -30,7 +30,10 @@ KNOWN = {"q0": "urad", "q1": "urad", "speed": "urad_s", "width": "um", "force": 
 
 
 def four() -> Sealed:
-    """alice -> orchestrator -> robotic (speed to 500000) -> vision (q0 inside, speed from 5, tier 2) -> gripper (less audience)."""
+    """Token of four hops: alice -> orchestrator -> robotic -> vision -> gripper.
+
+    Speed to 500000 from robotic on; q0 inside, speed from 5 and tier 2 from vision on; gripper has less audience.
+    """
     token = hop(authority(), SLOWER)
     quieter = Restriction(
         grants=(
@@ -45,7 +48,10 @@ def four() -> Sealed:
 
 
 def gripping() -> Sealed:
-    """The set of forces stands from the first hop on, {10, 40} from the second; the width becomes a set, then a range."""
+    """Token with a set of forces at the first hop, and {10, 40} from the second.
+
+    The width becomes a set, then a range.
+    """
     token = hop(
         authority(),
         Restriction(
