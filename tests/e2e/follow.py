@@ -1,4 +1,4 @@
-"""A PEP's follower in a process of its own: says on standard output at which monotonic instant its view shows each epoch."""
+"""Follower of a PEP in a process of its own: prints the instant at which its view shows each epoch."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from pep.base.clock import SystemClock
 from pep.provider.feed import ProviderFollower, FeedMarkFile
 
 LOOK_S = 0.0005
-"""How often the view is looked at: the resolution of what is measured."""
+"""Interval between looks at the view, seconds: the resolution of the measurement."""
 
 
 def say(**what):

@@ -88,7 +88,7 @@ def pep_takes_any_key():
 
 @defect
 def pep_trusts_a_token_it_knows():
-    """Step 3 is answered from the last token that was opened, whatever the bytes are now, and step 5 does not compare."""
+    """Step 3 is answered from the last opened token, for any bytes, and step 5 does not compare."""
     from capabilities.token import biscuit
     from capabilities.token import static_verification as reading
 
@@ -109,7 +109,7 @@ def pep_trusts_a_token_it_knows():
 
 @defect
 def pep_ignores_trust():
-    """CATP-3 holds whatever the score is."""
+    """CATP-3 holds for any score."""
     from policies.primitives.base import Holds
     from policies.primitives.propagation import DynamicTrust
 
@@ -118,7 +118,7 @@ def pep_ignores_trust():
 
 @defect
 def idp_charges_nobody():
-    """Whatever an agent tries, its trust is that of a stranger."""
+    """An agent keeps the trust of a stranger after any attempt."""
     from policies.conduct import trust
 
     trust.observe = lambda state, report, parameters, *, now: state
@@ -240,7 +240,7 @@ def pep_never_uses_an_approval_up():
 
 @defect
 def pep_ignores_what_was_shown():
-    """An approval counts for whatever world it is used in."""
+    """An approval counts in any world."""
     from policies.decision import approval
 
     approval._differences = lambda case, reading, reasons, policies: iter(())
@@ -248,7 +248,7 @@ def pep_ignores_what_was_shown():
 
 @defect
 def idp_lets_anybody_vote():
-    """Whoever is registered may vote; the PEP still counts registered approvers only."""
+    """Any registered party may vote; the PEP still counts registered approvers only."""
     from ztpm_idp.domain import approvals
 
     approvals.active_person = lambda state, id_, role: state.parties.get(id_)
@@ -295,7 +295,7 @@ def pep_sees_no_age():
 
 @defect
 def pep_believes_any_frame():
-    """Whoever signs a frame in a sensor's name is that sensor."""
+    """Any key may sign a frame in a sensor's name."""
     from capabilities.keys import jws
     from capabilities.statements import observation
     from capabilities.values import strict_json
@@ -332,7 +332,7 @@ def pep_does_not_watch_authority():
 
 @defect
 def gateway_is_open():
-    """Whoever has no lease is served as the controller itself would serve it."""
+    """A client without a lease is served as the controller itself would serve it."""
     from pep.rtde.line.gateway import StatePorts
     from pep.rtde.robot.connections import Upstream
 

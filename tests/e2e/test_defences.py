@@ -1,4 +1,4 @@
-"""For each refusing step of the story: take out the defence that it rests on, and the step is no longer as told.
+"""Defences of each refusing step: without the one that it rests on, the step is no longer as told.
 
 Each case plays the step in a cell of which a process runs with one check undone (tests/e2e/sabotage.py), and what the step needs;
 sees that everything before it is as told, and that the attack then does exactly what the check had kept from happening.
@@ -21,10 +21,10 @@ from ztpm.stage.stage import LEFT, WAIT_S, Stage, until
 
 IDP, GATEWAY, TOOLS = ("identity provider",), ("gateway",), ("tool server",)
 BOTH = (*TOOLS, *GATEWAY)
-"""What each of them verifies by itself: one alone would be found out by the other."""
+"""Processes that verify by themselves: one alone would be found out by the other."""
 
 IN_VAIN_S = 5.0
-"""How long a step waits for a refusal that its defect keeps from coming."""
+"""Seconds for which a step waits for a refusal that its defect keeps from coming."""
 FOREVER = ("NONE", "STEP_FAILED", False)
 """The refusal that the step waits for never comes: the wait itself is the observation."""
 MOVED = ("PERMIT", "PERMITTED", True)
@@ -74,7 +74,7 @@ ALWAYS = frozenset(
 )  # fmt: skip
 """Of the provider; of authority, physics, policy and watch at the tools; of the gateway."""
 SHORT_RAD = {"rtde-raw-denied": 1e-3}
-"""How far the arm goes at least where another defence comes: the tools take it back from a stranger's program."""
+"""Least way of the arm where another defence comes: the tools take it back from a stranger's program."""
 STOPS = frozenset({"place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion"})
 """Steps that permit and refuse: what is not granted, and what goes on when it should not."""
 
@@ -86,7 +86,7 @@ def test_every_refusing_step_has_a_case() -> None:
 
 
 START = {"identity provider": Cell.start_idp, "gateway": Cell.start_gateway, "tool server": Cell.start_tools}
-"""How a cell's process begins anew."""
+"""Starter of each process of a cell."""
 
 
 class Theatre:
@@ -97,7 +97,10 @@ class Theatre:
         self.delegated: list[StepReport] = []
 
     def change(self, broken: tuple[str, ...], defect: str) -> None:
-        """These processes run with that defect and all others with none; the arm stands at the left of an empty scene."""
+        """Runs these processes with that defect and all others with none.
+
+        The arm stands at the left of an empty scene.
+        """
         wanted = dict.fromkeys(broken, defect)
         changed = {child for child in START if self.defects.get(child) != wanted.get(child)}
         self.defects.clear()
@@ -124,7 +127,7 @@ class Theatre:
         return told[-1]
 
     def delegate(self) -> None:
-        """What every step needs, once."""
+        """Plays the steps that every other step needs, once."""
         self.delegated = [play(self.stage, step) for step in STORY.only(frozenset({"delegate"}))]
         assert [step.id for step in self.delegated if not step.ok] == []
 

@@ -1,4 +1,4 @@
-"""A cell with its gateway, real processes all: what an unmodified ur_rtde program may do in a lease, and what ends it."""
+"""Cell with its gateway, real processes all: the rights of an unmodified ur_rtde program, and its ends."""
 
 import contextlib
 import json
@@ -307,7 +307,7 @@ def test_a_revoked_token_stops_the_arm_and_ends_the_lease(house, eyes):
 
 
 def test_a_look_that_breaks_keeps_no_lease_open(house):
-    """Who looks after the leases goes on looking."""
+    """The task that looks after the leases goes on."""
     name = house.agent_to_revoke()
     house.broken["gateway"] = "gateway_look_breaks"
     house.cell.start_gateway()
@@ -329,7 +329,7 @@ def test_a_look_that_breaks_keeps_no_lease_open(house):
 
 
 def aside(house, by_rad=0.02):
-    """Where the arm is, and a little farther."""
+    """Place of the arm, and a little farther."""
     base, *others = house.stage.rounded_joints
     return (round(base + (by_rad if base < 0 else -by_rad), 6), *others)
 
@@ -384,7 +384,7 @@ def test_a_tools_stop_ends_a_programs_motion(house, eyes):
 
 @pytest.mark.parametrize(("port", "words"), [(DASHBOARD, b"stop\n"), (PRIMARY, b"stopj(0.1)\n")])
 def test_anybodys_stop_ends_a_tools_motion(house, eyes, port, words):
-    """The tool knows that it was one: nothing that it was about to do is done, and its next motion is."""
+    """The tool sees that it was a stop: its other work is dropped, and its next motion is done."""
     tools_move(house)
     with Motion(house.stage, "mover", to=across(house), speed=0.4) as motion:
         motion.under_way(0.05)

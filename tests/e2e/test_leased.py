@@ -1,4 +1,7 @@
-"""`ztpm.leased` before a cell with its gateway, real processes all: unmodified ur_rtde moves the arm for as long as a block lasts."""
+"""`ztpm.leased` before a cell with its gateway: unmodified ur_rtde moves the arm while a block lasts.
+
+All processes are real.
+"""
 
 import json
 import os
@@ -89,7 +92,7 @@ class Program:
 
 
 def ends(house):
-    """How many leases have ended so far."""
+    """Number of leases that have ended so far."""
     return len(house.endings())
 
 

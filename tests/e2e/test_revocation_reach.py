@@ -1,4 +1,6 @@
-"""From the acknowledgement of a revocation to the PEP's view, over real processes: by the hint alone, the period never ends.
+"""Time from the acknowledgement of a revocation to the PEP's view, over real processes, by the hint alone.
+
+The period never ends.
 
 `pytest -s tests/e2e/test_revocation_reach.py` prints the figures.
 """

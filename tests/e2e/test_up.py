@@ -1,4 +1,4 @@
-"""`ztpm up` as a user runs it: a process of its own, asked through its ports, ended by signals, killed, started again."""
+"""`ztpm up` as a user runs it: a process asked through its ports, ended, killed, started again."""
 
 import json
 import os

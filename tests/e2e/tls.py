@@ -1,4 +1,4 @@
-"""A cell as it is reached from other machines: the identity provider speaks TLS, a TLS proxy stands before each door."""
+"""Cell as other machines reach it: the identity provider speaks TLS, each door has a TLS proxy."""
 
 import asyncio
 import contextlib
@@ -78,7 +78,7 @@ class Authority:
         )
 
     def server(self):
-        """How a server speaks TLS with the hosts' certificate."""
+        """TLS context of a server with the hosts' certificate."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.load_cert_chain(self.certificate, self.key)
         return context
@@ -127,16 +127,16 @@ def proxies(authority, ways):
 
 
 def reached_by_tls(cell_root, addresses, idp_config, ends):
-    """The identity provider's configuration names a certificate, and the doors have their proxies.
+    """Puts a certificate into the identity provider's configuration, and proxies before the doors.
 
     Args:
         cell_root: where the PEM files go.
         addresses: of the cell.
         idp_config: the file.
-        ends: what ends the proxies.
+        ends: the stack that ends the proxies.
 
     Returns:
-        The authority's PEM file: whoever has it in SSL_CERT_FILE believes these hosts.
+        The authority's PEM file: a program with it in SSL_CERT_FILE believes these hosts.
     """
     authority = Authority(cell_root, (addresses.host, addresses.gateway_host))
     with idp_config.open("a") as file:

@@ -307,7 +307,7 @@ class FailingJournal:
 
 @dataclass
 class Person:
-    """Somebody who answers."""
+    """Person who answers."""
 
     name: str
     key: object = field(default_factory=keys.generate)
@@ -354,14 +354,14 @@ def Claimed(text):
 
 
 class Still(Sequence):
-    """The sequence of an arm that stands where the test puts it, whatever was sent to it."""
+    """Sequence of an arm that stays where the test puts it, after any command."""
 
     def ended(self, request, *, arrived):
         super().ended(request, arrived=False)
 
 
 def own_choice(request):
-    """Where the parameters of a call without receipts come from: its holder chose them."""
+    """Origin of the parameters of a call without receipts: its holder chose them."""
     label = Label(frozenset({Source.AGENT}), frozenset(), Integrity.AGENT, 0)
     return ContextReading((), tuple(ArgumentReading(value.name, label) for value in request.values))
 
@@ -493,7 +493,7 @@ class Rig:
         return [r for r in self.journal.records() if kind is None or r["kind"] == kind]
 
     async def ended(self):
-        """What the one motion came to, told when its slot is free again and all of it is on record.
+        """Outcome of the one motion, told when its slot is free again and all of it is on record.
 
         It is the last outcome: a decision whose record takes longer than it lasts is taken anew, and leaves a `refused`
         of its own before.
@@ -602,7 +602,7 @@ class FakeIssuer:
         )
 
     def proven(self, request):
-        """None for a request with a proof over exactly it, by the PEP where its key is known; else the refusal."""
+        """None for a request with a proof over exactly it, by the PEP's known key; else the refusal."""
         url = str(request.url).split("?")[0]
         proof = check_proof(
             request.headers.get("dpop", ""),

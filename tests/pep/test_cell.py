@@ -1,4 +1,4 @@
-"""A whole cell without the identity provider's process: the real controller, the real physics, the real ur_rtde client, a real sensor."""
+"""Whole cell without the identity provider's process: real controller, physics, ur_rtde client and sensor."""
 
 import asyncio
 import contextlib
@@ -35,7 +35,7 @@ from capabilities.keys import keys
 from pep.pit import CellParameters, Output
 
 GATEWAY_HOST = HOST.rpartition(".")[0] + ".10"
-"""Where the gateway has the controller's ports."""
+"""Address at which the gateway has the controller's ports."""
 CALLS = f"http://{HOST}:{PORT + 2}/calls"
 DOOR = "door-1"
 SEND_TRIES = 5
@@ -44,7 +44,10 @@ LEFT = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 RIGHT = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 PASSPHRASE = "correct horse battery staple"
 PATIENT = CellParameters(watch_age_limit_s=1.0, watch_time_limit_s=1.0, reaction_s=0.5, perception_age_limit_s=1.2)
-"""A cell whose watch waits longer: this machine is also busy with other tests, and a motion is to end for the reason that a test gives it."""
+"""Cell whose watch waits longer, since this machine is also busy with other tests.
+
+A motion is to end for the reason that a test gives it.
+"""
 SLOW_RAD_S = 0.08
 """sqrt(2 x 1.4 rad/s2 x 2 mrad): how fast a joint is so far from where it stops."""
 pytestmark = pytest.mark.e2e
@@ -90,7 +93,10 @@ def controller():
 
 
 class Elsewhere(httpx2.MockTransport):
-    """The provider as the tool server finds it: the ledger has a journal of each, and a test looks at the gateway's."""
+    """Provider as the tool server finds it: the ledger has a journal of each point.
+
+    A test looks at the gateway's.
+    """
 
     def __init__(self, issuer):
         def handle(request):
@@ -102,7 +108,7 @@ class Elsewhere(httpx2.MockTransport):
 
 
 async def listens(port, task):
-    """Who is served by that task does."""
+    """Waits until the server of that task listens."""
     async with asyncio.timeout(60):
         while True:
             with contextlib.suppress(OSError):
@@ -530,7 +536,7 @@ async def moved(eyes, start, moving):
 
 
 def test_a_gateway_that_observes_enforces_no_policy(controller, tmp_path):
-    """A person in the way, and a speed that the token does not allow: both moves are refused on record, and made."""
+    """Two moves, past a person and over the token's speed, are refused on record, and made."""
     eyes = ReceivedState(HOST)
 
     async def scenario(cell):

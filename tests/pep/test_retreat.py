@@ -1,4 +1,7 @@
-"""An arm that stands where it should not: through gate, signed frames and real physics, it may only get out, and only when a person says so."""
+"""Arm that stands where it should not: it may only get out, and only when a person says so.
+
+Gate, signed frames and physics are real.
+"""
 
 import asyncio
 

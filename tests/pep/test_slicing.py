@@ -1,4 +1,4 @@
-"""Salami slicing, with real physics, gate and signed frames: a sweep that needs a person, cut into steps that would not."""
+"""Salami slicing with real physics: a sweep that needs a person, cut into steps that would not."""
 
 import asyncio
 
@@ -97,7 +97,10 @@ def test_slow_steps_are_no_more_than_a_slow_sweep(cell):
 
 
 def test_what_lies_behind_the_arm_is_done(cell):
-    """Somebody reaches for where the arm was: it may go on, away from there, as if it had begun where it is."""
+    """A person reaches for the arm's earlier place: the arm may go on, away from there.
+
+    It goes as if it had begun where it is.
+    """
     cell.seen()
     assert cell.goes(-0.2, "robotic", speed_rad_s=0.25).effect is Effect.PERMIT
     hand = Person("bob", ((Region.HAND, Sphere(tool_position(ROBOT, base(-0.42)), 0.02)),))

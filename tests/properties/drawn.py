@@ -66,7 +66,7 @@ def scopes(draw: st.DrawFn) -> Scope:
 
 @st.composite
 def restrictions(draw: st.DrawFn) -> Restriction:
-    """Any restriction, of whatever scope."""
+    """Any restriction, of any scope."""
     other = draw(scopes())
     kept = {name: draw(st.booleans()) for name in Restriction.__dataclass_fields__}
     thinned = tuple(
@@ -88,7 +88,7 @@ def bounds_inside(draw: st.DrawFn, bound: Bound) -> Bound:
 
 @st.composite
 def restrictions_near(draw: st.DrawFn, parent: Scope) -> Restriction:
-    """A restriction that takes a little from `parent` or leaves it as it is; half of them also ask for a little more."""
+    """Restriction that takes a little from `parent` or nothing; half of them also ask for a little more."""
     greedy = draw(st.booleans())
 
     def rarely() -> bool:

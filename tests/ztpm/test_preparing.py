@@ -1,4 +1,4 @@
-"""What takes long says how far it is: on a terminal in one line, elsewhere now and then."""
+"""Progress of long work: on a terminal in one line, elsewhere now and then."""
 
 import io
 

@@ -256,7 +256,7 @@ def test_an_old_proof_stays_old_when_the_clock_is_set_back(judged):
 
 @pytest.mark.parametrize("back_s", [1, 5, 6, 30, 60, 3_600])
 def test_a_used_proof_is_never_used_again_however_the_clock_is_set(judged, back_s):
-    """Second by second for two minutes: refused as replayed for as long as it is remembered, and as stale after that."""
+    """Every second for two minutes it is refused: as replayed while it is remembered, and then as stale."""
     used = judged.proof()
     assert judged.fault(used) is None
     judged.machine.wall -= back_s
@@ -266,7 +266,7 @@ def test_a_used_proof_is_never_used_again_however_the_clock_is_set(judged, back_
 
 
 def test_a_proof_from_a_fast_agents_future_is_never_used_again_either(judged):
-    """The worst case of memory: accepted at the end of the skew, and then the clock goes back by all that it may."""
+    """The worst case of memory: accepted at the skew's end, and then the clock falls by its most."""
     judged.machine.wall += SKEW
     used = judged.proof()
     judged.machine.wall -= SKEW

@@ -1,4 +1,4 @@
-"""An admission point by hand: real tokens, statements, policies; a clock that goes when it is told to; a journal in memory."""
+"""Admission point by hand: real tokens, statements, policies; a told clock; a journal in memory."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ ADMITTERS = {CELL: raw_of("pep")}
 
 
 class Sort(FormBody):
-    """What a person wants done."""
+    """Wish of a person."""
 
     parts: tuple[str, ...]
     box: int
@@ -53,7 +53,7 @@ class Sort(FormBody):
 
 
 class Task(FormBody):
-    """What one agent asks of another."""
+    """Task that one agent gives another."""
 
     operation: str
     speed_urad_s: int | None = None
@@ -150,7 +150,7 @@ class People:
 
 @dataclass
 class Standing:
-    """Whatever chain a test says."""
+    """Standing with any chain that a test gives."""
 
     answer: object = None
 

@@ -1,4 +1,4 @@
-"""From a real store to an agent's context: what retrieval, memory and responses find, and what the shipped set makes of it."""
+"""Contents on the way from a real store to an agent's context, under the shipped set."""
 
 import re
 import secrets
@@ -48,7 +48,7 @@ def library(tmp_path, point, **more):
 
 
 def admitted(point, into, retrieval):
-    """What became of each content, by its id."""
+    """Answer of admission to each content, by its id."""
     return {item.reading.id: point.admission.admit(item.reading, item.text, into=into) for item in retrieval.items}
 
 

@@ -1,4 +1,4 @@
-"""The gate of admission, with the shipped policies: what is admitted, what is refused, what is on record, what happens once."""
+"""Gate of admission with the shipped policies: admitted, refused, recorded and once-only contents."""
 
 from __future__ import annotations
 

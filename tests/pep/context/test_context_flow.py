@@ -1,4 +1,4 @@
-"""Labels of contexts: they only get worse, whatever happens in whatever order, and nothing is forgotten for the better."""
+"""Labels of contexts: they only get worse, in any order, and nothing is forgotten for the better."""
 
 from __future__ import annotations
 
@@ -130,7 +130,7 @@ def test_what_is_told_apart_no_more_is_not_forgotten():
 
 @given(st.lists(st.tuples(st.integers(0, 5), labels), max_size=20))
 def test_with_little_memory_nothing_is_lost(entered):
-    """Two contexts of an agent are told apart, six are used: a new one begins with all that ever entered any."""
+    """An agent with two contexts told apart uses six: a new one begins with all that entered any."""
     with pytest.MonkeyPatch.context() as patched:
         patched.setattr(flow_module, "HOPS", 2)
         here, _ = flow()

@@ -166,7 +166,7 @@ def test_a_broken_receipt_beside_a_good_one_breaks_the_argument():
 
 
 def test_what_is_over_still_says_what_was_read():
-    """An expired receipt vouches for nothing, and its taint stays with whoever shows it."""
+    """An expired receipt vouches for nothing, and its taint stays with the holder that shows it."""
     stale = shown(label=replaced(CURATED, tainted=True))
     found = read(stale, at=NOW + 700)
     assert (found["speed"].fault, found["q0"].fault) == ("EXPIRED", "")
@@ -257,7 +257,7 @@ pointers = st.dictionaries(
     st.lists(st.builds(PresentedReceipt, texts, raws, pointers), max_size=4), labels, st.integers(NOW - 9, NOW + 900)
 )
 def test_no_argument_is_better_than_its_receipts_and_its_holder(presented, context, at):
-    """Whatever is shown: who is vouched for has what a receipt states, and everybody else no more than the context."""
+    """A vouched argument has its receipt's label, and any other no better one than the context."""
     for reading in arguments(REQUEST, presented, known(context=context, at=at)):
         stated = [one for one in presented if reading.name in one.pointers]
         if reading.fault:

@@ -1,4 +1,4 @@
-"""A memory on a real SQLite file: who may write, what is believed on reading, and whatever is done to the file shows."""
+"""Memory on a real SQLite file: its writers, its believed rows, and the traces of every tampering."""
 
 import sqlite3
 import stat
@@ -89,7 +89,7 @@ class Desk:
         return found.reading.fault
 
     def sql(self, *statements):
-        """What somebody who can write to the file does to it."""
+        """Tampers with the file as any party that can write to it."""
         self.rows.close()
         with sqlite3.connect(self.path) as other:
             for text, *values in statements:

@@ -1,4 +1,4 @@
-"""Curated retrieval on a real Chroma: whatever is done to the store, only what a curator lists comes out believed."""
+"""Curated retrieval on a real Chroma: only contents that a curator lists come out believed."""
 
 import hashlib
 import importlib
@@ -88,7 +88,7 @@ class Library:
         return self.curated.retrieve(query, most=most, lease_ms=lease_ms)
 
     def found(self, query="gripper"):
-        """Fault or "" by id, of everything near to the query; "unlisted" for what is signed and not listed any more."""
+        """Fault or "" by id, of everything near to the query; "unlisted" for signed ones no longer listed."""
         return {
             item.reading.id: item.reading.fault or ("" if item.reading.listed else "unlisted")
             for item in self.ask(query).items

@@ -97,7 +97,7 @@ SPEED = Quantity("speed", Unit.MICRORADIAN_PER_SECOND, 0)
     ids=lambda o: f"{o.kind} {o.at_most.name} {o.at_most.unit}" if o.at_most else str(o.kind),
 )
 def test_a_permit_with_an_obligation_that_is_not_fulfilled_here_is_void(rig, monkeypatch, obligation):
-    """Whether nobody here fulfils it, or the request is faster than the PERMIT is good for, or it has no such parameter."""
+    """The obligation is unknown here, for a lower speed, or for a parameter that the request lacks."""
     honest = gate_module.decide
     monkeypatch.setattr(
         gate_module, "decide", lambda *a: replace(d := honest(*a), obligations=(*d.obligations, obligation))

@@ -1,4 +1,4 @@
-"""Deciding without enforcing: the simulator alone, every record says so, and whoever asked is told what would have been."""
+"""Deciding without enforcing: the simulator alone, every record marked, and callers told the decision."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""What an enforcement point knows of conduct: the stricter of what it was told and what it saw itself, at once."""
+"""Conduct as an enforcement point knows it: the stricter of the told and the seen one, at once."""
 
 import asyncio
 from dataclasses import replace

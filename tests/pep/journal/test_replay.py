@@ -1,4 +1,4 @@
-"""Proofs are used once, whoever asks at the same time, and the store never forgets early."""
+"""Proofs are used once, over callers at the same time, and the store never forgets early."""
 
 import threading
 

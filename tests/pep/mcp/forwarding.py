@@ -1,4 +1,4 @@
-"""A tool server without a robot before a guarded gateway, over real sockets; and servers that stand in for the gateway."""
+"""Tool server without a robot before a guarded gateway, over real sockets; and doubles of the gateway."""
 
 import asyncio
 import contextlib

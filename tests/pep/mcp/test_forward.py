@@ -1,4 +1,4 @@
-"""A tool server without a robot: every call goes on whole, with a ticket, on record first; and comes back as it comes."""
+"""Tool server without a robot: every call goes on whole, ticketed and recorded, and comes back as it comes."""
 
 import asyncio
 import contextlib
@@ -389,7 +389,7 @@ def test_a_stop_goes_on_when_its_caller_has_gone(house):
 
 @pytest.mark.clause("TKT-10")
 def test_a_stop_is_sent_again_over_a_connection_that_broke(house):
-    """Once, and nothing but a stop: whoever sends a motion twice may move twice."""
+    """Once, and only a stop: a motion that is sent twice may move twice."""
 
     async def scenario(tool, arguments):
         came = []
@@ -415,7 +415,7 @@ def test_a_stop_is_sent_again_over_a_connection_that_broke(house):
 
 
 def test_the_client_notices_a_peer_that_is_gone():
-    """A connection over which nothing comes is probed by the system: no bound on the length of a motion is needed."""
+    """The system probes a silent connection: no bound on the length of a motion is needed."""
 
     async def scenario():
         async def answered(reader, writer):

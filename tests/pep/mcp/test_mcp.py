@@ -1,4 +1,4 @@
-"""The guard over real streamable HTTP: the SDK's own client on one side, a fake robot and fake physics on the other."""
+"""Guard over real streamable HTTP: the SDK's client on one side, a fake robot and physics on the other."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""What a tool answered, bound to its call; and receipts in `_meta`, coming with a call and going with its result."""
+"""Responses of a tool bound to their calls; and receipts in `_meta`, with a call and its result."""
 
 import json
 from dataclasses import replace
@@ -291,7 +291,7 @@ def test_a_tainted_context_is_in_every_argument_that_is_chosen(cell):
 
 
 def test_a_receipt_says_where_the_values_that_are_sent_come_from(cell):
-    """What a sensor signed may be asked for at a tier for which a tool's word is not enough."""
+    """A value that a sensor signed passes at a tier at which a tool's word does not."""
     holder = cell.agent()
     cell.physics.answer = reading(3, 2_500)
     record = Label(frozenset({Source.TOOL}), frozenset({OTHER}), Integrity.RECORDED, 40)
@@ -419,7 +419,7 @@ def test_nothing_is_vouched_for_when_the_tool_changed_while_it_answered(cell):
 
 
 def test_nothing_is_vouched_for_when_the_tool_failed(cell, monkeypatch):
-    """Whatever it says of its failure: a record of an answer is one of something that was done."""
+    """A failed call gets no record of its answer: a record is of an act that was done."""
 
     async def failing(*_, **__):
         return CallToolResult(content=[], structured_content={"q_rad": [0.0]}, is_error=True)

@@ -1,4 +1,4 @@
-"""What reaches the gateway of a robot: a call that an enrolled tool server passes on, this one and once; and every stop."""
+"""Requests that reach the gateway of a robot: a ticketed call, this one and once; and every stop."""
 
 import json
 
@@ -339,7 +339,7 @@ def test_a_refusal_that_cannot_be_recorded_is_still_a_refusal(house):
 
 @pytest.mark.clause("TKT-7")
 def test_the_memory_of_tickets_is_bounded(house):
-    """What is over is forgotten, and only what an enrolled tool server signed is remembered."""
+    """An expired ticket is forgotten, and only tickets of enrolled tool servers are remembered."""
 
     async def scenario():
         request = Request(house)

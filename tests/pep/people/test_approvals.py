@@ -1,4 +1,4 @@
-"""What people answer, at the gate: real statements, verified; a use is given once; whatever is wrong with it moves nothing."""
+"""People's answers at the gate: real, verified statements; a use counts once; a bad one moves nothing."""
 
 import asyncio
 import secrets
@@ -27,7 +27,7 @@ NEAR = reading(3, 2_500, contributions=(PERSON, BOX))
 
 
 class People(Rig):
-    """A rig with somebody near the arm, and people who answer."""
+    """Rig with a person near the arm, and people who answer."""
 
     tier = 3
 
@@ -306,7 +306,7 @@ def test_an_approval_that_no_longer_fits_counts_again_when_what_was_shown_is_so_
 
 
 def known(rig, call):
-    """What the gate would have collected beside the cheap part."""
+    """Evidence that the gate would have collected beside the cheap part."""
     impact, robot = rig.physics.answer, rig.readiness.answer
     sequence = Sequence(rig.clock).reading(call.request, agent="robotic", impact=impact, robot=robot, unfinished=False)
     return {"impact": impact, "perception": rig.physics.perception, "robot": robot, "sequence": sequence}

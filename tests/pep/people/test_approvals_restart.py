@@ -33,7 +33,7 @@ def story(rig):
 
 
 def given(rig):
-    """How often each use was given and not returned, by the journal."""
+    """Number of times that each use was given and not returned, by the journal."""
     uses = Counter()
     for record in rig.records():
         body = record["body"]

@@ -1,4 +1,6 @@
-"""Defective frames, singly, over TCP: each is refused with its fault, is on record, and keeps the arm still until a good frame comes.
+"""Defective frames, singly, over TCP: each is refused with its fault, recorded, and keeps the arm still.
+
+It stays still until a good frame comes.
 
 Real are the receiver, the judge of frames, physics, the policies, the gate and the journal; only the arm's own state is made by hand.
 """

@@ -1,4 +1,7 @@
-"""Frames: only what a registered sensor signed, in order and in time, may say what the world is; and a bad frame is never nothing."""
+"""Frames: only a registered sensor's, in order and in time, say how the world is.
+
+A bad frame is never nothing.
+"""
 
 import asyncio
 import dataclasses
@@ -323,7 +326,7 @@ def test_bad_frames_are_told_without_flooding(world):
 
 
 def ended(world, *chunks):
-    """Whether the receiver hangs up on a sender of these chunks."""
+    """True where the receiver hangs up on a sender of these chunks."""
 
     async def scenario():
         receiver = FrameReceiver(world.frames, clock=world.clock, incident=lambda *what: None)
@@ -484,7 +487,10 @@ SHELF = wire.ObservedObject("shelf", "rigid", wire.Sphere((1_500_000, 0, 0), 100
 
 @pytest.mark.parametrize("late", [{"people": (LATE,)}, {"objects": (SHELF,)}])
 def test_a_sighting_that_became_stale_meanwhile_is_stale(world, monkeypatch, late):
-    """Fresh at the look, 20 ms and 400 ms old; when the answer is there 100 ms later, too old: asked again."""
+    """A sighting that is fresh at the look and too old 100 ms later is asked again.
+
+    It is 20 ms and 400 ms old at the look.
+    """
     world.admit(**late)
     slow = Slow(world, monkeypatch, 100, 100)
     assessed = physics(world, robot=ARM).assess(request(), touch=frozenset())

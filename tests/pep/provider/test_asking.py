@@ -1,4 +1,4 @@
-"""Asks and answers on the wire: the provider is a double that verifies every proof and ask, and tells every lie."""
+"""Asks and answers on the wire: the double of the provider verifies proofs and asks, and tells every lie."""
 
 import asyncio
 import json

@@ -1,4 +1,4 @@
-"""Hints wake the pull and do nothing else: no hint is believed, none is needed, and none can make the PEP spin."""
+"""Hints wake the pull and do nothing else: none is believed, none needed, none makes it spin."""
 
 import asyncio
 import contextlib
@@ -178,7 +178,7 @@ def test_failures_back_off_further_each_time(world):
 
 
 def test_a_false_hint_ages_the_view_as_before(world):
-    """A hint brings no freshness: with the index refused, the view grows old however often somebody hints."""
+    """A hint brings no freshness: with the index refused, the view grows old under any number of hints."""
 
     lying = asyncio.Event()
 

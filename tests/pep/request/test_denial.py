@@ -1,4 +1,4 @@
-"""A denial of an enforcement point's own: nothing of the PERMIT that it takes the place of is left but its findings."""
+"""Denial of an enforcement point's own: only the findings of the replaced PERMIT are left."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The governor: full speed counts until the robot says otherwise, a late or lost slowing ends the motion, and no speed swings."""
+"""Governor: full speed counts until the robot says otherwise, and no speed swings.
+
+A late or lost slowing ends the motion.
+"""
 
 import itertools
 import math
@@ -19,7 +22,10 @@ DELAY_MS, CHANGE_MS, DWELL_MS = 100, 250, 500
 
 @dataclass
 class Rig:
-    """A governor, a controller whose speed follows its slider, and a clock. `pass_ms` lets time go by in steps of 4 ms."""
+    """Governor, a controller whose speed follows its slider, and a clock.
+
+    `pass_ms` lets time go by in steps of 4 ms.
+    """
 
     pendant: float = 1.0
     change_per_s: float = 4.0
@@ -154,7 +160,7 @@ def test_nearer_is_slower_still_and_the_first_deadline_stays():
 
 
 def test_a_judgement_about_a_slower_arm_leaves_less_time():
-    """It counts on the slower arm taking up its speed the sooner; one that then gets stuck is stopped by then."""
+    """It counts on the slower arm taking up its speed sooner; a stuck one is stopped by then."""
     rig = Rig(change_per_s=8.0)
     rig.pass_ms(40)
     assert rig.judged(False, 0.2)
@@ -180,7 +186,7 @@ def test_somebody_elses_hand_on_the_slider_ends_the_motion(slowed):
 
 
 def test_before_it_was_set_here_the_pendant_counts_for_nothing():
-    """Whoever has it low may push it up at any time: judged is the full speed."""
+    """A person may push a low pendant up at any time: the full speed is judged."""
     rig = Rig(pendant=0.3)
     rig.pass_ms(40)
     assert rig.governor.running == 1.0
@@ -323,7 +329,7 @@ def test_what_is_no_speed_is_full_speed(wrong, first):
 @settings(max_examples=150, deadline=None)
 @given(seed=st.integers(0, 2**32), change=st.floats(0.5, 8.0), wire_ms=st.integers(0, 80))
 def test_whatever_comes_the_arm_is_never_faster_than_it_counts_as(seed, change, wire_ms):
-    """Random offers and a controller of any pace: either it is no faster than `running`, or the motion was ended in time."""
+    """Over random offers and controllers the arm is no faster than `running`, or the motion ended in time."""
     chance = random.Random(seed)
     rig = Rig(change_per_s=change, wire_ms=wire_ms)
     due, changed = None, []

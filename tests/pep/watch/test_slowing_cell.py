@@ -1,4 +1,7 @@
-"""Slowing a real motion: the simulated controller, the real ur_rtde client, real physics, a real sensor; measured by eyes of the test's own."""
+"""Slowing of a real motion: simulated controller, real ur_rtde client, real physics, real sensor.
+
+The test measures with eyes of its own.
+"""
 
 import asyncio
 import contextlib
@@ -28,11 +31,11 @@ SHARED = replace(
 )
 """A cell that has more time, for the watch and for the slider: this machine does much else."""
 TOWARDS = math.radians(-62.7)
-"""Where the tool ends a move to `NEAR`, as seen from the base."""
+"""Direction in which the tool ends a move to `NEAR`, as seen from the base."""
 
 
 def at(distance_m):
-    """Somebody at this distance from the base, towards the end of the move."""
+    """Person at this distance from the base, towards the end of the move."""
     return [{"id": "bob", "x_m": distance_m * math.cos(TOWARDS), "y_m": distance_m * math.sin(TOWARDS)}]
 
 
@@ -47,7 +50,7 @@ def controller():
 
 
 class Motion:
-    """One motion to where somebody may be, under way."""
+    """One motion under way to a place where a person may be."""
 
     def __init__(self, cell, eyes):
         self.cell, self.eyes = cell, eyes
@@ -73,7 +76,7 @@ class Motion:
                 await self.cell.see(holder)
 
     async def ended(self):
-        """What the caller was told, the record, and the commanded speeds of all samples with their times."""
+        """Answer to the caller, the record, and the commanded speeds of all samples with their times."""
         with contextlib.suppress(Exception):
             await self.call
         await seen(lambda: self.eyes.now().still)
@@ -161,7 +164,7 @@ def test_when_they_go_away_it_goes_on_at_its_speed(eyes, tmp_path):
 def test_a_slider_that_does_nothing_stops_it_and_without_that_it_would_not_be_slower(
     controller, eyes, tmp_path, monkeypatch, believing
 ):
-    """The defence, and the harm without it: whoever believes the order goes by people at full speed."""
+    """The defence, and the harm without it: believing the order passes people at full speed."""
     if believing:
 
         def hear(self, speeds, *, now_ms):

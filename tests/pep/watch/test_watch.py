@@ -1,4 +1,4 @@
-"""The watch: each thing that ends a motion ends it at the first look that can know of it, and nothing else does.
+"""Watch: each cause ends a motion at the first look that can know of it, and nothing else does.
 
 Time, frames, authority and physics are injected; a look is one call.
 """
@@ -242,7 +242,7 @@ def test_the_same_scene_stays_judged_while_its_frames_are_new():
 
 
 def test_somebody_who_comes_and_goes_between_two_judgements_is_not_taken_for_nobody():
-    """What held was judged on what `left` itself saw: that, and not what the watch saw when it asked, is compared."""
+    """A held judgement rests on the frame of `left` itself, and that frame is compared."""
     world = World(slow_ms=40)
     assert world.run(500) is None
     asked = len(world.left_asked)
@@ -434,7 +434,7 @@ def test_lost_authority_and_blindness_end_a_slowed_motion_too():
 
 
 def test_slow_physics_delays_no_look_at_the_speed():
-    """The judgement that would say so is still being made; the robot that does not slow down is seen all the same."""
+    """A robot that does not slow down is seen while the judgement is still being made."""
     world = World(governed=True, walking=True)
     world.rest = lambda: SLOWER
     assert world.run(100) is None

@@ -1,4 +1,6 @@
-"""The watch over a real motion: the simulated controller, the real ur_rtde client, real physics, a real sensor; and eyes of the test's own.
+"""Watch over a real motion: simulated controller, real ur_rtde client, real physics, real sensor.
+
+The test measures with eyes of its own.
 
 What is asserted is the stop model, not luck: from the first sample with commanded deceleration on, time and travel are the arm's alone.
 When it begins depends on how busy this machine is, and has a generous limit.
@@ -17,7 +19,10 @@ from ztpm.stage.stopping import read_stop
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
 SPEED = 0.3
 LOADED_S = 2.0
-"""Longest reaction on a machine that does much else, beside what the patient cell waits by itself; the arm needs longer to the other side."""
+"""Longest reaction on a machine that does much else, beside the patient cell's own waiting.
+
+The arm needs longer to the other side.
+"""
 
 
 @pytest.fixture

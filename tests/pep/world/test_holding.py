@@ -1,4 +1,4 @@
-"""What the gripper holds is committed from its own word and the sensors' view, and changes what the arm is reckoned as."""
+"""Held object: committed from the gripper's own word and the sensors' view, with its effect on the arm."""
 
 import asyncio
 from dataclasses import replace

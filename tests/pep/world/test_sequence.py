@@ -1,4 +1,4 @@
-"""What a command follows (TEA-6): where the last act left the arm, and acts that undo each other."""
+"""Sequence before a command (TEA-6): the place of the last act, and acts that undo each other."""
 
 from dataclasses import replace
 

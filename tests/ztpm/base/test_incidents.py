@@ -1,4 +1,4 @@
-"""What goes wrong beside requests is told: once a minute for each kind, with where it was unless it has a code."""
+"""Incidents beside requests: told once a minute for each kind, with their place or their code."""
 
 import asyncio
 

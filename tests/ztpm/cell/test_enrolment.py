@@ -1,4 +1,4 @@
-"""What is registered once is never registered again behind a person's back."""
+"""Enrolment: a party that was registered once is never registered again behind a person's back."""
 
 import pytest
 from capabilities.statements.registry import PartyEntry, RegistrySnapshot, SensorEntry, ToolEntry

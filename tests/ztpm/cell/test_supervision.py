@@ -1,4 +1,4 @@
-"""Who is started again, how often, and what a scene file does: with children that only pretend."""
+"""Supervision: restarts and their number, and the effect of a scene file, with pretended children."""
 
 import collections
 import json

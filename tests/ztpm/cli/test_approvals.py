@@ -1,4 +1,4 @@
-"""`ztpm approvals`: what is shown is what is bound, and every end of a command has its status and its code."""
+"""`ztpm approvals`: the shown text is the bound one, and every end has its status and code."""
 
 import pytest
 from capabilities.values.scope import Tier
@@ -53,7 +53,7 @@ ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "
 
 
 def test_the_double_shows_an_ask_of_the_real_form():
-    """What the commands are tested with has every member that a signed ask has, and no other."""
+    """The double of the commands has every member of a signed ask, and no other."""
     assert tuple(SHOWN) == ask.NAMES
     stated = {**SHOWN, "tier": Tier(3), "values": (Quantity("q0", Unit.MICRORADIAN, -600_000),)}
     stated["contributors"] = tuple(ask.Contributor(**c) for c in SHOWN["contributors"])

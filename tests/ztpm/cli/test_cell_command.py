@@ -1,4 +1,7 @@
-"""`ztpm cell sign` and `ztpm cell show`: what a person signs is what a tool server takes, and nothing else is signed."""
+"""`ztpm cell sign` and `ztpm cell show`: the signed file is the one that a tool server takes.
+
+Nothing else is signed.
+"""
 
 import json
 import time

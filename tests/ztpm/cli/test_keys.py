@@ -1,4 +1,4 @@
-"""`ztpm keys` on the files of a cell: a rotation as an operator does it, and the provider that starts on it."""
+"""`ztpm keys` on the files of a cell: a rotation by an operator, and the provider that starts on it."""
 
 from __future__ import annotations
 

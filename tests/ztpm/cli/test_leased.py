@@ -32,7 +32,7 @@ def test_a_directory_that_is_no_cell(code, tmp_path):
 
 
 def test_nobody_says_who_the_gateway_is(code):
-    """Nothing is told to whoever answers at the door's address, as long as nobody has vouched for its key."""
+    """Nothing is told to the party at the door's address, as long as nobody has vouched for its key."""
     assert code() == (1, "REGISTRY_UNAVAILABLE")
 
 

@@ -24,7 +24,7 @@ def started(*options):
 
 @contextlib.contextmanager
 def faulty(*options):
-    """Killed in the end, whatever a test has found: one that is waited for would hide it."""
+    """Simulator that is killed in the end: waiting for it would hide a test's finding."""
     with started(*options) as process:
         try:
             yield process

@@ -9,7 +9,7 @@ from ztpm.point import gateway_server
 
 
 class BecameError(Exception):
-    """What the process would be."""
+    """Program that the process would become."""
 
 
 @pytest.mark.parametrize(

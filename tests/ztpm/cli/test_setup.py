@@ -1,4 +1,4 @@
-"""`ztpm init` makes a whole cell or nothing, and the commands that read files end in a code, never in a traceback."""
+"""`ztpm init` makes a whole cell or nothing; commands that read files end in a code, not a traceback."""
 
 from __future__ import annotations
 

@@ -139,7 +139,7 @@ def test_nearest_points(shape, on_part, on_thing, clearance):
     [("c1-glass", "sweep"), ("c2-person", "sweep"), ("support", "place"), ("c0-empty", "unfold"), ("tracked-person", "slow-sweep"), ("c1-glass", "line")],
 )  # fmt: skip
 def test_a_witness_is_where_the_answer_says(scene, motion):
-    """What is drawn as nearest is as near as the answer told, at the instant that it told."""
+    """The thing drawn as nearest is as near as the answer told, at the told instant."""
     seen = shown(scene, motion)
     assert seen.witnesses
     for witness in seen.witnesses:

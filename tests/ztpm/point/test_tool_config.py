@@ -214,7 +214,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
             return Package(next(stamps), self.read())
 
     class Lines:
-        """What the tools say to the arm."""
+        """Tools' words to the arm."""
 
         up = True
 
@@ -509,7 +509,10 @@ def test_the_process_does_not_start_on_another_persons_cell_file(tmp_path, files
 
 
 def test_the_embedded_zones_keep_away_from_the_sweep_and_can_be_reached():
-    """0.15 m around each zone the ordinary sweep is free; turning on leads into the fixture, the other way round into the charger."""
+    """0.15 m around each zone the ordinary sweep is free; turning on leads into the fixture.
+
+    The other way round leads into the charger.
+    """
     arm, cell_ = Robot.load("ur3e"), surveyed(survey(NOW), CellParameters())
     wider = replace(
         cell_,

@@ -39,7 +39,7 @@ HEAVY = (
     "mcp",
     "sqlalchemy",
 )
-"""What a process that only verifies and passes on has no use for."""
+"""Packages that a process which only verifies and passes on does not need."""
 GOOD = {
     "audience": f'"{AUDIENCE}"',
     "host": f'"{HOST}"',
@@ -98,7 +98,7 @@ def test_a_gateway_on_another_machine_is_reached_by_tls():
 
 
 def test_it_loads_no_physics_and_no_robot():
-    """Nor does what every enforcement point is made of: whoever has neither starts in a second."""
+    """Nor do the parts common to all enforcement points: such a process starts in a second."""
     ask = "import json, sys; import ztpm.point.tool_proxy; print(json.dumps(sorted(sys.modules)))"
     loaded = json.loads(subprocess.run([sys.executable, "-c", ask], capture_output=True, check=True, timeout=60).stdout)
     assert "ztpm.point.enforcement_point" in loaded
@@ -137,7 +137,7 @@ class Surroundings(House):
         return self
 
     async def provider(self, scope, receive, send):
-        """What the identity provider answers."""
+        """Answers of the identity provider."""
         if scope["type"] != "http":
             raise RuntimeError("no lifespan")
         body, more = b"", True
@@ -191,7 +191,7 @@ async def until(holds):
 @pytest.mark.e2e
 @pytest.mark.clause("TKT-8", "TKT-9", "TKT-10")
 def test_the_process_serves_a_cell_behind_a_gateway(surroundings):
-    """A motion, a stop of a stranger, a revocation that the gateway has not heard of, a gateway that is gone, an end."""
+    """A motion, a stranger's stop, a revocation unheard by the gateway, a lost gateway, and an end."""
     cell = surroundings
 
     async def scenario():
@@ -239,7 +239,7 @@ def test_the_process_serves_a_cell_behind_a_gateway(surroundings):
 
 @pytest.mark.clause("PRF-8")
 def test_what_an_earlier_process_passed_on_is_not_passed_on_again(surroundings):
-    """A proof from the future could be as fresh as ever after a restart: the record of its ticket says that it was used."""
+    """A proof from the future stays fresh over a restart: the record of its ticket says that it was used."""
     cell = surroundings
     name = "ab" * 32
 

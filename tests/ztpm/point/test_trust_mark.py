@@ -1,4 +1,4 @@
-"""A tool server does not go back to a trust bundle that it has left, whatever file is put before it."""
+"""A tool server does not go back to a trust bundle that it has left, with any file before it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A program in a lease: a real gateway's door over HTTP, a real process, and every way in which either may end."""
+"""Program in a lease: a real gateway's door over HTTP, a real process, and every end of either."""
 
 import asyncio
 import contextlib

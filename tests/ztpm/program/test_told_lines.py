@@ -1,4 +1,4 @@
-"""What is said of refusals on standard error: at once, not twice in a second, nothing of it lost, and nobody waits."""
+"""Refusals on standard error: told at once, not twice in a second, none lost, and nobody waits."""
 
 import threading
 

@@ -1,4 +1,4 @@
-"""What the status page knows of the journal: written by the real one, followed as it grows, rubbish passed over."""
+"""Journal as the status page knows it: written by the real one, followed as it grows, rubbish passed over."""
 
 import json
 
