@@ -1,8 +1,8 @@
-"""The two clocks of a running PEP, and a wall time that nobody can set back.
+"""Two clocks of a running PEP, and a wall time that cannot be set back.
 
-Proofs, tokens and statements are judged by the wall clock. Whoever sets that clock back would make an old proof fresh
-again and an expired token valid. So the wall time that the PEP judges by never goes back by more than the allowed skew:
-not while the process runs, and not over its restarts.
+Proofs, tokens and statements are judged by the wall clock. Setting that clock back would make an old proof fresh again
+and an expired token valid. So the wall time that the PEP judges by never goes back by more than the allowed skew: not
+while the process runs, and not over its restarts.
 """
 
 from __future__ import annotations
@@ -24,15 +24,21 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
 
 MARK_PERIOD_S: Final = 2.0
-"""Time between writings of the mark: less than the skew of 5 s, so that what a crash loses of it stays inside that."""
+"""Time between writings of the mark.
+
+Less than the skew of 5 s, so that a crash loses less than the skew.
+"""
 TOLD_S: Final = 0.1
-"""A held time of more than this is told: well above the millisecond in which the monotonic clock counts."""
+"""Held time above which an incident is told.
+
+Well above the millisecond in which the monotonic clock counts.
+"""
 MARK_BYTES: Final = 256
 """Largest mark."""
 
 
 class SystemClock:
-    """The machine's clocks, as the `Clock` port wants them."""
+    """The machine's clocks behind the `Clock` port."""
 
     def wall_s(self) -> float:
         """Seconds since the epoch."""
@@ -44,7 +50,7 @@ class SystemClock:
 
 
 class TimeMark:
-    """The latest wall time that was judged by, on disk.
+    """Latest wall time that the PEP judged by, on disk.
 
     Args:
         path: of the file, in the PEP's state directory.
@@ -83,7 +89,7 @@ class TimeMark:
 
 
 class HeldClock:
-    """The `Clock` port over another one, whose wall time is never judged by when it was set back.
+    """`Clock` port over another one, with a wall time that does not follow a clock that was set back.
 
     A wall time that falls behind by more than the skew is replaced by the highest one seen, less the skew, carried on
     by the monotonic clock. It is carried on, not stopped: a time that stood still would keep every token alive for as
@@ -125,11 +131,11 @@ class HeldClock:
 
     @property
     def held_s(self) -> float:
-        """By how much the wall time that is judged by is ahead of the machine's wall clock, in seconds; mostly 0."""
+        """Lead of the held wall time over the machine's wall clock, in seconds; mostly 0."""
         return max(0.0, self.wall_s() - self._machine.wall_s())
 
     async def run(self, *, failed: Callable[[OSError], None], set_back: Callable[[float], None]) -> None:
-        """Keep the time for ever.
+        """Keeps the time for ever.
 
         Args:
             failed: told of each mark that could not be written.
@@ -148,7 +154,7 @@ class HeldClock:
             await asyncio.sleep(MARK_PERIOD_S)
 
     def keep(self) -> None:
-        """The time up to now is on disk. To be called every `MARK_PERIOD_S`, and at the end.
+        """Writes the time up to now to disk. To be called every `MARK_PERIOD_S`, and at the end.
 
         Raises:
             OSError: when it could not be made durable.

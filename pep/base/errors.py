@@ -1,4 +1,7 @@
-"""What can go wrong inside a PEP: one small tree with reason codes. What is raised before an effect denies it."""
+"""Errors of a PEP: one small tree with reason codes.
+
+An error that is raised before an effect denies the request.
+"""
 
 from __future__ import annotations
 

@@ -29,7 +29,7 @@ class OperationKind(Enum):
     MOTION = "motion"
     """Something moves: physics is computed, one at a time."""
     SWITCH = "switch"
-    """Something wired to the robot is switched: whatever that moves, one at a time."""
+    """Something wired to the robot is switched; any effect counts as motion, one at a time."""
     STOP = "stop"
     """Motion ends. Never subject to a permit."""
 
@@ -55,9 +55,9 @@ class Moves(Enum):
     FINGERS_WHOLE = "fingers_whole"
     """The fingers, over their whole stroke."""
     OUTPUT = "output"
-    """Whatever is wired to a digital output."""
+    """The device that is wired to a digital output."""
     STANDS = "stands"
-    """Nothing, and the arm has to stand: later operations mean something else afterwards."""
+    """Nothing moves, and the arm has to stand: later operations mean something else afterwards."""
 
 
 class Sent(Enum):
@@ -67,7 +67,7 @@ class Sent(Enum):
     ONCE = "once"
     """One command of the control script; a leased program may give it."""
     STREAM = "stream"
-    """Likewise, and other values may follow it without a request of their own."""
+    """Likewise, and further values may follow it without a request of their own."""
     OUTPUT = "output"
     """Output registers beside the control script; likewise a leased program's."""
     GRIPPER = "gripper"
@@ -103,7 +103,7 @@ class ToolArgument:
 
 @dataclass(frozen=True, slots=True)
 class BoundedParameter:
-    """A parameter with the robot's own bound, which holds whatever a token says."""
+    """Parameter with the robot's own bound, which holds beside every token."""
 
     parameter: Parameter
     bound: Range
@@ -152,7 +152,10 @@ ARM: Final = frozenset(
 """Courses after which the arm stands elsewhere."""
 JOINTS: Final = 6
 WAYPOINTS: Final = 4
-"""Waypoints of a path: with them a token that limits each still fits its carriage. A shorter path repeats its last."""
+"""Waypoints of a path.
+
+A token that limits each of four still fits its carriage. A shorter path repeats its last.
+"""
 
 # Sources: U2 is UR's UR3e technical specification (joint ranges and speeds), U12 the ur_rtde C++ client's own caps,
 # G1 Robotiq's 2F-85 manual.
@@ -385,7 +388,10 @@ OPERATIONS: Final = (
 """Every operation of the robot."""
 _BY_NAME: Final[Mapping[tuple[str, str], Operation]] = {(each.object, each.name): each for each in OPERATIONS}
 TOUCH: Final = "touch"
-"""Granted on an object of the cell: contact with it may be meant. No tool and no request has this name."""
+"""Grant on an object of the cell that the arm may touch on purpose.
+
+No tool and no request has this name.
+"""
 
 
 def operation_of(object: str, name: str) -> Operation | None:  # noqa: A002 - the word of a request
@@ -420,7 +426,7 @@ def touchable(chain: Chain) -> frozenset[str]:
 
 
 def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
-    """A path's waypoints, 1 to `WAYPOINTS` of them, with the last repeated until there are as many as a request has.
+    """Waypoints of a path, the last repeated up to `WAYPOINTS`, as a request has them.
 
     Raises:
         ValueError: none, or too many.
@@ -431,7 +437,7 @@ def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
 
 
 def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:
-    """`Request.digest` of what sending these numbers would do; "" when they are no such request.
+    """Digest of the request that sends these numbers; "" when they are no request.
 
     Args:
         operation: that is about to be sent.

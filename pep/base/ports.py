@@ -1,4 +1,7 @@
-"""What the gate asks of the world, as protocols: time, feeds, stores, physics. Shells implement them."""
+"""Ports of the gate to the world, as protocols: time, feeds, stores, physics.
+
+Shells implement them.
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,7 @@ class RegisteredTool:
 
 @dataclass(frozen=True, slots=True)
 class ConductWord:
-    """What the identity provider has said of agents' conduct.
+    """Word of the identity provider on agents' conduct.
 
     Attributes:
         age_ms: since the nonce of its newest word was sent; endless when there was none.
@@ -74,7 +77,7 @@ class Registry(Protocol):
         ...
 
     def conduct(self) -> ConductWord:
-        """What was said of conduct, with its age taken now."""
+        """The word on conduct, with its age taken now."""
         ...
 
 
@@ -128,7 +131,7 @@ class Journal(Protocol):
 
 
 class RobotLimits(Protocol):
-    """The robot's own limits, whatever authority says."""
+    """Limits of the robot itself, which hold beside every token."""
 
     def refuse(self, request: Request) -> Refusal | None:
         """The first parameter outside of the robot's limits, or None."""
@@ -137,7 +140,7 @@ class RobotLimits(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RemainingVerdict:
-    """What is left of a motion, judged in the world as it was seen.
+    """Judgement of the rest of a motion in the world as it was seen.
 
     Attributes:
         holds: whether its index is proven to be at most the authorised one.
@@ -193,7 +196,10 @@ class MotionSlot(Protocol):
         ...
 
     def joins(self, request: Request, *, agent: str) -> bool:
-        """Whether the request, of that agent, only prolongs the stream that holds the slot: then it is not taken."""
+        """True where the request, of that agent, only prolongs the stream that holds the slot.
+
+        The slot is not taken then.
+        """
         ...
 
     def release(self, request_id: str) -> None:
@@ -202,7 +208,7 @@ class MotionSlot(Protocol):
 
 
 class Readiness(Protocol):
-    """What the robot says about its own readiness, and what the PEP knows about its hold on it."""
+    """Port for the robot's word on its readiness, and for the PEP's own hold on it."""
 
     def reading(self) -> RobotReading:
         """The state now. Never raises and never waits: what is not known now reads as unknown."""
@@ -211,7 +217,7 @@ class Readiness(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Assessed:
-    """What one look at the world gave: the impact, and where the view that it was computed on comes from."""
+    """One look at the world: the impact, and the origin of the view it was computed on."""
 
     impact: ImpactReading | ImpactFault
     perception: PerceptionReading | NotCollected
@@ -219,7 +225,10 @@ class Assessed:
 
 @dataclass(frozen=True, slots=True)
 class Together:
-    """Several acts taken as one: proven upper bound of the index of what is left of it, in thousandths."""
+    """Judgement of several acts taken as one.
+
+    It holds a proven upper bound of the index of the rest, in thousandths.
+    """
 
     index_milli: int
 
@@ -249,7 +258,7 @@ class Physics(Protocol):
     def together(
         self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
     ) -> Together | ImpactFault:
-        """What is left of a straight move that began there and has come to where the arm is. Never raises.
+        """Judges the rest of a straight move from `start_urad`, as seen from the arm's position now. Never raises.
 
         Args:
             request: a `move_joint`. It is asked about, never sent.

@@ -14,18 +14,24 @@ STOP_DELAY_S: Final = 0.06
 """PHY-2: brake delay."""
 
 ESCALATE_MS: Final = 700
-"""An arm that still moves then is stopped by the dashboard too: pi rad/s at 8 rad/s2 takes 0.4 s, and 0.06 s to begin.
+"""Time after which the dashboard stops an arm that still moves.
 
-A cell with a weaker stop model may get both stops; the second does no harm."""
+From pi rad/s at 8 rad/s2 a stop takes 0.4 s, and 0.06 s to begin.
+
+A cell with a weaker stop model may get both stops; the second does no harm.
+"""
 SAFE_MODES: Final = (1, 2)  # safety_mode NORMAL and REDUCED; any other has stopped the arm by itself
 STREAM_SPEED_RAD_S: Final = 1.0
-"""Ours: no axis of a stream of joint speeds is faster, so that its stop always ends inside the dead man's patience."""
+"""Ours: highest speed of an axis in a stream of joint speeds.
+
+With it a stop always ends inside the dead man's patience.
+"""
 PATIENCE_S: Final = 0.3
 """Ours: fifteen sends of a stream; a host that stalls for longer is not fit to drive one."""
 
 
 def patience_s(stop_deceleration_rad_s2: float) -> float:
-    """How long a stream of joint speeds goes on by itself when nobody sends any more: then the controller stops it.
+    """Time after which the controller stops a stream of joint speeds that nobody sends any more.
 
     The controller's watchdog hears nothing during a stop either, so it has to outlast the longest one.
 

@@ -1,15 +1,15 @@
-"""A thread that goes before ordinary ones: what a moving arm waits for does not queue behind what can wait."""
+"""Priority of a thread over ordinary ones: a moving arm does not wait for less urgent work."""
 
 from __future__ import annotations
 
 import os
 
 LEAST = 1
-"""Of the priorities of real time: enough to go before all that is ordinary, and behind whatever else is real time."""
+"""Lowest real-time priority: before all ordinary threads, behind every other real-time thread."""
 
 
 def goes_first() -> bool:
-    """From now on the calling thread goes before ordinary threads, where the system allows it; whether it does.
+    """Puts the calling thread before ordinary ones where the system allows it; true where it did.
 
     It takes turns with its equals (`SCHED_RR`). Threads and processes that it begins are ordinary ones. Linux allows it
     to root, with CAP_SYS_NICE, and up to RLIMIT_RTPRIO.

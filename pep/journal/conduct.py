@@ -1,7 +1,7 @@
-"""How holders conduct themselves, as this enforcement point knows it: the identity provider's word, and what it saw.
+"""Conduct of holders as this enforcement point knows it: the identity provider's word and its own records.
 
-What it saw itself counts at once, before anybody has heard of it, and only ever tightens: of the two, the stricter one
-is read. What it saw comes from its own records, of which it hears as they become durable.
+Its own records count at once, before the provider has heard of them, and only ever tighten. Of the two the stricter one
+is read. It hears of its records as they become durable.
 """
 
 from __future__ import annotations
@@ -33,16 +33,19 @@ if TYPE_CHECKING:
 OPEN: Final = 256
 """PERMITs whose outcome is waited for: far more than can be under way at a time."""
 RECALLED: Final = 1_024
-"""Records that are recalled after a restart, in about half a second: many times what is ever waiting to be shipped."""
+"""Records that are recalled after a restart, in about half a second.
+
+Many times the number that ever waits to be shipped.
+"""
 SELF: Final = "this enforcement point"
-"""Whose reports its own are; no registered party has such a name."""
+"""Source of own reports; no registered party has such a name."""
 PERSON: Final = "a person, says the identity provider"
-"""Who restores here."""
+"""Author of a restoration, as own reports name it."""
 _FEATURES: Final = {str(feature): feature for feature in Feature}
 
 
 class Conduct:
-    """A journal that hears what is written into it, and what is known of conduct from that and from the registry.
+    """Journal that learns the conduct of holders from its own records, and joins it with the registry's.
 
     The `Journal` port. Any thread.
 
@@ -74,7 +77,7 @@ class Conduct:
         return digest
 
     def recall(self, records: Iterable[Mapping[str, Any]]) -> None:
-        """What an earlier process saw last counts again: of what is older the identity provider has heard.
+        """Takes in the newest records of an earlier process; the identity provider has heard of the older ones.
 
         Args:
             records: of the whole journal, oldest first; the newest `RECALLED` are recalled.
@@ -147,7 +150,7 @@ class Conduct:
 
 
 def _stricter(own: BehaviourReading, told: AgentEntry) -> BehaviourReading:
-    """Everything that either of the two says against the agent."""
+    """All that either of the two says against the agent."""
     found = {deviation.feature: deviation for deviation in own.deviations}
     for entry in told.deviations:
         feature = _FEATURES.get(entry.feature)
@@ -167,7 +170,7 @@ def _stricter(own: BehaviourReading, told: AgentEntry) -> BehaviourReading:
 
 
 def near_permille(request: Request, evidence: Evidence) -> int | None:
-    """How close the request comes to what its chain allows: 0 far, 1000 at a bound; None when it is not known.
+    """Closeness of the request to the bounds of its chain: 0 far, 1000 at a bound, None unknown.
 
     Of a parameter it is its part of the bound on its side of zero; of its physics, the index's part of the highest one
     that the ceiling lets through.

@@ -1,4 +1,4 @@
-"""The PEP's own durable journal: JSON lines, each chained to the one before by its hash, on disk before anything moves.
+"""The PEP's own durable journal: JSON lines, chained by hash, on disk before anything moves.
 
 A record is one line of RFC 8785 JSON: `{"v":1,"pep":id,"seq":n,"prev":hex,"at_ms":wall,"kind":...,"body":{...}}`. Its
 hash is SHA-256 over exactly the line's bytes; `prev` of the first is 64 zeros. A line that was being written when the

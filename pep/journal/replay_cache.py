@@ -1,4 +1,7 @@
-"""Proof ids seen, in memory. What an earlier process accepted is refused for its age or comes back by the journal."""
+"""Proof ids seen, in memory.
+
+A proof that an earlier process accepted is too old now, or comes back by the journal.
+"""
 
 from __future__ import annotations
 
@@ -13,11 +16,14 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
 
 DEFAULT_CAPACITY: Final = 200_000
-"""Proofs are kept for 41 s (capabilities.proof.freshness.retention_ms): this admits 4,800 a second, in about 40 MB."""
+"""Capacity for proofs that are kept for 41 s (capabilities.proof.freshness.retention_ms).
+
+It admits 4,800 a second, in about 40 MB.
+"""
 
 
 def proof_name(key: bytes, jti: str) -> bytes:
-    """What a proof is known by: SHA-256 over the length of its raw public key (one byte), the key, and its id."""
+    """Name of a proof: SHA-256 over the length byte of its raw public key, the key, and its id."""
     return hashlib.sha256(bytes([len(key)]) + key + jti.encode("utf-8", "surrogatepass")).digest()
 
 

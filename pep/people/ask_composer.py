@@ -1,4 +1,4 @@
-"""What is asked of people, made of what was decided and on which evidence. Pure."""
+"""Composition of asks out of a decision and its evidence. Pure."""
 
 from __future__ import annotations
 
@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 NOTHING: Final = hashlib.sha256(b"").hexdigest()
 """Stands for model and scene where no physics was computed."""
 ABOUT_AN_ANSWER: Final = frozenset({Reason.APPROVAL_USED, Reason.APPROVAL_NOT_USABLE})
-"""Reasons of a deferral that say why an older answer does not count; they ask nothing."""
+"""Reasons of a deferral that say only that an older answer does not count."""
 
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Who asks: this PEP, for its audience, with its key, at its identity provider."""
+    """Author of asks: this PEP, with its audience, its key and its identity provider."""
 
     pep: str
     audience: str

@@ -1,8 +1,8 @@
-"""Deferrals of one PEP: each asked once, each with an end, and what people answered. Silence denies.
+"""Deferrals of one PEP: each asked once, each with an end, and with people's answers. Silence denies.
 
-A deferral is on record before anybody is asked, an answer before it counts, and a use before its effect: the decision
-record of the PERMIT names it. So nothing is asked twice, and no use is given twice, whatever ends this process and
-when. A use comes back only where the journal says that nothing was sent.
+A deferral is on record before people are asked, an answer before it counts, and a use before its effect: the decision
+record of the PERMIT names it. So nothing is asked twice and no use is given twice, however and whenever this process
+ends. A use comes back only where the journal says that nothing was sent.
 """
 
 from __future__ import annotations
@@ -51,11 +51,14 @@ if TYPE_CHECKING:
 CAPACITY: Final = answers_statement.ASKS
 """Open deferrals held at once: as many as the provider can answer in one statement."""
 KEPT: Final = 1_024
-"""Deferrals held in all; of those that are not open the oldest is forgotten first, and then counts for nothing."""
+"""Deferrals held in all; beyond it the oldest one that is not open is forgotten and counts for nothing."""
 KEPT_S: Final = 600
-"""How long one is kept after its end, as long as the provider tells of it."""
+"""Seconds for which a deferral is kept after its end, as long as the provider tells of it."""
 REFUSED_MS: Final = 10_000
-"""How long a question that the provider took no more of is not put again: a budget is no matter of seconds."""
+"""Pause before a question is put again that the provider refused.
+
+A budget does not recover within seconds.
+"""
 
 
 class Asks:
@@ -95,7 +98,7 @@ class Asks:
     # -- evidence and uses, on the event loop
 
     def witness(self, request: Request, evidence: Evidence) -> Evidence:
-        """The evidence with what people said to this very request, and a prior leave that is in force for it.
+        """The evidence with people's answers to this very request, and with a prior leave that is in force.
 
         A use that is there is reserved for the request, until it is consumed or released.
         """
@@ -127,7 +130,7 @@ class Asks:
         return None
 
     def consume(self, decision: Decision) -> bool:
-        """True when the use that the decision names is this request's alone from now on, or it names none.
+        """True when the use that the decision names belongs to this request from now on, or it names none.
 
         To be called before the decision's record is handed to the journal: from there on the record may be durable.
         """
@@ -146,13 +149,13 @@ class Asks:
             return False
 
     def release(self, request_id: str) -> None:
-        """What was only reserved for the request is free again. What it consumed stays consumed."""
+        """Frees the uses that were only reserved for the request. Consumed ones stay consumed."""
         with self._lock:
             for deferral in self._deferrals.values():
                 deferral.release(request_id)
 
     def give_back(self, decision: Decision) -> None:
-        """The use is there again. Only for a PERMIT of which the journal says that nothing was, or can be, sent."""
+        """Returns the use of a PERMIT, of which the journal says that nothing was or can be sent."""
         if decision.approval is None:
             return
         with self._lock:
@@ -219,7 +222,7 @@ class Asks:
     def _standing(
         self, key: Key, seen: ApprovalReading | NotCollected | None
     ) -> tuple[AskState, AskNotice | None] | None:
-        """What already stands for this question, or that there is no room for it; None when it is to be asked.
+        """Deferral that already stands for this question, or a refusal for lack of room; None when it is to be asked.
 
         A question that was open when the evidence was collected, and was answered since, stands: people have just
         spoken, and the next identical request hears them.
@@ -264,7 +267,10 @@ class Asks:
         return tuple(ended)
 
     def _forget(self) -> None:
-        """What has been over for long is forgotten. What its agent has not been told of yet is kept longest."""
+        """Forgets deferrals that have been over for long.
+
+        One of which its agent has not been told yet is kept longest.
+        """
         now_s = self._wall_s()
         closed = [d for d in self._deferrals.values() if d.state is not AskState.OPEN]
         surplus = len(self._deferrals) - KEPT
@@ -291,24 +297,24 @@ class Asks:
                 deferral.refused_until_ms = self._clock.monotonic_ms() + REFUSED_MS
 
     def posted(self, ask_id: str) -> None:
-        """The provider has it."""
+        """Notes that the provider has the ask."""
         with self._lock:
             if ask_id in self._deferrals:
                 self._deferrals[ask_id].posted = True
 
     def unposted(self) -> tuple[AskNotice, ...]:
-        """The open deferrals that the provider does not have yet."""
+        """Open deferrals that the provider does not have yet."""
         with self._lock:
             return tuple(d.ask for d in self._deferrals.values() if d.state is AskState.OPEN and not d.posted)
 
     def state_of(self, ask_id: str) -> AskState | None:
-        """What has become of a deferral, or None when it is forgotten."""
+        """State of a deferral, or None when it is forgotten."""
         with self._lock:
             deferral = self._deferrals.get(ask_id)
             return None if deferral is None else deferral.state
 
     def matter(self) -> int:
-        """How many deferrals and openings a word of the provider could change."""
+        """Number of deferrals and openings that a word of the provider could change."""
         with self._lock:
             live = sum(d.state in {AskState.OPEN, AskState.GRANTED} for d in self._deferrals.values())
             return live + len(self._leaves)

@@ -1,4 +1,4 @@
-"""One deferral with all that came of it: the question, the votes on it, its uses; and what is written down of it."""
+"""One deferral: the question, the votes on it, its uses, and its records in the journal."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ NEVER_MS: Final = 2**31
 Holder: TypeAlias = tuple[str, str, str]
 """Agent, thumbprint of its key, digest of the request."""
 Key: TypeAlias = tuple[Holder, frozenset[str], "Tier | None"]
-"""A question: holder, reasons, tier. What was asked about a glass is no answer about a person."""
+"""A question: holder, reasons, tier. An answer about a glass is none about a person."""
 
 
 class AskState(Enum):
-    """What has become of a deferral."""
+    """State of a deferral."""
 
     OPEN = "open"
     GRANTED = "granted"
@@ -49,12 +49,12 @@ ANSWERED: Final = {
     Count.DENIED: AskState.DENIED,
     Count.WITHDRAWN: AskState.WITHDRAWN,
 }
-"""What a count of votes makes of a deferral."""
+"""State of a deferral by the count of its votes."""
 
 
 @dataclass(frozen=True, slots=True)
 class AskNotice:
-    """What a caller is told of a deferral.
+    """Notice of a deferral for the caller.
 
     Attributes:
         ask_id: the request id of the call that opened it.
@@ -79,7 +79,7 @@ class AskNotice:
 
 @dataclass(slots=True)
 class Deferral:
-    """A deferral with all that came of it.
+    """A deferral with its votes and uses.
 
     Attributes:
         ask, question, key: what was asked.
@@ -119,7 +119,7 @@ class Deferral:
         return tally(self.ballots.values(), self.question, registered)
 
     def standing(self, counted: Tally, now_s: float) -> str:
-        """How it stands, in the words of an `ApprovalReading`; "" for what is no evidence of anything."""
+        """Standing in the words of an `ApprovalReading`; "" where it is no evidence of anything."""
         match self.state:
             case AskState.EXPIRED | AskState.REFUSED:
                 return ""
@@ -190,17 +190,17 @@ class Deferral:
         return True
 
     def release(self, request_id: str) -> None:
-        """What was only reserved for the request is free again."""
+        """Frees the use that was only reserved for the request."""
         self.reserved = {use: held for use, held in self.reserved.items() if held[0] != request_id}
 
     def give_back(self, request_id: str, use: int) -> None:
-        """The use is there again, if it was this request's."""
+        """Returns the use, if it was this request's."""
         if self.used.get(use) == request_id:
             del self.used[use]
 
 
 def holder_of(chain: Chain, request: Request) -> Holder:
-    """Who asks for what."""
+    """Holder of the chain, with the digest of its request."""
     return chain.leaf.agent, keys.thumbprint(chain.leaf.key), request.digest
 
 
@@ -211,7 +211,7 @@ def key_of(question: ask_statement.Ask) -> Key:
 
 
 def opened_body(ask: AskNotice) -> dict[str, object]:
-    """The body of an "ask" record: the whole signed ask, before anybody sees it."""
+    """Body of an "ask" record: the whole signed ask, before people see it."""
     return {
         "ask_id": ask.ask_id,
         "agent": ask.agent,
@@ -223,7 +223,7 @@ def opened_body(ask: AskNotice) -> dict[str, object]:
 
 
 def answered_body(ask: AskNotice, counted: Tally, ballots: Iterable[VerifiedVote]) -> dict[str, object]:
-    """The body of an "ask-answered" record: what the votes come to, and the votes as they were signed."""
+    """Body of an "ask-answered" record: the count of the votes, and the votes as they were signed."""
     return {
         "ask_id": ask.ask_id,
         "request_digest": ask.request_digest,
@@ -249,7 +249,7 @@ class Announcer(Protocol):
     """Tells people of a deferral."""
 
     async def announce(self, ask: AskNotice) -> AskState:
-        """What has become of it after one try to tell: `OPEN`, told or still to be told, or `REFUSED`.
+        """State of the ask after one try to tell people: `OPEN`, told or still to be told, or `REFUSED`.
 
         Never raises for a provider that cannot be reached, and waits for it at most about a second.
         """

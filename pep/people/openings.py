@@ -23,7 +23,7 @@ class Openings:
         self._used: dict[str, set[str]] = {}
 
     def __len__(self) -> int:
-        """How many there are, over or not."""
+        """Number of known openings, over or not."""
         return len(self._known)
 
     def by_text(self) -> dict[str, VerifiedOpening]:
@@ -31,7 +31,7 @@ class Openings:
         return {leave.text: leave for leave in self._known.values()}
 
     def replace(self, leaves: Iterable[VerifiedOpening], *, sent_ms: int) -> None:
-        """These and no others are in force. One that the provider tells of no more was withdrawn, or is over.
+        """Replaces the openings in force. One that the provider tells of no more was withdrawn, or is over.
 
         Args:
             leaves: verified.
@@ -74,9 +74,9 @@ class Openings:
         return True
 
     def recover(self, opening_id: str, request_id: str) -> None:
-        """The request took one of its uses; an earlier process may have written that down."""
+        """Counts a use of the opening by the request; an earlier process may have recorded it already."""
         self._used.setdefault(opening_id, set()).add(request_id)
 
     def give_back(self, opening_id: str, request_id: str) -> None:
-        """The request took none of its uses."""
+        """Returns the use that the request took."""
         self._used.get(opening_id, set()).discard(request_id)

@@ -1,4 +1,4 @@
-"""What the journal of an earlier process says about deferrals, answers and uses. Pure."""
+"""Deferrals, answers and uses as the journal of an earlier process tells them. Pure."""
 
 from __future__ import annotations
 
@@ -44,10 +44,10 @@ class RecoveredState:
 
 
 def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: Caps) -> RecoveredState:
-    """What is left of an earlier process.
+    """State of the deferrals that an earlier process left.
 
-    A use counts as consumed from the record of its PERMIT on, whatever came of it, unless the outcome says that it was
-    returned: that nothing was sent, and nothing could be any more.
+    A use counts as consumed from the record of its PERMIT on, unless the outcome says that it was returned: that
+    nothing was sent, and nothing could be any more.
 
     Args:
         records: of the whole journal, oldest first.

@@ -31,7 +31,7 @@ _RANK: Final = {"approve": 0, "withdraw": 1, "deny": 2}
 
 
 class VoteFault(StrEnum):
-    """Why a vote or opening that somebody signed counts for nothing; beside the faults of a statement."""
+    """Reason why a signed vote or opening does not count, beside the faults of a statement."""
 
     VOTE_NOT_FOR_THIS_ASK = "VOTE_NOT_FOR_THIS_ASK"
     VOTE_NOT_YOURS = "VOTE_NOT_YOURS"
@@ -66,7 +66,7 @@ class VerifiedOpening:
 
 
 class Count(Enum):
-    """What the votes on an ask come to."""
+    """Outcome of the votes on an ask."""
 
     OPEN = "open"
     GRANTED = "granted"
@@ -149,7 +149,7 @@ def read_opening(
 
 
 def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[str, bytes]) -> Tally:
-    """What the votes come to: each person once, the newest vote counting, by people who are registered now.
+    """Count of the votes: each person once, the newest vote counting, by people who are registered now.
 
     One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it.
 

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from pep.people.deferral import AskNotice
 
 PERIOD_S: Final = 0.25
-"""Time between pulls while an answer could matter: an eighth of the motion lease, on which an approval counts."""
+"""Time between pulls while an answer could matter: an eighth of the motion lease, in which an approval counts."""
 IDLE_S: Final = 2.0
-"""Time between pulls while none could: how late an opening is noticed."""
+"""Time between pulls while none could: the longest delay before an opening is noticed."""
 TIMEOUT_S: Final = 1.0
 """Longest wait for one answer; two still fit into the motion lease."""
 EXPIRY_PERIOD_S: Final = 0.1
@@ -80,14 +80,14 @@ class AskClient:
         self._next_ms: dict[str, tuple[int, int]] = {}
 
     async def announce(self, ask: AskNotice) -> AskState:
-        """What has become of it after one try to post it, or at once when it was tried before."""
+        """State of the ask after one try to post it, or at once when it was tried before."""
         self._asked.set()
         if ask.ask_id not in self._next_ms:
             await self._post(ask)
         return AskState.REFUSED if self._asks.state_of(ask.ask_id) is AskState.REFUSED else AskState.OPEN
 
     async def run(self) -> None:
-        """Post, pull and expire for ever. A provider that is down costs answers, which are denials in the end."""
+        """Posts, pulls and expires for ever. A provider that is down costs answers, and so denies in the end."""
         await asyncio.gather(self._post_for_ever(), self._pull_for_ever(), self._expire_for_ever())
 
     async def _post_for_ever(self) -> None:
@@ -127,7 +127,7 @@ class AskClient:
     # -- posting
 
     async def _post(self, ask: AskNotice) -> None:
-        """One try. What the provider does not take is tried again later, while the deferral is open."""
+        """Posts the ask once. A refused or failed post is tried again later, while the deferral is open."""
         tries = self._next_ms.get(ask.ask_id, (0, 0))[0]
         wait_ms = int(BACK_OFF_S[min(tries, len(BACK_OFF_S) - 1)] * 1000)
         self._next_ms[ask.ask_id] = (tries + 1, self._clock.monotonic_ms() + int(TIMEOUT_S * 1000) + wait_ms)
@@ -146,7 +146,7 @@ class AskClient:
     # -- pulling
 
     async def pull(self) -> None:
-        """One question and its answer, taken whole.
+        """Pulls one statement of answers, taken whole.
 
         Raises:
             FeedError: when the answer is refused or there is none; what was known before still stands, and ages.
@@ -183,7 +183,7 @@ class AskClient:
     async def _send(
         self, method: str, path: str, *, most_bytes: int, body: bytes = b"", query: dict[str, str] | None = None
     ) -> tuple[int, bytes]:
-        """Status and content of one request with this PEP's proof; content over the bound is no answer at all."""
+        """Status and content of one request with this PEP's proof; a content over the bound counts as none."""
         url = f"{self._asker.issuer}{path}"
         proof = prove(
             self._asker.key,

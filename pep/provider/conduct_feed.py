@@ -27,12 +27,15 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
 
 PERIOD_S: Final = 1.0
-"""Time between pulls: a fifth of the age at which the default policies deny; what we see ourselves counts at once."""
+"""Time between pulls: a fifth of the age at which the default policies deny.
+
+Own records count at once.
+"""
 NONCE_BYTES: Final = 24
 
 
 class ConductFeed:
-    """What the identity provider has said of conduct so far.
+    """Word of the identity provider on conduct so far.
 
     Args:
         fetch: gets the text at a path of the identity provider, with a query; raises `FeedError`.
@@ -65,13 +68,13 @@ class ConductFeed:
         self._agents: dict[str, AgentEntry] = {}
 
     def word(self) -> ConductWord:
-        """All that was said, its age taken now."""
+        """The whole word, its age taken now."""
         read_ms = self._read_ms
         age_ms = NEVER_MS if read_ms is None else self._clock.monotonic_ms() - read_ms
         return ConductWord(age_ms, MappingProxyType(self._edges), MappingProxyType(self._agents))
 
     async def run(self, *, period_s: float = PERIOD_S) -> None:
-        """Pull for ever; a refused answer is an incident, and what it would have renewed grows older."""
+        """Pulls for ever; a refused answer is an incident, and the word it would have renewed grows older."""
         while True:
             try:
                 await self.pull()
@@ -80,7 +83,7 @@ class ConductFeed:
             await asyncio.sleep(period_s)
 
     async def pull(self) -> None:
-        """Everything since the last word, page by page, accepted whole.
+        """Pulls all since the last word, page by page, accepted whole.
 
         Raises:
             FeedError: when an answer is refused or there is none; what was known before still stands, and ages.

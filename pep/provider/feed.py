@@ -5,8 +5,8 @@ was sent, so no clock of another machine and no recorded answer can make an old 
 grows: the highest epoch is on disk, and an answer below it is refused.
 
 Beside the pulls one request waits at the provider for the next revocation. Its answer is a hint and nothing more: it
-makes the next pull come at once. Whoever forges it causes a pull, four a second at most beyond what revocations cause;
-whoever suppresses it leaves the ordinary period to find out.
+makes the next pull come at once. A forged hint causes a pull, four a second at most beyond those of revocations; a
+suppressed one leaves the ordinary period to find out.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ HINT_TIMEOUT_S: Final = 25.0
 HINT_BYTES: Final = 256
 """Largest hint."""
 BACKOFF_S: Final = 0.25
-"""Shortest pause after a hint that failed, came at once with nothing new, or was not borne out by a pull."""
+"""Shortest pause after a hint that failed, brought nothing new at once, or was not borne out."""
 LONGEST_BACKOFF_S: Final = 8.0
 """Longest pause after hints that failed one after another; they are a convenience, and the pull goes on."""
 
@@ -104,7 +104,7 @@ class FeedMarkFile:
 
 @dataclass(frozen=True, slots=True)
 class AcceptedFeed:
-    """What has been accepted so far.
+    """Words of the feed accepted so far.
 
     Attributes:
         epoch: of the newest index, -1 before the first.
@@ -195,7 +195,7 @@ class ProviderFollower:
         return None if self._known is None else self._known.snapshot.trust_permille(agent)
 
     def conduct(self) -> ConductWord:
-        """What was said of agents' conduct, its age taken now."""
+        """The word on agents' conduct, its age taken now."""
         return self.standings.word()
 
     def sensors(self) -> Mapping[str, RegisteredSensor]:
@@ -213,14 +213,14 @@ class ProviderFollower:
     # -- pulling
 
     def hurry(self, *, moving: bool) -> None:
-        """While something moves the period is `MOVING_PERIOD_S`; the first pull comes at once. For any thread."""
+        """Shortens the period to `MOVING_PERIOD_S` while something moves; the first pull comes at once. Any thread."""
         started, self._moving = moving and not self._moving, moving
         loop = self._loop
         if started and loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(self._wake.set)
 
     async def run(self, *, period_s: float = PERIOD_S) -> None:
-        """Pull for ever; a refused answer is an incident, and the view it would have renewed grows older.
+        """Pulls for ever; a refused answer is an incident, and the view it would have renewed grows older.
 
         Pulls never overlap: this loop alone makes them, and a hint only ends its pause.
         """
@@ -246,7 +246,7 @@ class ProviderFollower:
             await asyncio.gather(*beside, return_exceptions=True)
 
     async def _pause(self, period_s: float, started: int) -> None:
-        """The period is over, or somebody has woken us."""
+        """Waits until the period is over, or the pull is woken."""
         period_s = min(period_s, MOVING_PERIOD_S) if self._moving else period_s
         left_s = period_s - (self._clock.monotonic_ms() - started) / 1000
         if left_s <= 0:
@@ -257,7 +257,7 @@ class ProviderFollower:
                 await self._wake.wait()
 
     async def _listen(self) -> None:
-        """One request waits for the next revocation, for ever; its answer wakes the pull."""
+        """Keeps one request waiting for the next revocation, for ever; its answer wakes the pull."""
         backoff_s = BACKOFF_S
         while True:
             known = self._known
@@ -284,7 +284,7 @@ class ProviderFollower:
                 await asyncio.sleep(BACKOFF_S)
 
     async def _pulled(self, before: int) -> None:
-        """A pull has ended that began after `before` of them had begun."""
+        """Waits until a pull has ended that began after `before` of them had begun."""
         while self._ended <= before:
             await self._over.wait()
 
@@ -300,7 +300,7 @@ class ProviderFollower:
         return epoch
 
     async def pull(self) -> None:
-        """One question and its answer, accepted whole.
+        """Pulls one answer, accepted whole.
 
         Raises:
             FeedError: when the answer is refused or there is none; what was known before still stands, and ages. What

@@ -57,7 +57,7 @@ class JournalShipper:
         self.accepted_through = 0
 
     async def run(self) -> None:
-        """Ship for ever."""
+        """Ships for ever."""
         while True:
             try:
                 more = await self.ship()
@@ -73,7 +73,7 @@ class JournalShipper:
                 await asyncio.sleep(PERIOD_S)
 
     async def ship(self) -> bool:
-        """One batch is in the ledger; True when there may be more. Sending what is there already changes nothing.
+        """Ships one batch to the ledger; True when there may be more. A record that is already there changes nothing.
 
         Raises:
             JournalError: `LEDGER_REFUSED` when the ledger has another history.

@@ -1,4 +1,4 @@
-"""Steps 1 to 10 for whoever knocks: token against revocation view, proof against token, request and all seen before."""
+"""Steps 1 to 10 for each caller: token against revocation view, proof against token and request, replay."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ NO_TOKEN: Final = Fault(FaultCode.TOKEN_MISSING, "TOK-1", "no token was presente
 
 @dataclass(frozen=True, slots=True)
 class PresentedRequest:
-    """What came over the wire, unverified.
+    """Credentials of a request as they came over the wire, unverified.
 
     Attributes:
         token: text of the token, or None when none was presented.
@@ -42,7 +42,7 @@ class PresentedRequest:
 
 @dataclass(frozen=True, slots=True)
 class Credentials:
-    """What became of it.
+    """Result of verifying a caller's credentials.
 
     Attributes:
         token: bytes of the token, or None when there was none to read.
@@ -133,7 +133,10 @@ class Authority:
         )
 
     def _prove(self, presented: PresentedRequest, so_far: Credentials, chain: Chain) -> Credentials:
-        """[TOK-10] proof of possession by the leaf's key, and replay. The id is stored whatever comes after."""
+        """[TOK-10] proof of possession by the leaf's key, and replay.
+
+        The id is stored even where the request is denied later.
+        """
         if presented.proof is None:
             return replace(so_far, proof=Fault(FaultCode.PROOF_MISSING, PROOF_CLAUSE, "no proof was presented"))
         proof = check_proof(

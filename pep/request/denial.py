@@ -1,4 +1,4 @@
-"""A denial that is an enforcement point's own: not what the policies say, but what it found on the way."""
+"""Denials of an enforcement point itself, for reasons found after the policies decided."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 def denial(decided: Decision, reason: Reason, primitive: str = "", **detail: object) -> Decision:
-    """`decided` turned into a denial for `reason`; its own findings stay behind it."""
+    """The decision as a denial for `reason`; its own findings stay behind it."""
     return replace(
         decided,
         effect=Effect.DENY,

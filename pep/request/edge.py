@@ -1,4 +1,4 @@
-"""What an enforcement point needs before anything is decided: how fresh the view must be, and a durable record."""
+"""Ground of an enforcement point before any decision: the revocation lease, and durable records."""
 
 from __future__ import annotations
 

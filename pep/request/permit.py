@@ -1,4 +1,4 @@
-"""The right to one effect: made by the gate, spent once by whoever sends, worthless a moment later."""
+"""The right to one effect: made by the gate, spent once by the sender, worthless a moment later."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def unfulfilled(decision: Decision, request: Request) -> Obligation | None:
 
 
 def _within(at_most: Quantity | None, request: Request) -> bool:
-    """Whether the request has that parameter, in that unit, no higher."""
+    """True where the request has that parameter, in that unit, no higher."""
     return at_most is not None and any(
         (value.name, value.unit) == (at_most.name, at_most.unit) and value.value <= at_most.value
         for value in request.values
@@ -100,7 +100,7 @@ class Permit:
         self._lock = threading.Lock()
 
     def spend(self, *, digest: str, stopped_ms: int | None) -> None:
-        """The one effect may be sent now.
+        """Spends the permit: the one effect may be sent now.
 
         Args:
             digest: of what is about to be sent, computed from the very numbers that will be.
@@ -131,7 +131,7 @@ class Permit:
         return None, ""
 
     def begins(self, *, assessed_rad: Sequence[float] | None, at_rad: Sequence[float]) -> None:
-        """The motion may begin here: each joint is within 2 mrad of where its assessment began.
+        """Checks that the motion begins here: each joint within 2 mrad of the start of its assessment.
 
         Args:
             assessed_rad: joint angles from which the request was assessed; None when it was not.
@@ -154,7 +154,7 @@ class Permit:
             return not self.spent
 
     def standing(self) -> Fault | None:
-        """What has become of the authority behind it: None while the chain is valid and the revocation view fresh."""
+        """Fault of the authority behind it; None while the chain is valid and the revocation view fresh."""
         return self._standing()
 
 
