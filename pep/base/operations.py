@@ -262,7 +262,7 @@ GRIPPER_ACTIVATE: Final = Operation(
     "gripper_activate",
     (),
     OperationKind.MOTION,
-    Tier.CONSEQUENTIAL,  # the fingers make a full stroke, whatever lies between them
+    Tier.CONSEQUENTIAL,  # the fingers make a full stroke, also with an object between them
     Moves.FINGERS_WHOLE,
     Sent.GRIPPER,
     (),

@@ -148,7 +148,7 @@ class RemainingVerdict:
         cause: kind and object of what leads, for the record.
         fault: why it could not be judged, a `policies.words.reason_table.Reason` code; "" when it was.
         age_ms: age of the view it was judged on, transit included, or None when there was no view.
-        shown: what that view shows, whatever its age (`pep.perception.sensor_frames.Seen.content`); None when there was
+        shown: what that view shows, old or new (`pep.perception.sensor_frames.Seen.content`); None when there was
             no view.
         pace: the highest fraction of the commanded speed at which it is proven, counting the time to slow down to it;
             None when there is none, and when it was not asked for.

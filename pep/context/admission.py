@@ -1,10 +1,10 @@
-"""The gate of admission: nothing reaches an agent that was not judged, recorded and labelled.
+"""Gate of admission: nothing reaches an agent that was not judged, recorded and labelled.
 
     what is said -> reading -> decide -> record -> enter the context -> the value, with its label and a receipt
                     pure       pure      durable
 
-Plain calls, for any agent framework: whoever runs the agent asks here before anything is put before its model. Whatever
-fails on the way is DENY.
+Plain calls, for any agent framework: the program that runs the agent asks here before it puts anything before the
+model. Every failure on the way is DENY.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ OPERATION_OF: Final = {
     ItemKind.SCENARIO: "scenario",
 }
 POINT_OF: Final = {ItemKind.INSTRUCTION: Point.OPERATOR, ItemKind.MESSAGE: Point.AGENT}
-"""Where a kind is judged that is not judged at e3."""
+"""Enforcement point of each kind that is not judged at e3."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Admitted:
 
 @dataclass(frozen=True, slots=True)
 class NotAdmitted:
-    """A value that must not reach the agent.
+    """Value that must not reach the agent.
 
     Attributes:
         decision: why; DENY or DEFER.
@@ -94,7 +94,7 @@ class NotAdmitted:
 
 @dataclass(frozen=True, slots=True)
 class Released:
-    """The one value that came out of a reader, with the label of all that it read, and a receipt."""
+    """The one value of a reader, with the label of all that it read, and a receipt."""
 
     value: object
     label: Label
@@ -102,10 +102,10 @@ class Released:
 
 
 class Admits(Protocol):
-    """What retrieval, memory and tool adapters need of the gate of admission."""
+    """Port of admission for retrieval, memory and tool adapters."""
 
     def admit(self, item: ItemReading, value: object, *, into: Context) -> Admitted | NotAdmitted:
-        """The value, admitted into that context and on record; or why not. Never raises.
+        """Admits the value into that context, on record; or returns the reason why not. Never raises.
 
         Args:
             item: what is known of it: kind, id, label, provenance. Screening is added here, and taints the label.
@@ -116,10 +116,10 @@ class Admits(Protocol):
 
 
 class Standing(Protocol):
-    """The authority behind a context, as of now."""
+    """Port for the authority behind a context, as of now."""
 
     def chain(self, context: Context) -> Chain | Fault:
-        """The holder's verified chain, or why it no longer stands. Never raises."""
+        """The holder's verified chain, or the fault with which it fell. Never raises."""
         ...
 
 
@@ -175,7 +175,7 @@ class Admission:
         )
 
     def instruct(self, text: str, *, credentials: Credentials, into: Context) -> Admitted | NotAdmitted:
-        """e1: a person's signed intent, admitted once for each token as the instruction that it is. Never raises.
+        """Admits a person's signed intent at e1, once for each token, as an instruction. Never raises.
 
         Args:
             text: the signed intent (`capabilities.statements.intent`).
@@ -188,7 +188,7 @@ class Admission:
     def hear(
         self, text: str, *, credentials: Credentials, into: Context, intent: str | None = None
     ) -> Admitted | NotAdmitted:
-        """e2: another agent's signed message, admitted once as what that agent says. Never raises.
+        """Admits another agent's signed message at e2, once, as that agent's words. Never raises.
 
         Args:
             text: the signed message (`capabilities.statements.message`).
@@ -203,10 +203,11 @@ class Admission:
         return self._guarded(item.kind, lambda: self._reader.item(item, value, into, self._standing.chain(into)))
 
     def release(self, reader: Context, value: object) -> Released | ValueFault:
-        """The one value that comes out of a reader, which ends with it; or why it is no value.
+        """Ends a reader with its one value; or returns the reason why it is no value.
 
-        The value derives from everything that the reader read, whatever it says. It enters no context by this: to hand
-        it on as an argument, its receipt is enough. Before it is shown to another model, `Flow.enter` that context.
+        The value derives from everything that the reader read, also where it does not show. It enters no context by
+        this: to hand it on as an argument, its receipt is enough. Before it is shown to another model, `Flow.enter`
+        that context.
         """
         label = self._flow.close(reader)
         plain = values.plain(value)
@@ -217,7 +218,7 @@ class Admission:
         return Released(plain.value, label, self._receipt(plain, label, reader.holder))
 
     def recover(self, found: Iterable[Mapping[str, Any]]) -> None:
-        """What an earlier process admitted once is not admitted again.
+        """Takes in what an earlier process admitted once, so that it is not admitted again.
 
         Args:
             found: records of the whole journal, oldest first.
@@ -283,11 +284,11 @@ class Admission:
         try:
             body = {**recorded.to_plain(request, unknown), "decision": records.decision_body(decision), "proof": ""}
             return NotAdmitted(decision, self._journal.append("decision", body))
-        except Exception as failed:  # noqa: BLE001 - whatever a journal raises, there is no record
+        except Exception as failed:  # noqa: BLE001 - any error of a journal means no record
             return NotAdmitted(denial(decision, Reason.RECORD_FAILED, error=type(failed).__name__), "")
 
     def _body(self, request: Request, case: AdmissionCase, decision: Decision) -> dict[str, object]:
-        """The record of a decision; what is admitted stands in it by its digest, and never itself."""
+        """Record of a decision, with the digest of the admitted value in place of the value."""
         holder = case.into.holder
         noted = {
             "hop_id": holder.hop_id,

@@ -1,11 +1,11 @@
-"""What the arguments of a call derive from, by the receipts that come with it ([STM-10] in docs/spec.md).
+"""Origin of a call's arguments, by the receipts that come with it ([STM-10] in docs/spec.md).
 
 An argument of a call has the label of a receipt only where it *is* the admitted value, or a part of it at a stated
-place. Every other argument is the holder's own choice, and derives from all that is known of the holder's context and
-from every receipt that was presented with it. So a receipt that is left out gains no integrity, and one that is added
-costs. The taint that a holder hides by leaving one out is known only where its context is (`pep.context.flow`).
+place. Every other argument is the holder's own choice, and derives from the holder's known context and from every
+receipt that was presented with it. So a receipt that is left out gains no integrity, and one that is added costs. The
+taint that a holder hides by leaving one out is known only where its context is (`pep.context.flow`).
 
-A receipt vouches for a number in its unit, never for what the holder uses it for: scope, limits and physics judge that.
+A receipt vouches for a number in its unit, never for the holder's use of it: scope, limits and physics judge that.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 PRESENTED: Final = 16
 """Most receipts of one call; their values together are no larger than one (`pep.context.json_value.VALUE_BYTES`)."""
 _Test: TypeAlias = "Callable[[object, str], bool]"
-"""Whether an argument is what stands at a pointer."""
+"""Test of an argument against the part of a value at a pointer."""
 _SI: Final[Mapping[Unit, str]] = MappingProxyType(
     {
         Unit.MICRORADIAN: "rad",
@@ -52,7 +52,7 @@ _SI: Final[Mapping[Unit, str]] = MappingProxyType(
         Unit.COUNT: "",
     }
 )
-"""The SI unit as names of tools' parameters end in it; "" for a ratio and a count."""
+"""SI unit in which names of tools' parameters end; "" for a ratio and a count."""
 _UNITS: Final = frozenset({*map(str, Unit), *_SI.values()} - {""})
 _DISTRUSTED: Final = tainted(NOBODY)
 
@@ -74,7 +74,7 @@ class PresentedReceipt:
 
 @dataclass(frozen=True, slots=True)
 class ArgumentContext:
-    """What is known where the arguments of a call are judged.
+    """Context in which the arguments of a call are judged.
 
     Attributes:
         holder: of the verified chain's last hop.
@@ -112,7 +112,7 @@ def arguments(
 def named_arguments(
     call: Mapping[str, object], presented: Sequence[PresentedReceipt], known: ArgumentContext
 ) -> tuple[ArgumentReading, ...]:
-    """As `arguments`, for a tool whose arguments are JSON: each must equal what stands at its place, to the letter.
+    """Readings as of `arguments`, for JSON arguments: each must equal the value at its place, to the letter.
 
     Args:
         call: arguments by name, in order.
@@ -127,7 +127,7 @@ def named_arguments(
 
 
 def _quantity(quantity: Quantity) -> _Test:
-    """Whether a number in an admitted value is this quantity, by the unit in its name."""
+    """Test that a number in an admitted value is this quantity, by the unit in its name."""
 
     def same(stated: object, pointer: str) -> bool:
         unit = _unit(values.named(pointer))
@@ -144,7 +144,7 @@ def _quantity(quantity: Quantity) -> _Test:
 
 
 def _json(value: object) -> _Test:
-    """Whether a part of an admitted value is this one, type and all."""
+    """Test that a part of an admitted value is this one, type and all."""
     wanted = values.plain(value)
 
     def same(stated: object, _: str) -> bool:
@@ -165,7 +165,7 @@ def _unit(name: str) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Judged:
-    """One presented receipt: its label when its signature is believed, and why it vouches for nothing, if so."""
+    """One presented receipt, judged: its label where its signature is believed, else its fault."""
 
     pointers: Mapping[str, str]
     value: object
@@ -212,7 +212,7 @@ def _readings(
 
 
 def _of_none(one: _Judged, wanted: Mapping[str, _Test]) -> ReceiptFault | None:
-    """The fault of a receipt that no argument of the call can answer for, so that all of them do."""
+    """Fault of a receipt that names no argument of the call, so that all arguments bear it."""
     if not one.pointers.keys() <= wanted.keys():
         return ReceiptFault.UNKNOWN_ARGUMENT
     return None if one.pointers else one.fault
@@ -221,7 +221,7 @@ def _of_none(one: _Judged, wanted: Mapping[str, _Test]) -> ReceiptFault | None:
 def _reading(
     name: str, same: _Test, judged: Sequence[_Judged], chosen: Label, everywhere: ReceiptFault | None
 ) -> ArgumentReading:
-    """The reading of one argument: of its receipts, which must all be believed, or of its holder's choice."""
+    """Reading of one argument: of its receipts, which must all be believed, or of its holder's choice."""
     vouching = [one for one in judged if name in one.pointers]
     fault = everywhere
     for one in vouching:

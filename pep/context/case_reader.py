@@ -1,4 +1,4 @@
-"""What is said, read into one case that can be judged: the evidence, the value, and what may happen only once."""
+"""Reader of incoming content into one case for judgement: evidence, value, and claims to single use."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AdmissionCase:
-    """One thing to be judged.
+    """One case of admission, to be judged.
 
     Attributes:
         item, evidence: what is known of it.
@@ -55,7 +55,7 @@ class AdmissionCase:
 
 
 class Reader:
-    """Reads what is said. Nothing is taken by reading.
+    """Reads incoming content. Reading claims no single use.
 
     Args:
         clock: both clocks.
@@ -128,7 +128,7 @@ class Reader:
         return AdmissionCase(item, evidence, value, into, credentials.proof_name, lambda: self._turn(heard), note)
 
     def item(self, item: ItemReading, value: object, into: Context, chain: Chain | Fault) -> AdmissionCase:
-        """Anything else, by what is known of it; its text is screened, and its id."""
+        """Any other content, by its known provenance; its text and its id are screened."""
         plain = values.plain(value)
         seen = screened(item, plain)
         evidence = Evidence(
@@ -140,7 +140,7 @@ class Reader:
         return AdmissionCase(seen, evidence, plain, into, "", _free, {})
 
     def recover(self, found: Iterable[Mapping[str, Any]]) -> None:
-        """What an earlier process admitted once is not admitted again.
+        """Takes in what an earlier process admitted once, so that it is not admitted again.
 
         Args:
             found: records of the whole journal, oldest first.
@@ -165,7 +165,7 @@ class Reader:
     def _once(
         self, said: Instruction, key: bytes, chain: Chain, not_after: int
     ) -> tuple[Callable[[], Reason | None], dict[str, object]]:
-        """An intent is carried out once under each token: how that is claimed, and what the record says of it."""
+        """Claim of an intent to be carried out once under each token, and the record's note of it."""
         name = f"{INTENT}/{said.reading.intent_digest}/{chain.token_id}"
         until_s = not_after + self._caps.skew_s
 
@@ -182,7 +182,7 @@ class Reader:
         return None if taken is TurnResult.TAKEN else Reason.MESSAGE_OUT_OF_SEQUENCE
 
     def _spoken(self, heard: ReceivedMessage) -> Label:
-        """The label of what the sender says: it derives from everything that is known of the sender's context."""
+        """Label of a sender's words: they derive from all of the sender's known context."""
         if heard.hop is None:
             return NOBODY
         said = self._flow.label(Context(Holder.of(heard.hop)))
@@ -199,7 +199,7 @@ class Reader:
 
 
 def screened(item: ItemReading, value: Plain | ValueFault) -> ItemReading:
-    """The item with every sign that is in its text and id, and the taint of it."""
+    """The item with every sign in its text and id, and with the taint of them."""
     traces = screening.screen(item.id)
     if isinstance(value, Plain):
         traces += screening.screen_value(value.value)
@@ -209,7 +209,7 @@ def screened(item: ItemReading, value: Plain | ValueFault) -> ItemReading:
 
 
 def _said(heard: ReceivedMessage, value: Plain | ValueFault, label: Label) -> ItemReading:
-    """A message as something that would enter a context: what its sender says, and no authority."""
+    """Message as content of a context: its sender's words, without authority."""
     said = ItemReading(
         kind=ItemKind.MESSAGE,
         id="" if heard.message is None else heard.message.conversation,
@@ -220,7 +220,7 @@ def _said(heard: ReceivedMessage, value: Plain | ValueFault, label: Label) -> It
 
 
 def _holding(credentials: Credentials, into: Context) -> Chain | None:
-    """The chain of a caller who proved to hold it, and whose context this is."""
+    """Chain of a caller who proved to hold it, and who owns this context."""
     chain = credentials.chain
     if credentials.fault is not None or not isinstance(chain, Chain) or Holder.of(chain.leaf) != into.holder:
         return None

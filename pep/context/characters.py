@@ -1,4 +1,4 @@
-"""Characters that a reader does not see, or takes for others: which, and where they have a right to be.
+"""Characters that a reader does not see, or takes for others, and the places where they belong.
 
 Sources: the General_Category of the Unicode Character Database (`unicodedata`), UAX #9 (bidirectional controls), UTS
 #51 (emoji sequences), UTS #39 (confusable characters; a small part of its table: letters that look like one Latin
@@ -21,14 +21,14 @@ COMPATIBLE: Final = "compatibility forms"
 """Letters that become plain ASCII in normal form KC: mathematical, full-width, circled."""
 
 _SPECIAL: Final = re.compile(r"[^\t\n\f\r -~]")
-"""Everything but what ASCII prints."""
+"""Every character beyond printable ASCII."""
 _LETTERS: Final = re.compile(r"[^\W\d_]+")
 _COMPATIBLE_RUN: Final = 3
-"""Letters of a compatibility form in a row that are no symbol any more. Ours."""
+"""Least number of compatibility letters in a row that are more than a symbol. Ours."""
 _FOREIGN_WORD: Final = 3
 """Letters of a word that is made of look-alikes alone. Ours: shorter ones are words of their own language."""
 _MOSTLY: Final = 0.75
-"""Share of Latin letters from which on a text is Latin. Ours."""
+"""Least share of Latin letters of a Latin text. Ours."""
 _TAGS: Final = range(0xE0000, 0xE0080)
 _SELECTORS: Final = (*range(0x180B, 0x180E), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 _BIDI: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
@@ -51,7 +51,7 @@ _JOINING: Final = frozenset(
 _DIRECTED: Final = frozenset({"ARABIC", "HEBREW", "SYRIAC", "THAANA", "NKO"})
 """Scripts whose texts may need marks of direction."""
 _ALPHABETS: Final = frozenset({"CYRILLIC", "ARMENIAN", "CHEROKEE", "COPTIC", "LISU", "GEORGIAN", "DESERET", "OSAGE"})
-"""Alphabets of which no letter belongs into a Latin word."""
+"""Alphabets without a letter that belongs into a Latin word."""
 
 LOOK_ALIKES: Final = dict(
     zip(
@@ -60,13 +60,16 @@ LOOK_ALIKES: Final = dict(
         strict=True,
     )
 )
-"""The Latin letter that each looks like (UTS #39 confusables.txt, and small Cyrillic letters drawn like capitals)."""
+"""Latin letter that each character looks like.
+
+UTS #39 confusables.txt, and small Cyrillic letters drawn like capitals.
+"""
 _SYMBOLS: Final = frozenset("αινρυτκ")
 """Greek letters that stand for quantities: they are look-alikes only between Latin letters."""
 
 
 def hidden(text: str) -> Iterator[tuple[str, int]]:
-    """What of the text a reader does not see, by kind and place."""
+    """Characters of the text that a reader does not see, by kind and place."""
     for match in _SPECIAL.finditer(text):
         at, character = match.start(), match.group()
         what = _unseen(character) and _why(text, at, character)
@@ -107,10 +110,10 @@ def mixed(text: str) -> Iterator[tuple[str, int]]:
 
 
 def folded(text: str) -> tuple[str, list[int] | None]:
-    """The text as a reader takes it, and the place of each of its characters in `text` (None where nothing moved).
+    """The text as a reader takes it, and the place of each character in `text` (None where none moved).
 
-    In normal form KC and lower case, look-alikes as Latin letters, without what is not seen. Tag characters, which
-    spell a text that nobody sees, are read as that text.
+    In normal form KC and lower case, look-alikes as Latin letters, without invisible characters. Tag characters, which
+    spell an invisible text, are read as that text.
     """
     if text.isascii():
         return text.lower(), None
@@ -151,7 +154,7 @@ def script(character: str) -> str:
 
 @functools.lru_cache(maxsize=65_536)
 def _unseen(character: str) -> str:
-    """The kind of a character that is not seen, "" for one that is."""
+    """Kind of a character that is not seen, "" for a visible one."""
     code = ord(character)
     if code in _TAGS:
         return "tag character"
@@ -172,7 +175,7 @@ def _unseen(character: str) -> str:
 
 
 def _why(text: str, at: int, character: str) -> str:
-    """The kind of a character that is not seen, or "" where it belongs."""
+    """Kind of a character that is not seen, or "" where it belongs."""
     what = _unseen(character)
     before = text[at - 1] if at else ""
     after = text[at + 1 : at + 2]
@@ -191,7 +194,7 @@ def _why(text: str, at: int, character: str) -> str:
 
 
 def _selects(before: str, selector: str, after: str) -> bool:
-    """Whether a variation selector stands after one character that has variants."""
+    """True where a variation selector stands after one character that has variants."""
     if not before or _unseen(before):
         return False
     if selector in "\ufe0e\ufe0f":
@@ -202,7 +205,7 @@ def _selects(before: str, selector: str, after: str) -> bool:
 
 
 def _joins(before: str, after: str) -> bool:
-    """Whether a joiner stands inside an emoji or a word of a script that is written with joiners."""
+    """True where a joiner stands inside an emoji or a word of a script that is written with joiners."""
     if not before or not after:
         return False
     drawn = before == "\ufe0f" or unicodedata.category(before) in _DRAWN or ord(before) in _PICTOGRAPHS
@@ -213,13 +216,13 @@ def _joins(before: str, after: str) -> bool:
 
 @functools.lru_cache(maxsize=65_536)
 def _folds(character: str) -> bool:
-    """Whether it is a letter of a compatibility form of one ASCII letter."""
+    """True for a letter of a compatibility form of one ASCII letter."""
     plain = unicodedata.normalize("NFKC", character)
     return character != plain and len(plain) == 1 and plain.isascii() and plain.isalpha() and character not in "ªº"
 
 
 def _misplaced(word: str, at: int) -> bool:
-    """Whether a letter of a Latin word belongs to another alphabet and looks as if it did not."""
+    """True where a letter of a Latin word belongs to another alphabet and looks Latin."""
     letter = word[at]
     found = script(letter)
     if found in _ALPHABETS:

@@ -1,4 +1,4 @@
-"""A curated collection as an enforcement point meets it: what a store returns, and what is made of it."""
+"""Curated collection at an enforcement point: contents as a store returns them, and as they are judged."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class StoredContent:
-    """One content as the store returns it. Nothing in it is believed; a text that is None is missing."""
+    """One content as the store returns it, unverified; a text that is None is missing."""
 
     id: str
     text: str | None
 
 
 class Collection(Protocol):
-    """A collection in a store. Either call may raise whatever the store raises."""
+    """Collection in a store. Either call may raise any error of the store."""
 
     def nearest(self, query: str, *, most: int) -> Sequence[StoredContent]:
         """At most `most` contents, the nearest to the query first."""
@@ -38,7 +38,7 @@ class Collection(Protocol):
 
 
 class Curators(Protocol):
-    """The curators that this enforcement point knows."""
+    """Port for the curators that this enforcement point knows."""
 
     def curators(self) -> Mapping[str, bytes]:
         """Raw public key by curator's id; none of these keys has another role."""
@@ -50,7 +50,10 @@ class RetrievalFault(StrEnum):
 
     NO_MANIFEST = "NO_MANIFEST"
     NOT_LISTED = "NOT_LISTED"
-    """No curator ever listed it here. What an earlier manifest lists has no fault and is only not listed any more."""
+    """No curator ever listed it here.
+
+    A content of an earlier manifest has no fault; it is only no longer listed.
+    """
     ID_MALFORMED = "ID_MALFORMED"
     """An id that no manifest can have: look-alikes, turned and decomposed letters among them."""
     CHANGED = "CHANGED"
@@ -67,7 +70,7 @@ class RetrievalFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Retrieved:
-    """One content: what admission may know of it, and its text, which is "" when its provenance is not believed."""
+    """One judged content: its reading for admission, and its text, "" when its provenance is not believed."""
 
     reading: ItemReading
     text: str
@@ -75,7 +78,7 @@ class Retrieved:
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """What an operator must see: a fault code, and the id that it is about ("" for the whole collection)."""
+    """Incident for an operator: a fault code, and the id it concerns ("" for the whole collection)."""
 
     fault: str
     id: str
@@ -90,7 +93,7 @@ class Retrieval:
 
 
 def shown(id_: object) -> str:
-    """The id where it is a name; else a name for it that cannot be taken for another's, since it goes on record."""
+    """The id where it is a name; else an unmistakable name for it, for the record."""
     try:
         return text.name(id_, most_bytes=TEXT_BYTES)
     except CapabilityError:

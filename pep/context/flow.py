@@ -1,15 +1,16 @@
-"""What entered which context, and so the label of everything that comes out of it.
+"""Contents of each context, and so the label of everything that comes out of it.
 
-As in FIDES and CaMeL, whatever a model says derives from everything in its context. The rules:
+As in FIDES and CaMeL, everything that a model says derives from everything in its context. The rules:
 
-1. A context that nothing entered says its holder's own choice: source `AGENT`, signed by the holder, `Integrity.AGENT`.
-2. What comes out of a context is that, joined with the label of everything that ever entered it
-(`policies.words.labels`). 3. A context never gets better. Its label only ages, and is joined with more.
-4. A new hop of an agent is no new memory: its context begins with what the agent's other contexts hold.
+1. An empty context has its holder's own choice as its label: source `AGENT`, signed by the holder, `Integrity.AGENT`.
+2. Every value that comes out of a context has that label, joined with the label of everything that ever entered it
+   (`policies.words.labels`).
+3. A context never gets better. Its label only ages, and is joined with more.
+4. A new hop of an agent is no new memory: its context begins with the content of the agent's other contexts.
 5. A reader is a context of its own (CaMeL's quarantined model, the second model of the dual LLM pattern). It begins
-   empty, what enters it enters no other, and it ends with one value, which has the label of all that it read. That
-   value is a thing to be handed on. Shown to the model of another context, it enters that one like anything else.
-6. What was forgotten is never taken for clean: beyond their bounds contexts are joined, or nothing more enters.
+   empty, its content enters no other context, and it ends with one value, which has the label of all that it read.
+   That value is a thing to be handed on. Shown to the model of another context, it enters that one like anything else.
+6. A forgotten content is never taken for clean: beyond their bounds contexts are joined, or nothing more enters.
 """
 
 from __future__ import annotations
@@ -30,17 +31,22 @@ if TYPE_CHECKING:
 AGENTS: Final = 1_024
 """Most agents whose contexts are remembered, as many as a registry snapshot names."""
 HOPS: Final = 64
-"""Most contexts of one agent that are told apart; the label of the oldest goes into what each new one begins with."""
+"""Most contexts of one agent that are told apart.
+
+The label of the oldest one goes into the beginning of each new one.
+"""
 READERS: Final = 64
 """Most open readers of one agent."""
 KEPT_MS: Final = 86_400_000
-"""A context is remembered this long after something last entered it: the longest life of a token (`Caps.lifetime_s`).
-The host that keeps one alive for longer says so by `Flow.keep`."""
+"""Time for which a context is remembered after its last entry: the longest life of a token (`Caps.lifetime_s`).
+
+A host that keeps a context alive for longer says so by `Flow.keep`.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Holder:
-    """Whose context it is: the hop that the agent holds, and the agent."""
+    """Owner of a context: the agent, and the hop that it holds."""
 
     hop_id: str
     agent: str
@@ -53,7 +59,7 @@ class Holder:
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """One context: of a holder, or (with a `reader` id) of one that only reads for it."""
+    """One context: of a holder, or (with a `reader` id) of its reader."""
 
     holder: Holder
     reader: str = ""
@@ -61,14 +67,14 @@ class Context:
 
 @dataclass(frozen=True, slots=True)
 class Full:
-    """Nothing more can be remembered, so nothing more may enter. `what` says of what there are too many."""
+    """Refusal for lack of room: nothing more may enter. `what` names the things that are too many."""
 
     what: str
 
 
 @dataclass(slots=True)
 class _Memory:
-    """What is remembered of one agent: a label and its time for each context, the one that changed last at the end.
+    """Memory of one agent: label and time of each context, the one that changed last at the end.
 
     `begun` keeps readers that are open, also those that have read nothing: a reader of which nothing is known is
     closed.
@@ -80,7 +86,7 @@ class _Memory:
 
 
 def own(holder: Holder) -> Label:
-    """The label of what a holder chooses out of an empty context."""
+    """Label of a holder's choice out of an empty context."""
     return Label(frozenset({Source.AGENT}), frozenset({holder.agent}), Integrity.AGENT, 0)
 
 
@@ -115,7 +121,7 @@ class Flow:
         return Context(holder, reader)
 
     def enter(self, into: Context, label: Label) -> Full | None:
-        """Something with this label is in the context from now on; or nothing more may enter it."""
+        """Enters a content with this label into the context; or refuses every further one."""
         with self._lock:
             memory = self._remembered(into.holder.agent)
             if isinstance(memory, Full):
@@ -135,7 +141,7 @@ class Flow:
             return None
 
     def label(self, of: Context) -> Label:
-        """The label of what comes out of the context now. Of a closed reader nothing is known: it is tainted."""
+        """Label of every value that comes out of the context now. A closed reader is unknown, and so tainted."""
         with self._lock:
             now_ms = self._clock.monotonic_ms()
             memory = self._memory.get(of.holder.agent)
@@ -150,7 +156,7 @@ class Flow:
         return own(of.holder) if held is None else _bounded(joined((own(of.holder), _at(held, now_ms))))
 
     def close(self, reader: Context) -> Label:
-        """The label of the one value that comes out of a reader, which is forgotten; closed twice, it is tainted."""
+        """Label of the one value of a reader, which is forgotten; closed twice, it is tainted."""
         label = self.label(reader)
         with self._lock:
             memory = self._memory.get(reader.holder.agent)
@@ -159,19 +165,19 @@ class Flow:
         return label
 
     def keep(self, of: Context) -> None:
-        """The context still lives: what is remembered of its agent is remembered for another `KEPT_MS`."""
+        """Keeps the context alive: its agent is remembered for another `KEPT_MS`."""
         with self._lock:
             memory = self._memory.get(of.holder.agent)
             if memory is not None:
                 memory.touched_ms = self._clock.monotonic_ms()
 
     def unsafe_forget(self, agent: str) -> None:
-        """Nothing is remembered of an agent. Only who has just started it anew, without its memory, may say so."""
+        """Forgets an agent. Only a host that has just started it anew, without its memory, may call this."""
         with self._lock:
             self._memory.pop(agent, None)
 
     def _remembered(self, agent: str) -> _Memory | Full:
-        """The agent's memory, made when there is room: what is over makes room, what is alive never does."""
+        """The agent's memory, made when there is room: expired ones make room, live ones never do."""
         memory = self._memory.get(agent)
         if memory is not None:
             return memory
@@ -192,19 +198,19 @@ def _at(held: tuple[Label, int], now_ms: int) -> Label:
 
 
 def _more(held: tuple[Label, int] | None, label: Label, now_ms: int) -> tuple[Label, int]:
-    """The label joined into what was held, as of now."""
+    """The label joined into the held one, as of now."""
     parts = (label,) if held is None else (_at(held, now_ms), label)
     return _bounded(joined(parts)), now_ms
 
 
 def _all(memory: _Memory, now_ms: int) -> tuple[Label, int] | None:
-    """Everything that entered any context of the agent but its readers'; None when nothing did."""
+    """Label of all that entered any context of the agent but its readers'; None when nothing did."""
     held = memory.contexts.values()
     return (_bounded(joined(_at(one, now_ms) for one in held)), now_ms) if held else None
 
 
 def _bounded(label: Label) -> Label:
-    """The label with as many named as a statement can name: the rest is `OTHERS`, which no policy knows."""
+    """The label with as many names as a statement can hold: the rest is `OTHERS`, which no policy knows."""
     if len(label.signers) <= SIGNERS:
         return label
     named = sorted(label.signers - {OTHERS})[: SIGNERS - 1]

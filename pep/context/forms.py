@@ -1,4 +1,4 @@
-"""Forms of what people and agents say: strict pydantic models, registered by name, with what each asks for.
+"""Forms of people's and agents' words: strict pydantic models, registered by name, with the operations each asks for.
 
 Pydantic, since the project validates with it at every edge: a strict model has no `$ref` to follow, no format to
 interpret and no second dialect. A form is closed: no member that it does not name, no number that is not finite.
@@ -39,7 +39,7 @@ class RequestedOperation:
 
 
 def asks_nothing(_: Any) -> tuple[RequestedOperation, ...]:
-    """For a form that only tells."""
+    """Operations of a form that only tells: none."""
     return ()
 
 
@@ -67,7 +67,7 @@ class ParsedBody:
 
 
 class Forms:
-    """The forms that are known here.
+    """The forms that an enforcement point knows.
 
     Args:
         forms: each name once.
@@ -87,7 +87,7 @@ class Forms:
         self._known = MappingProxyType(known)
 
     def read(self, schema: str, body: bytes) -> ParsedBody | None:
-        """The body as its form says, or None when no such form is known or it is not of it. Never raises.
+        """Reads the body by its form; None for an unknown form or a body of another. Never raises.
 
         Args:
             schema: name of the form.
@@ -105,7 +105,7 @@ class Forms:
 
 
 def _closed(schema: object) -> bool:
-    """Whether every object in a JSON schema names its members and forbids others."""
+    """True where every object in a JSON schema names its members and forbids others."""
     match schema:
         case {"type": "object", **rest} if rest.get("additionalProperties") is not False:
             return False

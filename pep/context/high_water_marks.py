@@ -1,4 +1,4 @@
-"""High-water marks: the newest that was ever seen of something, kept where whoever keeps the thing cannot write."""
+"""High-water marks: the newest version ever seen of a thing, kept out of reach of the thing's keeper."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Final, Protocol
 
 @dataclass(frozen=True, slots=True)
 class HighWaterMark:
-    """The newest that was seen: its version or number, and SHA-256 (hex) of its text; 0 and "" for nothing yet."""
+    """Newest version or number seen, with the SHA-256 (hex) of its text; 0 and "" for nothing yet."""
 
     version: int
     digest: str
@@ -29,7 +29,7 @@ class HighWaterMarks(Protocol):
         ...
 
     def write(self, name: str, mark: HighWaterMark) -> None:
-        """The mark survives a power cut.
+        """Writes the mark so that it survives a power cut.
 
         Raises:
             PepError: `STATE_UNREADABLE` when it could not be made durable.

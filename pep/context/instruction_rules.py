@@ -1,12 +1,12 @@
-"""What reads like an instruction to a model: a small set of rules, each for a class that the literature names.
+"""Rules for texts that read like instructions to a model, each for a class of the literature.
 
 Indirect prompt injection (Greshake et al. 2023, arXiv 2302.12173), HouYi's separator and disruptor components (Liu et
 al. 2023, arXiv 2306.05499), the attacks of AgentDojo (Debenedetti et al. 2024, arXiv 2406.13352) and InjecAgent (Zhan
 et al. 2024, arXiv 2403.02691), tool poisoning, forged chat markup and forged authority. The wordings are ours.
 
 Every rule runs in linear time: no repetition stands inside another one, and every gap is bounded. They read folded text
-(`pep.context.characters.folded`): lower case, one alphabet, nothing hidden. They err in both directions. Whoever finds
-another wording is not found here; the label of the text is what protects.
+(`pep.context.characters.folded`): lower case, one alphabet, nothing hidden. They err in both directions: a text in
+another wording is not found here, and its label is what protects.
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 _GAP: Final = r"[^.!?\n]{0,40}?\b"
-"""What may stand between two words of one order."""
+"""Gap between two words of one order."""
 _SPACE: Final = r"[\s*_]{1,8}"
-"""What a space in a rule stands for: any white space, and the marks of emphasis."""
+"""Space in a rule: any white space, and the marks of emphasis."""
 _BEGINS: Final = re.compile(
     r"(?:\A|[.!?:;\n>*\"'(\[-])[\s*_\"'(\[#>-]{0,8}"
     r"(?:(?:please|now|then|first|instead|also|and|so|just|bitte|jetzt|nun|dann|zuerst|also)[\s,*_]{1,8})?\Z"
 )
-"""Ends what stands before a sentence, with its markup and a word of courtesy."""
+"""End of the text before a sentence, with its markup and a word of courtesy."""
 _NOT: Final = re.compile(r"\b(?:not|never|nor|cannot|can't|n't|without|nicht|nie|niemals|kein|keine)\b[^.!?\n]{0,32}\Z")
-"""Ends what stands before an order that is forbidden, not given: manuals are full of these."""
+"""End of the text before an order that is forbidden and not given: manuals are full of these."""
 _BACK: Final = 48
-"""How far back is looked for a negation, and for where the sentence begins."""
+"""Characters before an order that are searched for a negation and for the sentence's beginning."""
 
 
 @dataclass(frozen=True, slots=True)

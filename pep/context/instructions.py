@@ -1,7 +1,7 @@
-"""What a person tells an orchestrator (e1): a signed intent, and whether the delegation was given for exactly it.
+"""A person's word to an orchestrator (e1): a signed intent, and whether the delegation was given for exactly it.
 
-Pure: text, keys of people and a chain go in, a reading comes out. An agent's own words about what a person wants are
-never an instruction: only what a person's registered key signed is.
+Pure: text, keys of people and a chain go in, a reading comes out. An agent's report of a person's wish is never an
+instruction: only a text under a person's registered key is one.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class People(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Instruction:
-    """An instruction as it was read.
+    """Instruction, as read.
 
     Attributes:
         reading: for CII-1.
@@ -58,7 +58,7 @@ class Instruction:
 def read(
     text: str, *, people: Mapping[str, bytes], chain: Chain | None, forms: Forms, at: float, caps: Caps
 ) -> Instruction:
-    """The instruction that a text is; never raises.
+    """Reads a text as an instruction; never raises.
 
     Args:
         text: the signed intent as it came.
@@ -104,7 +104,7 @@ def read(
 
 
 def _unbelieved(fault: str, bound: str) -> Instruction:
-    """A text that no registered person signed: nobody's, and still offered as authority."""
+    """Reading of a text that no registered person signed, and that was still offered as authority."""
     return Instruction(
         InstructionReading(
             fault=fault, principal="", signed_at=0, well_formed=False, intent_digest="", bound_digest=bound

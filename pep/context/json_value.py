@@ -1,4 +1,4 @@
-"""A JSON value with one spelling: what is admitted, digested, pointed into, and compared."""
+"""JSON value with one spelling: to be admitted, digested, pointed into, and compared."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _ESCAPE: Final = re.compile(r"~(?![01])")
 
 
 class ValueFault(StrEnum):
-    """Why something is no value."""
+    """Reason why an input is no value."""
 
     TOO_LARGE = "TOO_LARGE"
     MALFORMED = "MALFORMED"
@@ -49,27 +49,27 @@ class Plain:
 
 
 class _Nowhere:
-    """The type of `NOWHERE`."""
+    """Type of `NOWHERE`."""
 
 
 NOWHERE: Final = _Nowhere()
-"""What a pointer finds where there is nothing; no JSON value is it."""
+"""Result of a pointer that points at nothing; no JSON value equals it."""
 
 
 def plain(value: object) -> Plain | ValueFault:
-    """The value as a copy of its own, so that nobody changes it behind its digest; never raises.
+    """The value as a copy of its own, which no caller can change behind its digest; never raises.
 
     A float that is a whole number comes back as that integer: they are one number in canonical JSON.
     """
     try:
-        raw = rfc8785.dumps(value)  # type: ignore[arg-type]  # whatever is no JSON raises here
+        raw = rfc8785.dumps(value)  # type: ignore[arg-type]  # a value that is no JSON raises here
     except (rfc8785.CanonicalizationError, UnicodeEncodeError, RecursionError):
         return ValueFault.MALFORMED
     return _reread(raw)
 
 
 def read(raw: bytes) -> Plain | ValueFault:
-    """The value of one JSON text; canonical or not, it has exactly one meaning. Never raises."""
+    """Value of one JSON text; canonical or not, it has exactly one meaning. Never raises."""
     try:
         value = strict_json.read(raw, limit_bytes=VALUE_BYTES, limit_depth=VALUE_DEPTH)
     except JsonError as error:
@@ -89,14 +89,14 @@ def _fault(error: JsonError) -> ValueFault:
 
 
 def tokens(pointer: str) -> tuple[str, ...] | None:
-    """The reference tokens of a JSON pointer (RFC 6901); None for what is none."""
+    """Reference tokens of a JSON pointer (RFC 6901); None for a text that is no pointer."""
     if len(pointer) > POINTER_BYTES or (pointer and not pointer.startswith("/")) or _ESCAPE.search(pointer):
         return None
     return tuple(token.replace("~1", "/").replace("~0", "~") for token in pointer.split("/")[1:])
 
 
 def found(value: object, pointer: str) -> object:
-    """What the pointer points at, or `NOWHERE`."""
+    """Value at the pointer, or `NOWHERE`."""
     steps = tokens(pointer)
     if steps is None:
         return NOWHERE
@@ -112,5 +112,5 @@ def found(value: object, pointer: str) -> object:
 
 
 def named(pointer: str) -> str:
-    """The last name in a pointer; "" when there are only places in lists."""
+    """Last name in a pointer; "" when there are only places in lists."""
     return next((token for token in reversed(tokens(pointer) or ()) if not _INDEX.fullmatch(token)), "")

@@ -1,4 +1,4 @@
-"""Labels in the words of statements: as a receipt and a row of memory state them, and read back."""
+"""Labels in the words of statements: stated in receipts and rows of memory, and read back."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 
 class Words(TypedDict):
-    """The members of a statement that are a label's."""
+    """Members of a statement that belong to a label."""
 
     sources: tuple[str, ...]
     signers: tuple[str, ...]
@@ -23,7 +23,7 @@ class Words(TypedDict):
 
 
 def words_of(label: Label) -> Words:
-    """The label, to be stated."""
+    """Words of the label, to be stated."""
     return Words(
         sources=tuple(sorted(map(str, label.sources))),
         signers=tuple(sorted(label.signers)),
@@ -34,7 +34,7 @@ def words_of(label: Label) -> Words:
 
 
 def label_in(said: Receipt | Remembered) -> Label:
-    """The label that is stated, as it was then."""
+    """Label that is stated, as it was then."""
     return Label(
         sources=frozenset(map(Source, said.sources)),
         signers=frozenset(said.signers),

@@ -1,11 +1,11 @@
-"""A memory with authority: who may write is in the writer's token, and what was written is believed for who wrote it.
+"""Memory with authority: the writer's token allows the write, and the row is believed as the writer's word.
 
 A write needs the grant ("memory", "remember") at every hop of the writer's verified chain. It is one row, signed with
-this enforcement point's key, that names the row before it ([STM-12] in docs/spec.md). The store is not trusted: what is
-done to it shows when the memory is opened (`pep.context.memory_rows`) and at each read. What is read has at most the
+this enforcement point's key, that names the row before it ([STM-12] in docs/spec.md). The store is not trusted:
+tampering shows when the memory is opened (`pep.context.memory_rows`) and at each read. A recalled value has at most the
 integrity of a record, the taint that it was written with, and its age; it is content.
 
-Nothing is taken out of a memory but with all of it: what was overwritten stays behind as evidence.
+No row is deleted from a memory but with all of it: an overwritten one stays behind as evidence.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ if TYPE_CHECKING:
 
 OBJECT: Final = "memory"
 OPERATION: Final = "remember"
-"""The grant that a write needs. It has no parameters: a token lends the memory or does not."""
+"""Grant that a write needs. It has no parameters: a token lends the memory or does not."""
 VALUE_BYTES: Final = 16_384
-"""Largest value in canonical JSON: notes and poses; what is longer is a document."""
+"""Largest value in canonical JSON: notes and poses; a longer one is a document."""
 ROWS_OF_A_WRITER: Final = 4_096
 """Most rows of one agent, so that one that writes without end fills its own part."""
 MARK_NAME: Final = "memory"
@@ -54,7 +54,7 @@ MARK_NAME: Final = "memory"
 
 @dataclass(frozen=True, slots=True)
 class Written:
-    """What was written. `digest` is the SHA-256 (hex) of the row's text, for the record."""
+    """Receipt of a write. `digest` is the SHA-256 (hex) of the row's text, for the record."""
 
     sequence: int
     digest: str
@@ -62,7 +62,7 @@ class Written:
 
 @dataclass(frozen=True, slots=True)
 class Recalled:
-    """What was read: what admission may know of it, and its value; None when its provenance is not believed."""
+    """Recalled value with its reading for admission; the value is None when its provenance is not believed."""
 
     reading: ItemReading
     value: Plain | None
@@ -114,7 +114,7 @@ class Memory:
     def remember(
         self, name: str, value: Plain, *, label: Label, chain: Chain
     ) -> Written | MemoryFault | Refusal | Fault:
-        """The value is remembered under the name, on disk; or why not, and then nothing was written.
+        """Writes the value under the name, on disk; or returns the reason why nothing was written.
 
         Args:
             name: of the grammar of names.
@@ -158,7 +158,7 @@ class Memory:
             return Written(head.version, head.digest)
 
     def recall(self, name: str, *, lease_ms: int) -> Recalled:
-        """What was last remembered under the name, verified anew; or why it is not believed.
+        """Value last remembered under the name, verified anew; or the reason why it is not believed.
 
         Args:
             name: as it was written.
@@ -172,7 +172,7 @@ class Memory:
             return _lost(name, MemoryFault.ROLLED_BACK)
         try:
             row = self._rows.row(place.version)
-        except Exception:  # noqa: BLE001 - whatever a store raises, nothing was read
+        except Exception:  # noqa: BLE001 - any error of a store means nothing was read
             return _lost(name, MemoryFault.STORE_FAILED)
         found = MemoryFault.ROW_MISSING if row is None else self._owner.authentic(row)
         if isinstance(found, MemoryFault) or row is None or digest_of(row.text) != place.digest:
@@ -193,7 +193,7 @@ class Memory:
 
     @property
     def incidents(self) -> tuple[Incident, ...]:
-        """What was wrong with the store when it was opened, and what was found since."""
+        """Faults of the store when it was opened, and those found since."""
         return self._history.incidents
 
     def _row_of(self, name: str, value: Plain, *, label: Label, chain: Chain, at: float) -> Remembered:

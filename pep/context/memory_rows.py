@@ -1,7 +1,7 @@
-"""The rows of a memory: which of them are ours, and what a store that was tampered with can no longer say.
+"""Rows of a memory: which are ours, and which names a damaged store can no longer answer.
 
 Every row names the one before it ([STM-12] in docs/spec.md), and the newest is remembered apart from them. So a row
-that was changed, forged or taken out shows, and a store that was put back does. What stands before such a place is not
+that was changed, forged or taken out shows, and so does a store that was put back. A row before such a place is not
 believed: a newer row of the same name may have stood there.
 """
 
@@ -30,12 +30,12 @@ ROWS: Final = 16_384
 
 
 class MemoryFault(StrEnum):
-    """Why something was not written, or is not believed."""
+    """Reason why a value was not written, or is not believed."""
 
     NAME_MALFORMED = "NAME_MALFORMED"
     VALUE_TOO_LARGE = "VALUE_TOO_LARGE"
     NOT_WRITABLE = "NOT_WRITABLE"
-    """Names behind it that no row can hold: it would never be read again."""
+    """Too many or too long names behind it for any row: it would never be read again."""
     FULL = "FULL"
     ABSENT = "ABSENT"
     """Nothing of that name was ever written."""
@@ -52,7 +52,7 @@ class MemoryFault(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class MemoryRow:
-    """One row as a store holds it: its place, the signed text, and the value's canonical JSON. Nothing is believed."""
+    """One row as a store holds it, unverified: its place, the signed text, and the value's canonical JSON."""
 
     sequence: int
     text: str
@@ -60,10 +60,10 @@ class MemoryRow:
 
 
 class MemoryRows(Protocol):
-    """The store of a memory. Either call may raise whatever the store raises."""
+    """Store of a memory. Either call may raise any error of the store."""
 
     def append(self, row: MemoryRow) -> None:
-        """The row survives a power cut; a sequence that is taken raises."""
+        """Appends the row so that it survives a power cut; a sequence that is taken raises."""
         ...
 
     def row(self, sequence: int) -> MemoryRow | None:
@@ -77,14 +77,14 @@ class MemoryRows(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Owner:
-    """Whose rows count: those that this key signed for this enforcement point's canonical URL."""
+    """Owner of a memory: rows count that this key signed for this enforcement point's canonical URL."""
 
     key: PrivateKey
     audience: str
     caps: Caps
 
     def authentic(self, row: MemoryRow) -> Remembered | MemoryFault:
-        """What a row says, when it is ours, stands where it says and holds the value that it names."""
+        """Content of a row that is ours, in its place and with its value; else its fault."""
         try:
             found = memory.open(row.text, frozenset({keys.public_raw(self.key)}), self.caps)
         except CapabilityError:
@@ -97,7 +97,7 @@ class Owner:
 
 
 class History:
-    """All rows of a memory, judged once when it is opened, and what was written since. Its owner locks it.
+    """All rows of a memory, judged once when it is opened, and those written since. Its owner locks it.
 
     Args:
         rows: as the store returns them.
@@ -130,7 +130,7 @@ class History:
             if before.version + 1 < row.sequence:
                 self._missing(before.version + 1, row.sequence)
             elif found.previous != before.digest:
-                # Two histories of one memory, both ours: somebody has put back what we went on from.
+                # Two histories of one memory, both ours: an older state was put back and written to.
                 self.note(row.sequence, MemoryFault.ROLLED_BACK)
                 self.broken = row.sequence
             before = HighWaterMark(row.sequence, digest_of(row.text))
@@ -144,18 +144,18 @@ class History:
             self.head = seen
 
     def adopt(self, name: str, writer: str, head: HighWaterMark) -> None:
-        """The row at `head` is the newest, and the newest of its name."""
+        """Takes the row at `head` as the newest, and the newest of its name."""
         self.places[name] = head
         self.written[writer] = self.written.get(writer, 0) + 1
         self.head = head
 
     def note(self, place: int, fault: MemoryFault) -> None:
-        """The fault of a place is an incident, once: whoever reads a damaged row again makes no more of it."""
+        """Notes the fault of a place as an incident, once for all readings of a damaged row."""
         self._noted[Incident(fault, str(place))] = None
 
     @property
     def incidents(self) -> tuple[Incident, ...]:
-        """What was wrong with the store when it was opened, and what was found since."""
+        """Faults of the store when it was opened, and those found since."""
         return tuple(self._noted)
 
     def _missing(self, first: int, end: int) -> None:
@@ -165,5 +165,5 @@ class History:
 
 
 def digest_of(text: str) -> str:
-    """SHA-256 (hex) of a row's text: what the next row names."""
+    """SHA-256 (hex) of a row's text, which the next row names."""
     return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()

@@ -1,7 +1,8 @@
-"""What one agent says to another (e2): signed by the hop that it is said under, in form, in turn, inside its grant.
+"""Message of one agent to another (e2): signed by the sender's hop, in form, in turn, inside its grant.
 
-A message allows nothing. What it asks for is compared with the scope of the sender's own hop, so that nobody asks
-another for what they do not hold; what the addressee may then do is judged by the addressee's own chain.
+A message allows nothing. The operations that it asks for are compared with the scope of the sender's own hop, so that
+no agent asks another for an operation that it does not hold; the addressee's acts are judged by the addressee's own
+chain.
 """
 
 from __future__ import annotations
@@ -34,7 +35,7 @@ OF_A_HOP: Final = 64
 
 @dataclass(frozen=True, slots=True)
 class MessageDirection:
-    """One direction of one conversation: who speaks under which hop, and to whom."""
+    """One direction of one conversation: the speaker's hop, and the addressee."""
 
     addressee: str
     hop_id: str
@@ -42,7 +43,7 @@ class MessageDirection:
 
 
 class TurnResult(Enum):
-    """What became of a try to take a turn."""
+    """Result of a try to take a turn."""
 
     TAKEN = "taken"
     OUT_OF_TURN = "out of turn"
@@ -50,7 +51,7 @@ class TurnResult(Enum):
 
 
 class Conversations(Protocol):
-    """Which messages were heard. Taking a turn is the check: one call, atomic."""
+    """Port for the messages heard so far. Taking a turn is the check: one call, atomic."""
 
     def heard(self, line: MessageDirection) -> int:
         """The number of the last message that was heard, 0 for none."""
@@ -67,13 +68,13 @@ class Conversations(Protocol):
         ...
 
     def remember(self, line: MessageDirection, sequence: int, *, until_s: float) -> None:
-        """The message counts as heard, and all before it: it stands in the journal of an earlier process."""
+        """Counts the message as heard, and all before it: it stands in the journal of an earlier process."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ReceivedMessage:
-    """A message as it was read.
+    """Message, as read.
 
     Attributes:
         reading: for CII-6.
@@ -95,13 +96,13 @@ class ReceivedMessage:
 def read(
     text: str, *, chain: Chain | None, addressee: str, conversations: Conversations, forms: Forms, at: float, caps: Caps
 ) -> ReceivedMessage:
-    """The message that a text is; nothing is taken yet. Raises only what `conversations` raises.
+    """Reads a text as a message, without taking its turn. Raises only errors of `conversations`.
 
     Args:
         text: the signed message as it came.
-        chain: a verified chain that has the sender's hop: the sender's own, or that of somebody below it.
-        addressee: agent id of whoever received it.
-        conversations: what was heard before.
+        chain: a verified chain that has the sender's hop: the sender's own, or that of a later hop's holder.
+        addressee: id of the agent that received it.
+        conversations: messages heard before.
         forms: the known forms of messages.
         at: now, seconds since the epoch.
         caps: the bounds.
@@ -110,7 +111,7 @@ def read(
         return _unbelieved("")
     by_thumbprint = {key_forms.thumbprint(hop.key): hop for hop in chain.hops}
     try:
-        # Whatever the text claims, the key that signed it says under which hop it is said.
+        # The key that signed the text decides its hop, against any claim of the text itself.
         message = statement.open(text, frozenset(hop.key for hop in chain.hops), caps)
     except CapabilityError as error:
         return _unbelieved(str(error.code))
@@ -133,7 +134,7 @@ def read(
 
 
 def _unbelieved(fault: str) -> ReceivedMessage:
-    """A text that no hop of the chain signed. What it claims of itself is not repeated."""
+    """Reading of a text that no hop of the chain signed. Its own claims are not repeated."""
     return ReceivedMessage(
         MessageReading(
             fault=fault or str(FaultCode.STATEMENT_UNTRUSTED),
@@ -156,7 +157,7 @@ def _untimely(message: Message, *, at: float, caps: Caps) -> str:
 
 
 def _granted(chain: Chain, hop: Hop, asked: RequestedOperation) -> bool:
-    """Whether the sender's own hop grants what is asked. The tier is judged where it is done (TEA-4)."""
+    """True where the sender's own hop grants the asked operation. The tier is judged at the act itself (TEA-4)."""
     if asked.values is None:
         return hop.scope.find(asked.object, asked.operation) is not None
     refused = scope_request.refusal(
@@ -170,7 +171,7 @@ def _granted(chain: Chain, hop: Hop, asked: RequestedOperation) -> bool:
 
 
 class ConversationBook:
-    """The `Conversations` port in memory: bounded, atomic, fail-closed. The journal brings back what it held.
+    """`Conversations` port in memory: bounded, atomic, fail-closed. The journal brings its content back.
 
     A conversation is forgotten when no message in it can count any more. Nothing is forgotten early: when it is full,
     nothing new is heard.
@@ -211,7 +212,7 @@ class ConversationBook:
         self._heard.setdefault((line.addressee, line.hop_id), {})[line.conversation] = (sequence, until_s)
 
     def _room(self, line: MessageDirection) -> bool:
-        """Whether one more conversation may begin; what is over goes first."""
+        """True where one more conversation may begin; conversations that are over make room first."""
         now_s = self._clock.wall_s()
         if sum(map(len, self._heard.values())) >= self._capacity:
             for key, lines in list(self._heard.items()):

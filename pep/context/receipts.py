@@ -1,4 +1,4 @@
-"""Receipts: what one admission point admitted, another believes of exactly that value, and of no other ([STM-10])."""
+"""Receipts: one admission point's word for a value, believed by another for exactly that value ([STM-10])."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
     from policies.words.labels import Label
 
 LIFETIME_S: Final = 600
-"""How long a receipt counts: what was read for one task is used within it. Ours; a statement allows an hour."""
+"""Time for which a receipt counts: the value is used within one task. Ours; a statement allows an hour."""
 
 
 class ReceiptFault(StrEnum):
-    """Why a receipt is not believed for an argument."""
+    """Reason why a receipt is not believed for an argument."""
 
     TOO_MANY = "TOO_MANY"
     STATEMENT_MALFORMED = "STATEMENT_MALFORMED"
@@ -42,7 +42,7 @@ class ReceiptFault(StrEnum):
     VALUE_CHANGED = "VALUE_CHANGED"
     """The value that was presented is not the one that was admitted."""
     NOT_AT_THAT_PLACE = "NOT_AT_THAT_PLACE"
-    """The argument is not what stands there, or not in its unit."""
+    """The argument differs from the value there, or is not in its unit."""
     UNKNOWN_ARGUMENT = "UNKNOWN_ARGUMENT"
     """The call has no argument of that name."""
 
@@ -56,7 +56,7 @@ def issue(
     key: PrivateKey,
     at: float,
 ) -> str:
-    """The receipt for a value that was admitted for a holder.
+    """Receipt for a value that was admitted for a holder.
 
     Args:
         value: that was admitted.
@@ -99,7 +99,7 @@ def verify(text: str, *, admitters: Mapping[str, bytes], caps: Caps) -> Receipt 
 
 
 def refusal(receipt: Receipt, *, holder: Holder, at: float, caps: Caps) -> ReceiptFault | None:
-    """None when the receipt counts for this holder now, else why not."""
+    """Reason why the receipt does not count for this holder now; None when it counts."""
     if (receipt.hop_id, receipt.agent) != (holder.hop_id, holder.agent):
         return ReceiptFault.OTHER_HOLDER
     if not receipt.at <= at + caps.skew_s:

@@ -1,4 +1,4 @@
-"""What a tool answered, bound to the call and to the definition that was approved: made by the PEP that asked the tool.
+"""A tool's answer, bound to its call and to the approved definition, by the PEP that asked the tool.
 
 A result is believed as a record: this tool, as it was pinned, answered so to this recorded call ([STM-11] in
 docs/spec.md, CII-5, TEA-3). Only a receipt for exactly this value says more of it.
@@ -28,13 +28,13 @@ if TYPE_CHECKING:
 RECEIPTS: Final = 16
 """Most receipts that are looked at for one result."""
 RESULT_CHANGED: Final = "RESULT_CHANGED"
-"""The fault of a result that is not the one that the enforcement point signed."""
+"""Fault of a result other than the one that the enforcement point signed."""
 _OTHER_CALL: Final = frozenset({FaultCode.WRONG_AUDIENCE, FaultCode.PROOF_NOT_FOR_THIS_REQUEST})
-"""What is said truly, of another call."""
+"""Faults of a true statement about another call."""
 
 
 def vouch(value: Plain, *, call: Call, definition: str, tainted: bool, key: PrivateKey, at: float) -> str:
-    """The enforcement point's word that this value is the tool's answer to this call; it counts as long as a receipt.
+    """Signs that this value is the tool's answer to this call; it counts as long as a receipt.
 
     Args:
         value: the result.
@@ -61,7 +61,7 @@ def vouch(value: Plain, *, call: Call, definition: str, tainted: bool, key: Priv
 
 
 def recorded(audience: str, *, tainted: bool) -> Label:
-    """The label of what a pinned tool behind this enforcement point has just answered.
+    """Label of the answer that a pinned tool behind this enforcement point has just given.
 
     A tool may give back what it was given, so a taint of its arguments is one of its result.
     """
@@ -79,7 +79,7 @@ def read(
     at: float,
     caps: Caps,
 ) -> ItemReading:
-    """What admission may know of a result; never raises.
+    """Reading of a result for admission; never raises.
 
     Args:
         text: the enforcement point's word for it, as it came with the result.
@@ -123,7 +123,7 @@ def _carried(
     at: float,
     caps: Caps,
 ) -> Label:
-    """The label, or what receipts for exactly this value and holder say of it: all of them together, so the least."""
+    """Label from the receipts for exactly this value and holder, joined; without one, the label itself."""
     holder = Holder(call.hop_id, call.agent)
     known = []
     for text in receipts[:RECEIPTS]:

@@ -1,9 +1,9 @@
-"""Curated retrieval: what comes out of a collection is believed for its digest in a curator's manifest, and no more.
+"""Curated retrieval: a content of a collection is believed for its digest in a curator's manifest, and no more.
 
-The store is not trusted: whoever can write to it may change, swap, add, delete and roll back. So everything is verified
-after retrieval, on the very bytes that would enter a context ([STM-7] in docs/spec.md, CII-3). The description of a
-scenario is a content like any other, of a collection of scenarios. What the store chooses not to return is not seen
-here, but for entries that are gone altogether: the order of what it finds is the store's word.
+The store is not trusted: a writer to it may change, swap, add, delete and roll back. So everything is verified after
+retrieval, on the very bytes that would enter a context ([STM-7] in docs/spec.md, CII-3). The description of a scenario
+is a content like any other, of a collection of scenarios. Contents that the store chooses not to return are not missed
+here, but for entries that are gone altogether: the order of its findings is the store's word.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ if TYPE_CHECKING:
     from pep.context.high_water_marks import HighWaterMarks
 
 DOCUMENT_BYTES: Final = 65_536
-"""Largest content in UTF-8: a chunk of a handbook has some kB, and what is admitted fills an agent's context."""
+"""Largest content in UTF-8: a chunk of a handbook has some kB, and an admitted one fills an agent's context."""
 QUERY_BYTES: Final = 8_192
 MOST: Final = 32
 """Most contents of one retrieval."""
 SUPERSEDED_KEPT: Final = 4
-"""Earlier manifests that are remembered, so that their contents can be told from those that nobody ever signed."""
+"""Earlier manifests that are remembered, so that their contents can be told from unsigned ones."""
 _KIND: Final = {"document": ItemKind.DOCUMENT, "scenario": ItemKind.SCENARIO}
 
 
@@ -93,14 +93,14 @@ class Curated:
 
     @property
     def mark_name(self) -> str:
-        """Under which the newest manifest is remembered."""
+        """Name under which the newest manifest is remembered."""
         return f"manifest/{self._content}/{self._name}"
 
     def adopt(self, signed: str) -> Manifest | Fault:
-        """The manifest, now in force; or why it is refused, and what was in force stays so.
+        """Puts the manifest in force; or returns the reason why it is refused, and the earlier one stays.
 
         Args:
-            signed: text of the statement, from whoever has it.
+            signed: text of the statement, from any source.
 
         Raises:
             PepError: `STATE_UNREADABLE` when what was seen is not known, or could not be made durable.
@@ -131,7 +131,7 @@ class Curated:
         return opened
 
     def retrieve(self, query: str, *, most: int, lease_ms: int) -> Retrieval:
-        """What the store finds nearest to the query, each content judged; and what is wrong with the collection.
+        """Nearest contents of the store to the query, each judged; and the faults of the collection.
 
         Args:
             query: at most `QUERY_BYTES` of UTF-8; it reaches the store and no decision.
@@ -142,7 +142,7 @@ class Curated:
             return Retrieval((), (Incident(RetrievalFault.QUERY_TOO_LARGE, ""),))
         try:
             found = list(self._collection.nearest(query, most=most))[:most]
-        except Exception:  # noqa: BLE001 - whatever a store raises, nothing was retrieved
+        except Exception:  # noqa: BLE001 - any error of a store means nothing was retrieved
             return Retrieval((), (Incident(RetrievalFault.STORE_FAILED, ""),))
         with self._lock:
             current, superseded = self._current, tuple(self._superseded)
@@ -155,7 +155,7 @@ class Curated:
         return Retrieval(tuple(items), self.audit(lease_ms=lease_ms))
 
     def audit(self, *, lease_ms: int) -> tuple[Incident, ...]:
-        """What is wrong with the whole collection: ids that are gone, and ids that nobody listed, in order.
+        """Faults of the whole collection: listed ids that are gone, and ids that no curator listed, in order.
 
         Args:
             lease_ms: oldest acceptable revocation view.
@@ -167,14 +167,14 @@ class Curated:
         try:
             # One more than can be listed shows that some are not; which ones a flood consists of is of no use.
             held = frozenset(self._collection.ids(most=2 * manifest.ENTRIES))
-        except Exception:  # noqa: BLE001 - whatever a store raises
+        except Exception:  # noqa: BLE001 - any error of a store
             return (Incident(RetrievalFault.STORE_FAILED, ""),)
         gone = [Incident(RetrievalFault.MISSING, id_) for id_ in sorted(current.by_id.keys() - held)]
         strange = [Incident(RetrievalFault.NOT_LISTED, shown(id_)) for id_ in sorted(held - current.by_id.keys())]
         return (*gone, *strange)
 
     def _fault(self, current: _Current | None, *, lease_ms: int) -> str:
-        """Why nothing of the collection can be believed now, a code; "" when its contents speak for themselves."""
+        """Code of a fault of the whole collection now; "" when its contents are judged one by one."""
         if current is None:
             return RetrievalFault.NO_MANIFEST
         held = current.manifest

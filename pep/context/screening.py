@@ -1,7 +1,7 @@
-"""What is suspicious in a text: hidden characters, look-alikes, instructions, and such things in other encodings.
+"""Screening of a text: hidden characters, look-alikes, instructions, and these in other encodings.
 
-Screening is evidence and never authority. That nothing was found proves nothing; that something was found taints what
-derives from the text. The text itself is never changed: what is signed stays what was signed.
+Screening is evidence and never authority. A clean finding proves nothing; a sign taints all that derives from the text.
+The text itself is never changed, so that its signature still holds.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ if TYPE_CHECKING:
 INSTRUCTION_LIKE: Final = "instruction-like"
 ENCODED: Final = "encoded instructions"
 SIGNS: Final = (characters.HIDDEN, characters.MIXED, characters.COMPATIBLE, INSTRUCTION_LIKE, ENCODED)
-"""Every sign there is."""
+"""All signs."""
 TRACES: Final = 64
 """Most places of one sign that are told; the sign itself is always told."""
 DECODINGS: Final = 3
-"""How deep encodings inside each other are followed."""
+"""Depth to which encodings inside each other are followed."""
 DECODED: Final = 6
-"""Most characters that are decoded, for each one of the text: one long blob needs three in its four positions."""
+"""Most decoded characters for each one of the text: one long blob needs three in its four positions."""
 _BASE64: Final = re.compile(r"[A-Za-z0-9+/_-]{20,}(?:\r?\n[ \t]{0,8}[A-Za-z0-9+/_-]{4,})*={0,2}")
 _HEX: Final = re.compile(r"(?:[0-9A-Fa-f]{2}[ :]?){16,}")
 _BREAKS: Final = re.compile(r"[\s:]")
@@ -42,7 +42,7 @@ _ASCII: Final = bytes(code if code < 0x80 else 0x20 for code in range(256))
 
 @dataclass(frozen=True, slots=True)
 class Suspicion:
-    """Something suspicious: which sign it is, what exactly, and the place (index of a character in the text).
+    """One suspicion: its sign, its exact finding, and its place (index of a character in the text).
 
     `where` is the JSON pointer of the text inside a value, "" for a text alone.
     """
@@ -54,12 +54,12 @@ class Suspicion:
 
 
 def screen(text: str) -> tuple[Suspicion, ...]:
-    """Everything suspicious in a text, in the order of `SIGNS`; linear in its length, and never raises."""
+    """All suspicions about a text, in the order of `SIGNS`; linear in its length, and never raises."""
     return tuple(_all(text))
 
 
 def screen_value(value: object) -> tuple[Suspicion, ...]:
-    """Everything suspicious in the texts and names of a JSON value, also what is spread over several of them."""
+    """All suspicions about the texts and names of a JSON value, also those spread over several of them."""
     texts = [(where, text) for where, text in _texts(value, "") if text]
     if not texts:
         return ()
@@ -105,7 +105,7 @@ class _Budget:
 
 
 def _encoded(text: str, depth: int, budget: _Budget) -> Iterator[Suspicion]:
-    """What reads like an instruction once it is decoded, and what there is too much of to decode."""
+    """Encoded parts that read like an instruction once decoded, or that are too long to decode."""
     for what, at, decoded in _decoded(text):
         if budget.left < len(decoded):
             yield Suspicion(ENCODED, "more than is decoded", at)
@@ -136,7 +136,7 @@ def _decoded(text: str) -> Iterator[tuple[str, int, str]]:
 
 
 def _text(raw: bytes) -> str:
-    """Bytes as text: UTF-8 where it is, else what is ASCII in it; the zeros of wider encodings go."""
+    """Bytes as text: UTF-8 where it is, else the ASCII in it; the zeros of wider encodings go."""
     raw = raw.replace(b"\x00", b"")
     try:
         return raw.decode("utf-8")

@@ -1,9 +1,11 @@
-"""The gate: the one place that knows every step from a request to its effect. Whatever fails on the way is DENY.
+"""Gate: the one place that knows every step from a request to its effect.
+
+Every failure on the way is DENY.
 
     request -> collect evidence -> decide -> record -> effect -> record its outcome
                cheap before dear    pure     durable   within the verdict's lifetime, and only what was decided
 
-One run stands for e4 and e5 together: whoever decides also holds the only connection that moves the robot.
+One run stands for e4 and e5 together: the one that decides also holds the only connection that moves the robot.
 """
 
 from __future__ import annotations
@@ -50,7 +52,7 @@ if TYPE_CHECKING:
 PHYSICS_TIMEOUT_S: Final = 3.0
 """An assessment that takes longer is a fault, and a fault is no tier."""
 ATTEMPTS: Final = 8
-"""How often a decision is taken afresh, on fresh evidence, while its record outlasts its lifetime; then DENY."""
+"""Decisions taken on fresh evidence while the record outlasts their lifetime; after the last one DENY."""
 SEQUENCE: Final = "TEA-6"
 """The primitive behind `BUSY`: a command together with what is unfinished."""
 STATE: Final = "TEA-5"
@@ -62,7 +64,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class EffectResult:
-    """What an effect reports. `value` is plain JSON for the record; `carried` is whatever the shell wants back."""
+    """Report of an effect. `value` is plain JSON for the record; `carried` goes back to the shell."""
 
     value: Mapping[str, Any]
     carried: Any = None
@@ -71,7 +73,7 @@ class EffectResult:
 
 @dataclass(frozen=True, slots=True)
 class GateResult:
-    """The end of one run: the decision, what came of it, and whether that is on record (the decision always is)."""
+    """End of one run: the decision, its outcome, and whether the outcome is on record (the decision always is)."""
 
     decision: Decision
     ask: AskNotice | None = None
@@ -136,11 +138,11 @@ class Gate(Edge):
         self._assessor = ThreadPoolExecutor(1, "physics")
 
     def looked(self) -> None:
-        """Somebody is told where the arm stands, and by no tool that reads: `pep.world.sequence.Sequence.looked`."""
+        """Notes that a caller was told the arm's place outside of the tools (`pep.world.sequence.Sequence.looked`)."""
         self._sequence.looked()
 
     async def run(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:
-        """The answer to one call; its effect has happened exactly when the decision is PERMIT.
+        """Answers one call; its effect has happened exactly when the decision is PERMIT.
 
         Args:
             call: of an operation that is not a stop.
@@ -180,7 +182,7 @@ class Gate(Edge):
                 if attempt == ATTEMPTS:
                     return await self._conclude(call, evidence, _denied(decision, Reason.VERDICT_EXPIRED))
         except asyncio.CancelledError:
-            # The caller has gone, and the shell has stopped what was moving. Whoever goes waits for no record.
+            # The caller has gone, and the shell has stopped what was moving. A caller who goes waits for no record.
             if permitted is not None and not (permit is not None and permit.concluded):
                 self._recorder.submit(self._abandoned, call.request, permitted)
             raise
@@ -191,7 +193,7 @@ class Gate(Edge):
             self._slot.release(call.request.request_id)
 
     async def _decided(self, call: Call, *, physical: bool) -> tuple[Evidence, Decision, int]:
-        """Evidence as far as it is worth having, what the policies say of it, and when they were asked.
+        """Evidence as far as it is worth having, the verdict on it, and the time of asking.
 
         They are asked once of what is cheap and of the robot's own state, and once more when physics has answered.
         """
@@ -202,7 +204,7 @@ class Gate(Edge):
             decided_ms = self._clock.monotonic_ms()
             decision = decide(call.request, evidence, self._policies)
             ready = all(finding.primitive != STATE for finding in decision.findings)
-            # Whoever has not the arm takes no slot from who has.
+            # A request without the arm takes no slot from the one that has it.
             if (robot.exclusive or ready) and not self._takes_slot(call, evidence):
                 return evidence, _denied(decision, Reason.BUSY), decided_ms
             if not ready:
@@ -214,7 +216,7 @@ class Gate(Edge):
         return evidence, decide(call.request, evidence, self._policies), decided_ms
 
     def _takes_slot(self, call: Call, evidence: Evidence) -> bool:
-        """Whether the slot is this request's, or the request only goes on with what is under way, by the same agent."""
+        """True where the slot is this request's, or the request prolongs the same agent's running stream."""
         chain = evidence.chain
         return self._slot.reserve(call.request.request_id) or (
             isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
@@ -318,7 +320,7 @@ class Gate(Edge):
         record: str,
         effect: Callable[[Permit], Awaitable[EffectResult]],
     ) -> GateResult:
-        """The effect, and the record of what came of it."""
+        """The effect, with its outcome on record."""
         self._sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
         try:
             result = await effect(permit)
@@ -341,7 +343,7 @@ class Gate(Edge):
     async def _observed(
         self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[EffectResult]]
     ) -> GateResult:
-        """What was denied or deferred, and happened: in the simulator, on record before, and told as what it is."""
+        """Effect of a denied or deferred request, observed in the simulator: recorded before, and reported as such."""
         record = await self.record("decision", records.decision(call, evidence, decision))
         if call.operation.kind is OperationKind.MOTION and not isinstance(evidence.impact, ImpactReading):
             await self._in_time(partial(self._physics.remember, call.request))
@@ -362,7 +364,7 @@ class Gate(Edge):
         )
 
     async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
-        """Whether the outcome of an effect is on record. A record that fails undoes no effect, so it denies none."""
+        """True where the outcome of an effect is on record. A failing record undoes no effect, so it denies none."""
         permit.concluded = True
         try:
             # Shielded: a caller who goes now leaves one outcome behind, not two and not none.
@@ -374,7 +376,7 @@ class Gate(Edge):
     async def _refused(
         self, call: Call, decision: Decision, permit: Permit, record: str, why: ActuationRefusedError
     ) -> None:
-        """The outcome of a PERMIT that was not acted on; the use it took is there again where nothing was sent."""
+        """Records a PERMIT that was not acted on; its use is returned where nothing was sent."""
         returned = decision.approval if permit.void() else None
         body = records.outcome(call.request, record, "refused", reason=why.reason, detail=why.detail, returned=returned)
         await self.record("outcome", body)
@@ -385,7 +387,7 @@ class Gate(Edge):
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
         ask: AskNotice | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
-            # On the recorder: a question or an expiry is on record before anybody is told.
+            # On the recorder: a question or an expiry is on record before people are told.
             consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
             state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
             if state is AskState.OPEN and ask is not None:
@@ -430,13 +432,13 @@ class Gate(Edge):
             self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
 
     def close(self) -> None:
-        """The workers have ended."""
+        """Ends the workers."""
         self._assessor.shutdown(wait=False, cancel_futures=True)
         super().close()
 
 
 def _denied(decided: Decision, reason: Reason) -> Decision:
-    """A denial that is the gate's own, over the digests of what was decided."""
+    """Denial of the gate itself, over the digests of the decision."""
     return replace(denial(decided, reason, SEQUENCE), findings=(Finding(SEQUENCE, reason),))
 
 
@@ -447,7 +449,7 @@ def _agent(call: Call) -> str:
 
 
 def _fault(seen: Evidence) -> object:
-    """The first thing that makes dearer evidence pointless, or None."""
+    """First fault that makes dearer evidence pointless, or None."""
     if isinstance(seen.chain, Fault):
         return seen.chain
     if seen.proof is not True:

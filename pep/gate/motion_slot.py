@@ -1,4 +1,4 @@
-"""One motion at a time: who has the arm now."""
+"""Slot for one motion at a time: the request that has the arm now."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 
 class Slot:
-    """The `MotionSlot` port where nothing that is asked can prolong what is under way. On one event loop."""
+    """`MotionSlot` port for a cell without streams: nothing prolongs a running motion. On one event loop."""
 
     def __init__(self) -> None:
         self._holder: str | None = None
@@ -25,6 +25,6 @@ class Slot:
         return False
 
     def release(self, request_id: str) -> None:
-        """The arm is free again, if it was this request's."""
+        """Frees the arm, if it was this request's."""
         if self._holder == request_id:
             self._holder = None

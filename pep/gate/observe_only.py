@@ -1,4 +1,4 @@
-"""Deciding without enforcing, for the simulator alone: what the gate and its composition need for `unsafe_observe`.
+"""Decisions without enforcement, for the simulator alone: parts that gate and composition need for `unsafe_observe`.
 
 Everything is decided and recorded as ever, and what is denied or deferred happens all the same. So it takes a
 `Simulated`, which exists because a controller proved that nothing moves behind it (`ztpm.point.simulator_check`).
@@ -21,9 +21,9 @@ if TYPE_CHECKING:
 OBSERVED: Final = "observed"
 """Key in the body of every record, and in what a caller is told, that says so."""
 LASTS_MS: Final = 1_000
-"""How long after its decision an observed effect may begin; only so that none begins much later than it was decided."""
+"""Longest time from a decision to the begin of its observed effect."""
 HIGHEST_MILLI: Final = 4_000
-"""The highest impact index: whatever is left of an observed motion is under it."""
+"""Highest impact index: the rest of every observed motion is under it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,13 +38,13 @@ class Simulated:
 
 
 class Marked:
-    """A journal whose every record says that nothing was enforced."""
+    """Journal that marks each record as not enforced."""
 
     def __init__(self, journal: Journal) -> None:
         self._journal = journal
 
     def append(self, kind: str, body: dict[str, object]) -> str:
-        """As the journal's own, with the mark."""
+        """Appends to the journal with the mark."""
         return self._journal.append(kind, {**body, OBSERVED: True})
 
 

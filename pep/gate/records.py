@@ -1,4 +1,4 @@
-"""What a PEP writes down, as plain JSON: decisions with their evidence, refusals at the edge, outcomes."""
+"""Records of a PEP as plain JSON: decisions with their evidence, refusals at the edge, outcomes."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 POLICY, GATE = "policy", "gate"
-"""Whose a decision is: what the policies say of the evidence, or a denial of the gate's own."""
+"""Origin of a decision: the policies on the evidence, or a denial of the gate's own."""
 
 
 def decision_body(decision: Decision) -> dict[str, object]:
@@ -84,7 +84,7 @@ def outcome(
     watch: Mapping[str, object] | None = None,
     returned: ApprovalUse | None = None,
 ) -> dict[str, object]:
-    """The record of what came of a PERMIT.
+    """Record of the outcome of a PERMIT.
 
     Args:
         request: that was permitted.
@@ -113,7 +113,7 @@ def outcome(
 def refusal(
     *, at: float, at_ms: int, reason: str, status: int, credentials: Credentials | None, where: Mapping[str, object]
 ) -> dict[str, object]:
-    """The record of a request that was refused before there was anything to decide.
+    """Record of a request that was refused before any decision.
 
     Args:
         at: wall clock, seconds since the epoch.
@@ -142,7 +142,7 @@ def refusal(
 
 
 def unfinished(records: Iterable[Mapping[str, Any]]) -> list[tuple[str, str]]:
-    """What an earlier process left open: permitted requests without outcome.
+    """Permitted requests without outcome, which an earlier process left.
 
     Args:
         records: of the whole journal, oldest first.

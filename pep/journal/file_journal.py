@@ -137,7 +137,7 @@ class FileJournal:
                 "body": body,
             }
             try:
-                line = rfc8785.dumps(record)  # type: ignore[arg-type]  # whatever is no JSON raises here
+                line = rfc8785.dumps(record)  # type: ignore[arg-type]  # a value that is no JSON raises here
             except (rfc8785.CanonicalizationError, RecursionError) as error:
                 raise JournalError(PepFault.JOURNAL_BROKEN, "the record is no plain JSON") from error
             try:

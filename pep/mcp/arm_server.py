@@ -116,7 +116,7 @@ class State(TypedDict):
 
 
 class ArmDriver(Protocol):
-    """Robot, as the tools need it."""
+    """Port of the robot for the tools."""
 
     async def act(
         self, operation: Operation, numbers: Sequence[float], permit: Permit
@@ -138,7 +138,7 @@ class ArmDriver(Protocol):
         ...
 
     async def stop(self) -> MotionEnd:
-        """Everything stands still."""
+        """Stops everything."""
         ...
 
     async def read_state(self) -> JointState:
@@ -260,7 +260,7 @@ async def _permitted(driver: ArmDriver, operation: Operation, numbers: Sequence[
 
 
 class _NoDriver:
-    """A robot that is not there: enough to ask the tools who they are."""
+    """Absent robot: enough to ask the tools for their definitions."""
 
     async def act(self, *_: Any) -> None:
         raise ActuationRefusedError(Reason.EFFECT_FAILED)

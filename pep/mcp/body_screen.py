@@ -1,4 +1,4 @@
-"""The screen before everything: a body is one JSON object with one meaning, or it goes no further."""
+"""First screen of a request: a body is one JSON object with one meaning, or it goes no further."""
 
 from __future__ import annotations
 
@@ -9,7 +9,10 @@ from capabilities.values.strict_json import JsonDefect, JsonError, read
 from policies.words.reason_table import Reason
 
 BODY_BYTES: Final = 32_768
-"""Largest body: a tool call of a cell has some hundred bytes, and reading a strange one takes time from all others."""
+"""Largest body.
+
+A tool call of a cell has some hundred bytes, and reading a strange one takes time from all others.
+"""
 DEPTH: Final = 32
 """Deepest nesting."""
 
@@ -23,7 +26,7 @@ _REASONS: Final[dict[JsonDefect, Reason]] = {
 
 @dataclass(frozen=True, slots=True)
 class Unfit:
-    """Why a body goes no further."""
+    """Reason why a body goes no further."""
 
     reason: Reason
     detail: str

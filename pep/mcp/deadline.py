@@ -1,4 +1,4 @@
-"""A connection has a deadline: who holds one open and says nothing, or says it byte by byte, makes room for others."""
+"""Deadline of a connection: one held open in silence, or fed byte by byte, makes room for others."""
 
 from __future__ import annotations
 
@@ -9,8 +9,10 @@ import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 REQUEST_S: Final = 5.0
-"""A request must be there whole within this time of the connection, or of the request's first byte. A real client needs
-milliseconds; a stop of somebody else may need the room."""
+"""Time within which a request must be whole, from the connection's or the request's first byte.
+
+A real client needs milliseconds; another caller's stop may need the room.
+"""
 
 
 class DeadlineProtocol(H11Protocol):
@@ -19,17 +21,17 @@ class DeadlineProtocol(H11Protocol):
     _deadline: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]  # as the class itself
-        """The clock runs from here: nothing has been said yet."""
+        """Starts the clock: nothing has been received yet."""
         super().connection_made(transport)
         self._run_clock()
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """Nothing runs any more."""
+        """Stops the clock for good."""
         self._stop_clock()
         super().connection_lost(exc)
 
     def data_received(self, data: bytes) -> None:
-        """The clock stops when the request is whole; it is not set back by more bytes of the same one."""
+        """Stops the clock when the request is whole; more bytes of the same request do not set it back."""
         super().data_received(data)
         if self.conn.their_state in (h11.IDLE, h11.SEND_BODY):
             self._run_clock()

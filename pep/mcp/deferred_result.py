@@ -1,4 +1,4 @@
-"""A deferral over MCP: a structured error that says where people answer, or URL elicitation where the client can.
+"""Deferral over MCP: a structured error with the page of the ask, or URL elicitation where the client can.
 
 What the client answers to an elicitation is never an approval: its host answers it. It only says that the page was
 shown, and that the retry may wait a moment for people. The gate decides the retry like any other call.
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pep.people.asks import Asks
 
 RETRY_AFTER_S: Final = 1
-"""When to try again; people do not answer sooner."""
+"""Seconds before a retry is worthwhile; people do not answer sooner."""
 INPUT_REQUIRED_SINCE: Final = "2026-07-28"
 """First protocol version in which a tool call may ask its client for input."""
 APPROVAL: Final = "approval"
@@ -35,7 +35,7 @@ WAITERS: Final = 8
 
 
 def told(answer: GateResult) -> dict[str, object]:
-    """What the holder is told of the deferral behind an answer, besides the decision."""
+    """Members about the deferral behind an answer, for the holder, besides the decision."""
     ask = answer.ask
     if ask is None:
         return {}
@@ -53,7 +53,7 @@ def told(answer: GateResult) -> dict[str, object]:
 def elicitation(
     answer: GateResult, params: CallToolRequestParams, ctx: ServerRequestContext[Any, Any]
 ) -> InputRequiredResult | None:
-    """The request to show people the page, once for each call, where the client declares that it can; else None."""
+    """Request to show people the page, once for each call, where the client declares the ability; else None."""
     ask = answer.ask
     if ask is None or answer.decision.effect is not Effect.DEFER or is_retry(params):
         return None
@@ -67,12 +67,12 @@ def elicitation(
 
 
 def is_retry(params: CallToolRequestParams) -> bool:
-    """Whether the call answers an elicitation of ours. Nothing is believed of the answer."""
+    """True where the call answers an elicitation of ours. The answer itself is not believed."""
     return bool(params.input_responses) or params.request_state is not None
 
 
 class Patience:
-    """Retries that wait a moment for people.
+    """Retries that wait a moment for people's answers.
 
     Args:
         asks: what has become of each deferral.
@@ -83,7 +83,7 @@ class Patience:
         self._places = asyncio.Semaphore(WAITERS)
 
     async def wait(self, params: CallToolRequestParams) -> None:
-        """The deferral that the call's state names is not open any more, or it was waited for long enough.
+        """Waits until the deferral that the call's state names is closed, or for long enough.
 
         The state came from the client and only says what to wait for: an unknown one is waited for not at all.
         """

@@ -1,4 +1,4 @@
-"""The HTTP edge of an MCP server: screen the body, verify token and proof, and only then let the request in.
+"""HTTP edge of an MCP server: screens the body, verifies token and proof, and only then admits the request.
 
 Token and proof come as RFC 9449 says (`Authorization: DPoP`, `DPoP`), and the proof also covers the body. A fault of
 the steps 1 to 10 is answered with 401 and the RFC 9728 pointer; the body tells strangers the reason code and nothing
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from pep.request.edge import Edge
 
 ALGORITHMS: Final = (jws.EDDSA, jws.ES256)
-"""Of proofs; the holder's key says which."""
+"""Algorithms of proofs; the holder's key decides which."""
 WELL_KNOWN: Final = "/.well-known/oauth-protected-resource"
 
 
@@ -134,7 +134,10 @@ class DPoPLayer:
         await self._app(scope, replayed(body, receive), send)
 
     def _credentials(self, http_request: HttpRequest) -> Credentials:
-        """Steps 1 to 10, with the lease of what the body asks for. Whatever breaks on the way is a fault."""
+        """Credentials after steps 1 to 10, with the lease of the asked operation.
+
+        Every failure on the way is a fault.
+        """
         operation = self._tools.get(http_request.tool or "")
         lease_ms = self._edge.lease_ms(None if operation is None else bare_request(operation, audience=self._audience))
         presented = mcp_meta.stray(http_request.rpc.get("params")) or self._presented(http_request)

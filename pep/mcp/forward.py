@@ -1,4 +1,4 @@
-"""A tool server without tools: what its callers ask goes to the gateway of the robot, each request whole.
+"""Tool server without tools: each request goes to the gateway of the robot, whole.
 
 It stands behind `DPoPLayer`, which has verified token and proof. Each request goes out with a ticket of its own, issued
 at the last moment; a call of a tool is on record before. The answer comes back as it comes, however long a motion
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from pep.request.edge import Edge
 
 PASSED_ON: Final = frozenset({"authorization", "dpop", "content-type", "accept", "host", "origin", "last-event-id"})
-"""Headers of a request that go on, besides those of MCP. Host and origin are judged where the tools are."""
+"""Headers of a request that go on, besides those of MCP. Host and origin are judged at the gateway."""
 MCP_HEADERS: Final = "mcp-"
 HOP_BY_HOP: Final = frozenset(
     {
@@ -44,23 +44,23 @@ HOP_BY_HOP: Final = frozenset(
         "transfer-encoding", "upgrade",
     }
 )  # fmt: skip
-"""Headers that are of one connection (RFC 9110 section 7.6.1)."""
+"""Headers of one connection only (RFC 9110 section 7.6.1)."""
 OWN: Final = frozenset({"date", "server"})
-"""Headers that each server says of itself."""
+"""Headers that each server sets itself."""
 CONNECT_S: Final = 2.0
 """Longest wait for a connection; within a cell it takes milliseconds."""
 ANSWER_S: Final = 25.0
-"""Longest wait for the beginning of an answer. The gateway begins after 15 s at the latest, whatever takes longer."""
+"""Longest wait for the beginning of an answer. The gateway begins after 15 s at the latest in every case."""
 SILENCE_S: Final = 45.0
 """Longest silence within an answer: three of the signs of life that come every 15 s."""
 IDLE_S: Final = 2.0
-"""How long a connection waits for the next request: less than the 5 s after which the gateway closes it."""
+"""Time for which a connection waits for the next request: less than the gateway's 5 s before it closes."""
 PROBE_S: Final = 5
-"""How often a silent connection is asked whether somebody is at its other end; a third of how long that may last."""
+"""Period of probes over a silent connection; a third of the time for which it may stay unanswered."""
 
 
 def client() -> httpx2.AsyncClient:
-    """A client of the gateway: no bound on the whole of a request, and a peer that is gone is noticed."""
+    """Client of the gateway, without a bound on a whole request; it notices a peer that is gone."""
     # Linux's names for the interval and the number of probes; elsewhere the system's own are what there is.
     probes = [
         (socket.IPPROTO_TCP, getattr(socket, name), value)
@@ -78,7 +78,7 @@ def client() -> httpx2.AsyncClient:
 
 
 class Forward:
-    """The ASGI app that passes requests on.
+    """ASGI app that passes requests on.
 
     Args:
         http: client of the gateway, as `client` makes it.
@@ -122,7 +122,7 @@ class Forward:
             await _lives(receive, send)
             return
         http_request, credentials = cast("HttpRequest", scope[HTTP_REQUEST]), cast("Credentials", scope[CREDENTIALS])
-        if stops(self._tools, http_request.tool):  # whether or not somebody waits for the answer
+        if stops(self._tools, http_request.tool):  # also when the caller does not wait for the answer
             await self._pass_on(http_request, credentials, send)
             return
         passing = asyncio.create_task(self._pass_on(http_request, credentials, send))
@@ -130,7 +130,7 @@ class Forward:
         try:
             await asyncio.wait({passing, gone}, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            # Whoever goes away has its call ended, here and by the closed connection at the gateway.
+            # A caller who goes away has its call ended, here and by the closed connection at the gateway.
             for task in (passing, gone):
                 task.cancel()
             ended = await asyncio.gather(passing, gone, return_exceptions=True)
@@ -139,7 +139,7 @@ class Forward:
                 raise end
 
     async def _pass_on(self, http_request: HttpRequest, credentials: Credentials, send: Send) -> None:
-        """The request has gone to the gateway, and its answer has come back; or it was refused."""
+        """Sends the request to the gateway and its answer back, or refuses it."""
         stopping = stops(self._tools, http_request.tool)  # it waits for no record, and for nobody who may have gone
         headers = {n: v for n, v in http_request.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
         where: dict[str, object] = {
@@ -186,7 +186,7 @@ class Forward:
     async def _asked(
         self, name: str, http_request: HttpRequest, headers: Mapping[str, str], *, again: bool
     ) -> httpx2.Response:
-        """The beginning of the gateway's answer.
+        """Beginning of the gateway's answer.
 
         Args:
             name: of the ticket.
@@ -225,7 +225,7 @@ class Forward:
             return await self._http.send(request, stream=True)
 
     async def _come_back(self, response: httpx2.Response, send: Send, name: str) -> None:
-        """The answer has been passed back as it came; one that broke off is left without its end, as it came."""
+        """Passes the answer back as it came; one that broke off stays without its end."""
         try:
             await send(
                 {"type": "http.response.start", "status": response.status_code, "headers": _passed_back(response)}
@@ -248,13 +248,13 @@ def _passed_back(response: httpx2.Response) -> list[tuple[bytes, bytes]]:
 
 
 async def _gone(receive: Receive) -> None:
-    """The caller has gone."""
+    """Waits until the caller has gone."""
     while (await receive())["type"] != "http.disconnect":
         pass
 
 
 async def _lives(receive: Receive, send: Send) -> None:
-    """The server's beginning and end, of which there is nothing to do."""
+    """Answers the server's lifespan events, which need no work here."""
     while True:
         message = await receive()
         await send({"type": f"{message['type']}.complete"})

@@ -1,10 +1,10 @@
-"""The guard inside a tool server: every `tools/call` runs through the gate, whatever the tool is.
+"""Guard inside a tool server: every `tools/call`, of any tool, runs through the gate.
 
     from pep.mcp.guard import guard
 
     app = guard(server, gate=..., authority=..., ...)
 
-is what to add to an existing `MCPServer`; `pep.mcp.guard` itself is this module. A tool that is not in the guard's
+is the addition to an existing `MCPServer`; `pep.mcp.guard` itself is this module. A tool that is not in the guard's
 table cannot be called at all.
 """
 
@@ -62,7 +62,7 @@ DECISION_META: Final = "dev.ztpm/decision"
 
 
 class Guard(Extension):
-    """The SDK extension that stands before every tool.
+    """SDK extension that stands before every tool.
 
     Args:
         server: whose live definitions are pinned.
@@ -102,7 +102,7 @@ class Guard(Extension):
         self._clock = clock
 
     def settings(self) -> dict[str, Any]:
-        """What is told about the guard in the server's capabilities."""
+        """Entry of the guard in the server's capabilities."""
         return {"version": "1", "proof": ["dpop"]}
 
     async def intercept_tool_call(
@@ -161,7 +161,7 @@ class Guard(Extension):
         return deferred_result.elicitation(answer, params, ctx) or _told(answer)
 
     async def _vouched(self, answer: GateResult, call: Call) -> GateResult:
-        """The answer, its result with a receipt where there is one and the tool is still what it was."""
+        """The answer, with a receipt for its result where there is one and the tool is still as approved."""
         chain, result = call.credentials.chain, answer.result
         if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
             return answer
@@ -195,7 +195,7 @@ class Guard(Extension):
     async def _stop(
         self, operation: Operation, credentials: Credentials, ctx: ServerRequestContext[Any, Any], call_next: CallNext
     ) -> HandlerResult:
-        """Stopped first, recorded afterwards: a stop is never subject to a permit, and waits for nothing."""
+        """Stops first and records afterwards: a stop is never subject to a permit, and waits for nothing."""
         outcome = await call_next(ctx)
         fault = credentials.fault
         body: dict[str, object] = {
@@ -214,7 +214,7 @@ class Guard(Extension):
     async def _refuse(
         self, reason: Reason, primitive: str, credentials: Credentials, where: dict[str, object]
     ) -> CallToolResult:
-        """A denial before there was a request to decide."""
+        """Denies before there was a request to decide."""
         body = records.refusal(
             at=self._clock.wall_s(),
             at_ms=self._clock.monotonic_ms(),
@@ -300,7 +300,7 @@ def guard(
 
 
 def _untold(outcome: HandlerResult) -> HandlerResult:
-    """A stop's result for a stranger: that it stopped, not where the arm is."""
+    """Result of a stop for a stranger: it says that the arm stopped, not where it is."""
     if not isinstance(outcome, CallToolResult) or not isinstance(outcome.structured_content, dict):
         return outcome
     told = {**outcome.structured_content, "q_rad": [], "reason": ""}
@@ -319,7 +319,7 @@ def _result(outcome: HandlerResult) -> EffectResult:
 
 
 def _told(answer: GateResult) -> HandlerResult:
-    """What the holder is told: its own result, or why there is none and what would be permitted."""
+    """Result for the holder: its own, or the reason of a denial with what would be permitted."""
     decision = answer.decision
     detail = decision.findings[0].detail if decision.findings else {}
     told: dict[str, object] = {
@@ -343,12 +343,12 @@ def _told(answer: GateResult) -> HandlerResult:
 
 
 def _remedy(reason: Reason, detail: Mapping[str, object]) -> dict[str, object]:
-    """What the caller can do, where the finding itself does not say."""
+    """Remedy for the caller, where the finding itself names none."""
     return {} if "remedy" in detail else {"remedy": REASONS[reason].remedy}
 
 
 def _denied(told: dict[str, object]) -> CallToolResult:
-    """A result in place of the tool's: a model can read it, a program can take it apart."""
+    """Result in place of the tool's, for models to read and for programs to parse."""
     return CallToolResult(
         is_error=True,
         content=[TextContent(type="text", text=json.dumps(told))],

@@ -1,4 +1,4 @@
-"""A request at an HTTP edge, read whole; and what is said, and put on record, where it goes no further."""
+"""Request at an HTTP edge, read whole; and its refusal, answered and on record."""
 
 from __future__ import annotations
 
@@ -29,7 +29,10 @@ HTTP_REQUEST: Final = "ztpm.knock"
 """Key in the ASGI scope under which the request that was read travels."""
 SCHEME: Final = "dpop"
 REFUSALS_AT_ONCE: Final = 4
-"""Refusals recorded at the same time; a flood of strangers must not queue up before a decision's record."""
+"""Refusals recorded at the same time.
+
+A flood of strangers must not queue up before a decision's record.
+"""
 BODILESS: Final = frozenset({"GET", "DELETE", "HEAD", "OPTIONS"})
 
 
@@ -51,7 +54,7 @@ class HttpRequest:
 
     @property
     def calls(self) -> bool:
-        """Whether the body asks for a tool."""
+        """True where the body asks for a tool."""
         return self.rpc.get("method") == "tools/call"
 
     @property
@@ -72,7 +75,7 @@ def headers_of(scope: Scope) -> dict[str, str | None]:
 
 
 def token_in(headers: Mapping[str, str | None]) -> str | None:
-    """Text of the token that `Authorization: DPoP` presents, or None where nothing is presented so, or twice."""
+    """Token text of `Authorization: DPoP`, or None where it is absent or comes twice."""
     scheme, _, token = (headers.get("authorization") or "").partition(" ")
     return token if scheme.lower() == SCHEME and token else None
 
@@ -101,7 +104,7 @@ async def read_body(receive: Receive) -> bytes | None:
 
 
 def replayed(body: bytes, receive: Receive) -> Receive:
-    """A `receive` that gives exactly the bytes that were verified, then whatever comes after."""
+    """A `receive` that gives exactly the verified bytes, then every later message."""
     given = False
 
     async def again() -> Message:
@@ -120,12 +123,12 @@ def digest(body: bytes) -> str:
 
 
 def short(text: object) -> str | None:
-    """Text of a stranger, bounded, for the record."""
+    """Text of a stranger, shortened for the record."""
     return text[:64] if isinstance(text, str) else None
 
 
 async def answer(send: Send, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = ()) -> None:
-    """A JSON body, or none, is sent; nobody may keep it."""
+    """Sends a JSON body, or none, which no cache may keep."""
     fixed = [
         (b"content-type", b"application/json"),
         (b"content-length", str(len(body)).encode()),
@@ -136,7 +139,7 @@ async def answer(send: Send, status: int, body: bytes, headers: Sequence[tuple[b
 
 
 class Refusals:
-    """Requests that go no further: each on record, and told the reason code alone.
+    """Refused requests: each on record, and answered with the reason code alone.
 
     Args:
         edge: takes records.
@@ -158,7 +161,7 @@ class Refusals:
         where: Mapping[str, object],
         headers: Sequence[tuple[bytes, bytes]] = (),
     ) -> None:
-        """The request is refused, on record where that is still possible.
+        """Refuses the request, on record where that is still possible.
 
         Args:
             send: of its connection.

@@ -1,4 +1,7 @@
-"""From the arguments of a tool call to a Request in integers. Pure; what does not fit exactly is refused."""
+"""Mapping from the arguments of a tool call to a Request in integers.
+
+Pure. An argument that does not fit exactly is refused.
+"""
 
 from __future__ import annotations
 
@@ -17,12 +20,12 @@ if TYPE_CHECKING:
     from pep.base.operations import Operation, ToolArgument
 
 POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
-"""One gate run stands for the tool call and for what it sends to the robot."""
+"""Points of one gate run: it stands for the tool call and for its command to the robot."""
 
 
 @dataclass(frozen=True, slots=True)
 class Misfit:
-    """Why arguments are no request.
+    """Reason why arguments are no request.
 
     Attributes:
         reason: the code.
@@ -40,7 +43,7 @@ ARM_TOOLS: Final[Mapping[str, Operation]] = {each.name: each for each in OPERATI
 
 
 def stops(tools: Mapping[str, Operation], name: str | None) -> bool:
-    """Whether a call of that tool only stops: anybody may, without token, ticket or permit.
+    """True where a call of that tool only stops: any caller may, without token, ticket or permit.
 
     Args:
         tools: that may be called, by name.
@@ -51,7 +54,7 @@ def stops(tools: Mapping[str, Operation], name: str | None) -> bool:
 
 
 def bare_request(operation: Operation, *, audience: str) -> Request:
-    """A request for the operation without its values: enough to know what the policies want to see of it.
+    """Request for the operation without its values, enough to know which evidence the policies need.
 
     Args:
         operation: of the called tool.
@@ -63,7 +66,7 @@ def bare_request(operation: Operation, *, audience: str) -> Request:
 def to_request(
     operation: Operation, arguments: Mapping[str, Any], *, request_id: str, audience: str, at: float
 ) -> Request | Misfit:
-    """The canonical request that these arguments mean.
+    """Canonical request of these arguments.
 
     Args:
         operation: of the called tool.
@@ -104,7 +107,7 @@ def to_request(
 
 
 def _numbers(argument: ToolArgument, given: Any) -> Sequence[Any] | None:
-    """Values of the argument's parameters, each not yet looked at; None for another form."""
+    """Values of the argument's parameters, each still unread; None for another form."""
     match argument.form:
         case ArgumentForm.NUMBER:
             return (given,)

@@ -1,8 +1,8 @@
-"""Where the arguments of a call come from, and where its result does: receipts in `_meta`, coming and going.
+"""Provenance of a call's arguments and of its result: receipts in `_meta`, in both directions.
 
 A caller shows receipts under `RECEIPTS`, each `{"receipt", "value", "pointers"}`: the signed text, the admitted value,
-and for each argument that comes from it a JSON pointer into the value. Arguments are named as the request names them.
-A caller that sets `RECEIPT` to true gets under the same name a receipt for the result's structured content, and under
+and for each argument that comes from it a JSON pointer into the value. Arguments are named as the request names them. A
+caller that sets `RECEIPT` to true gets under the same name a receipt for the result's structured content, and under
 `RESPONSE` the enforcement point's word that it is the answer to this very call.
 """
 
@@ -40,13 +40,13 @@ _MEMBERS: Final = frozenset({"receipt", "value", "pointers"})
 
 @dataclass(frozen=True, slots=True)
 class Unreadable:
-    """Why what a call shows cannot be read. `detail` is for the holder."""
+    """Reason why a call's receipts cannot be read. `detail` is for the holder."""
 
     detail: str
 
 
 def shown(meta: object) -> tuple[PresentedReceipt, ...] | Unreadable:
-    """The receipts that a call shows, unverified and in its order; none where it shows none.
+    """Receipts of a call, unverified and in its order; none where it shows none.
 
     Args:
         meta: its `_meta`, as a strict reader saw it.
@@ -81,18 +81,18 @@ def _is_pointer(pointer: object) -> bool:
 
 
 def wanted(meta: object) -> bool:
-    """Whether the caller asks for a receipt of the result."""
+    """True where the caller asks for a receipt of the result."""
     return isinstance(meta, dict) and meta.get(RECEIPT) is True
 
 
 def unvouched(request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float) -> ContextReading:
-    """What each parameter derives from where no admission point is known: its holder chose it, no receipt counts."""
+    """Context of each parameter without a known admission point: its holder's choice, with no receipt counted."""
     holder = Holder.of(leaf)
     return ContextReading((), arguments(request, presented, ArgumentContext(holder, own(holder), {}, at, CAPS)))
 
 
 class Vouching:
-    """What an enforcement point knows of where values come from, and says of its own results.
+    """An enforcement point's knowledge of its callers' values, and its signature under its own results.
 
     Args:
         key: of this enforcement point.
@@ -114,7 +114,7 @@ class Vouching:
     def context(
         self, request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float
     ) -> ContextReading:
-        """What each parameter of the request derives from; a call that shows nothing is its holder's own choice."""
+        """Context of each parameter of the request; a call without receipts is its holder's own choice."""
         known = ArgumentContext(
             holder=Holder.of(leaf),
             context=self._flow.label(self._flow.context(leaf)),
@@ -135,7 +135,7 @@ class Vouching:
         proof: str,
         at: float,
     ) -> dict[str, Any]:
-        """The members of `_meta` that go out with a result; none for a content that no receipt can name.
+        """Members of `_meta` that go out with a result; none for a content that no receipt can name.
 
         Args:
             content: the structured content.

@@ -1,4 +1,4 @@
-"""The gateway's end of a forwarded call: nothing comes in but what an enrolled tool server passes on, byte for byte.
+"""The gateway's end of a forwarded call: admits only requests of an enrolled tool server, byte for byte.
 
 It stands before the guarded app, at a path of its own. A ticket lends nothing: the app behind verifies the caller's
 token and proof itself, for the same audience, method and body. A stop needs no ticket, as it needs no token.
@@ -40,18 +40,18 @@ if TYPE_CHECKING:
     from pep.request.edge import Edge
 
 TICKET: Final = "ztpm-ticket"
-"""The header that carries a ticket."""
+"""Header of a ticket."""
 _CALLER_IS_TOLD: Final = {
     FaultCode.EXPIRED: Reason.VERDICT_EXPIRED,
     FaultCode.NOT_YET_VALID: Reason.VERDICT_EXPIRED,
     FaultCode.WRONG_AUDIENCE: Reason.NOT_WHAT_WAS_DECIDED,
     FaultCode.PROOF_NOT_FOR_THIS_REQUEST: Reason.NOT_WHAT_WAS_DECIDED,
 }
-"""What a fault of a ticket is called before the caller, whose token and proof it does not concern."""
+"""Reason for the caller where a ticket has a fault, which concerns neither its token nor its proof."""
 
 
 class TicketLayer:
-    """The ASGI layer around a guarded app that tool servers reach, and nobody else.
+    """ASGI layer around a guarded app that only tool servers reach.
 
     Args:
         app: the guarded app.
@@ -120,7 +120,7 @@ class TicketLayer:
         await self._refusals.refuse(send, status, reason, credentials=None, where=where)
 
     def _ticket(self, headers: Mapping[str, str | None], body: bytes) -> Ticket | tuple[Reason, dict[str, object]]:
-        """The ticket of exactly this request, used up now; or what the caller is told, and what the record says."""
+        """Ticket of exactly this request, used up now; or its reason for the caller, and its fault for the record."""
         if len(body) > BODY_BYTES:
             return Reason.BODY_TOO_LARGE, {}
         # What a request says twice, two readers may read differently.
@@ -158,11 +158,11 @@ class TicketLayer:
         return None if first else Fault(FaultCode.REPLAYED, "TKT-7", "the ticket was used before")
 
     def _stops(self, method: str, headers: Mapping[str, str | None], body: bytes) -> bool:
-        """Whether it only stops, which anybody may."""
+        """True where the request only stops, which any caller may."""
         rpc = rpc_of(method, body)
         return not isinstance(rpc, Unfit) and stops(self._tools, HttpRequest(method, headers, body, rpc).tool)
 
     def _inside(self, scope: Scope) -> Scope:
-        """The same request at the address of the audience, the ticket spent."""
+        """The same request at the address of the audience, with its ticket spent."""
         headers = [(name, value) for name, value in scope["headers"] if name.lower() != TICKET.encode()]
         return {**scope, "path": self._inner_path, "raw_path": self._inner_path.encode(), "headers": headers}

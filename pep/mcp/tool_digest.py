@@ -1,4 +1,7 @@
-"""What a tool is: the digest of all that a model and a client see of it. Any change makes it another tool."""
+"""Digest of a tool, over all that a model and a client see of it.
+
+Any change makes it another tool.
+"""
 
 from __future__ import annotations
 

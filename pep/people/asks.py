@@ -222,7 +222,7 @@ class Asks:
     def _standing(
         self, key: Key, seen: ApprovalReading | NotCollected | None
     ) -> tuple[AskState, AskNotice | None] | None:
-        """Deferral that already stands for this question, or a refusal for lack of room; None when it is to be asked.
+        """Deferral that already stands for this question; a refusal for lack of room; None when it is to be asked.
 
         A question that was open when the evidence was collected, and was answered since, stands: people have just
         spoken, and the next identical request hears them.

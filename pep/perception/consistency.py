@@ -1,8 +1,9 @@
-"""Whether independent sources tell of one world: sensors of its people, fingers and eyes of a width, joints of a place.
+"""Contradictions between independent sources: about people, about a gripped width, about the tool's place.
 
-Who tells of more people is never overruled: everybody seen by anybody counts. So that contradiction is no refusal, but
-an incident on record: one of two sensors sees badly, or somebody makes it see. Where a width or a place is contradicted
-there is no more careful one of the two, and neither is believed. A source that is silent agrees with nothing.
+A sensor that sees more people is never overruled: each person counts whom any sensor sees. So a contradiction about
+people is no refusal, but an incident on record: one of the two sensors sees badly, or is made to see. Of two
+contradicting widths or places neither is the careful one, and neither is believed. A source that is silent agrees with
+nothing.
 """
 
 from __future__ import annotations
@@ -18,27 +19,27 @@ if TYPE_CHECKING:
     from capabilities.statements.observation import Observation, ObservedPerson, Point, Shape
 
 NEAR_UM: Final = 1_500_000
-"""Every sensor that calls its view complete sees at least this far around the base: reach of 0.5 m, and 1 m."""
+"""Radius around the base that each complete view covers: reach of 0.5 m, and 1 m."""
 SAME_UM: Final = 500_000
-"""Two sights of one person are less than this apart, horizontally: a shoulder's width, and what two sensors differ."""
+"""Two sights nearer than this, horizontally, are one person: a shoulder's width, and the sensors' difference."""
 WALK_UM_PER_MS: Final = 1_600
-"""How far a person goes meanwhile: 1.6 m/s (ISO 13855, docs/physics.md PHY-3)."""
+"""Walking speed of a person between two frames: 1.6 m/s (ISO 13855, docs/physics.md PHY-3)."""
 TOGETHER_MS: Final = 500
 """Frames that arrived further apart than this tell of two instants and are not compared (PHY-8: older is unknown)."""
 
 SURFACE_UM: Final = 10_000
-"""How far a seen surface may be from where it is seen (docs/physics.md PHY-11: `object_uncertainty_m`)."""
+"""Error of a seen surface's place (docs/physics.md PHY-11: `object_uncertainty_m`)."""
 FINGERS_UM: Final = 373
 """One step of the gripper's position: 85 mm over 228 steps (Robotiq 2F-85; docs/physics.md G1)."""
 WIDTH_UM: Final = 2 * SURFACE_UM + FINGERS_UM
-"""What a seen width and a gripped one may differ by: a surface on either side, and a step of the fingers."""
+"""Allowed difference between a seen and a gripped width: both surfaces, and a step of the fingers."""
 POSE_UM: Final = 5_000
-"""What the controller's tool centre point may differ from the model's (docs/physics.md PHY-11)."""
+"""Allowed difference between the controller's tool centre point and the model's (docs/physics.md PHY-11)."""
 CONTRADICTED: Final = "CONTRADICTED"
 
 
 def contradicted(one: Observation, other: Observation, *, apart_ms: int) -> str:
-    """Who is seen near the arm by one of two complete frames and not by the other, for the record; "" for nobody.
+    """Person near the arm whom only one of two complete frames shows, for the record; "" for none.
 
     Args:
         one: newest believed frame of one sensor.
@@ -58,7 +59,7 @@ def contradicted(one: Observation, other: Observation, *, apart_ms: int) -> str:
 
 
 def grip_contradicted(width_um: int, seen: Shape, *, on_something: bool) -> str:
-    """Why the fingers and the eyes do not tell of the same thing, for the record; "" when they may.
+    """Contradiction between gripper and sensors about the gripped thing, for the record; "" for none.
 
     Args:
         width_um: between the fingers, by the gripper's word.
@@ -74,7 +75,7 @@ def grip_contradicted(width_um: int, seen: Shape, *, on_something: bool) -> str:
 
 
 def pose_contradicted(reported_um: Point, modelled_um: Point) -> str:
-    """Why the tool is not where the joints say, for the record; "" when it may be.
+    """Contradiction between tool and joint angles, for the record; "" for none.
 
     Args:
         reported_um: tool centre point in the base frame, as the controller reports it.
@@ -87,7 +88,7 @@ def pose_contradicted(reported_um: Point, modelled_um: Point) -> str:
 
 
 def witnessed(witness: str, found: str | None, *, age_ms: int | None) -> SensorReading:
-    """What a comparison is to CII-4: a sensor of its own, beside those that were compared.
+    """Reading of a comparison as CII-4 takes it: as a sensor of its own, beside the compared ones.
 
     Args:
         witness: its name.
@@ -126,7 +127,7 @@ def _metres(point_um: Point) -> tuple[float, float, float]:
 
 
 def _middle(person: ObservedPerson) -> tuple[int, int]:
-    """Where a person stands: the mean of all regions' middles on the floor, in micrometres."""
+    """Middle of a person on the floor: the mean of all regions' middles, in micrometres."""
     places = [_place(shape) for _, shape in person.regions]
     return sum(x for x, _ in places) // len(places), sum(y for _, y in places) // len(places)
 

@@ -1,4 +1,4 @@
-"""The perception point: sensors push signed frames over TCP, one per line; nothing is ever answered."""
+"""Perception point: sensors push signed frames over TCP, one per line; nothing is ever answered."""
 
 from __future__ import annotations
 
@@ -16,13 +16,19 @@ if TYPE_CHECKING:
 CONNECTIONS: Final = 16
 """Senders at once; a cell has a handful of sensors."""
 FIRST_FRAME_S: Final = 2.0
-"""A sender whose first believed frame does not come within this time is no sensor, and makes room."""
+"""Time for the first believed frame of a sender; one that sends none is no sensor, and makes room."""
 STRANGERS: Final = frozenset(
     {FrameFault.MALFORMED, FrameFault.UNKNOWN_SENSOR, FrameFault.UNTRUSTED, FrameFault.TOO_LARGE}
 )
-"""What only a stranger sends: the connection ends with it, so that noise costs a connection for each frame."""
+"""Faults that only a stranger's frames have.
+
+The connection ends with the first, so that noise costs a connection for each frame.
+"""
 INCIDENT_PERIOD_MS: Final = 1_000
-"""Equal incidents within this time are one record with a count, so that a flood of bad frames is no flood of syncs."""
+"""Time within which equal incidents are one record with a count.
+
+A flood of bad frames is then no flood of syncs.
+"""
 
 
 class FrameReceiver:
@@ -43,13 +49,13 @@ class FrameReceiver:
         self._writers: set[asyncio.StreamWriter] = set()
 
     async def listen(self, host: str, port: int) -> int:
-        """Frames are received from now on; the port that was bound."""
+        """Receives frames from now on; the port that was bound."""
         self._server = await asyncio.start_server(self._serve, host, port, limit=FRAME_BYTES + 1)
         bound: int = self._server.sockets[0].getsockname()[1]
         return bound
 
     async def close(self) -> None:
-        """Nothing is received any more."""
+        """Ends the reception."""
         if self._server is not None:
             self._server.close()
             for writer in list(self._writers):
@@ -65,7 +71,7 @@ class FrameReceiver:
         try:
             async with asyncio.timeout(FIRST_FRAME_S) as patience:
                 while await self._one(reader, patience):  # noqa: ASYNC110 - not a wait: a turn for the others
-                    # Whatever a sender pours in, the watch over the moving arm has its turn.
+                    # However much a sender sends, the watch over the moving arm has its turn.
                     await asyncio.sleep(0)
         except (ConnectionError, TimeoutError, asyncio.CancelledError):
             # A sender that goes away is a view that grows old; that is judged where views are read.
@@ -75,7 +81,7 @@ class FrameReceiver:
             writer.close()
 
     async def _one(self, reader: asyncio.StreamReader, patience: asyncio.Timeout) -> bool:
-        """One line judged; False when the stream ends, or has to."""
+        """Judges one line; False when the stream ends, or has to."""
         try:
             line = await reader.readuntil(b"\n")
         except asyncio.IncompleteReadError as error:
@@ -97,7 +103,7 @@ class FrameReceiver:
         return True
 
     def _tell(self, rejected: RejectedFrame) -> None:
-        """The incident is told, at most once in a while for the same sensor and fault."""
+        """Tells the incident, at most once in a while for the same sensor and fault."""
         # A name that nobody registered is the sender's choice; counting by it would let every frame be news.
         key = (rejected.sensor if self._frames.knows(rejected.sensor) else "", str(rejected.fault))
         now = self._clock.monotonic_ms()

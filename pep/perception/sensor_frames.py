@@ -1,9 +1,9 @@
-"""Which frames may say what the world is: signed by a sensor of the cell, calibrated, newer than all before, in time.
+"""Frames that may describe the world: signed by a calibrated sensor of the cell, newer than all before, in time.
 
 A sensor of the cell is one that the signed cell file names and the signed registry knows; any other is a stranger.
 
-A frame that fails is not dropped and forgotten. It is an incident, and as long as it is the newest of its sensor the
-world is distrusted: somebody who can forge one frame must not gain that the frame before it counts a little longer.
+A frame that fails is an incident. As long as it is the newest of its sensor the world is distrusted: a forged frame
+must not let the frame before it count a little longer.
 """
 
 from __future__ import annotations
@@ -34,13 +34,16 @@ FRAME_BYTES: Final = 65_536
 BOOTS_KEPT: Final = 64
 """Earlier boots of a sensor that are remembered; an older one is out of time anyway."""
 SKEW_MS: Final = 1_000
-"""Clocks of one cell differ less than this; a frame captured longer ago (or ahead) is a recording, not a view. Ours."""
+"""Greatest difference between the clocks of one cell. Ours.
+
+A frame captured longer ago, or ahead, is a recording and no view.
+"""
 NOBODY: Final = ""
 """The source of frames that name no sensor of the cell."""
 
 
 class FrameFault(StrEnum):
-    """Why a frame is not believed."""
+    """Reason why a frame is not believed."""
 
     TOO_LARGE = "TOO_LARGE"
     MALFORMED = "MALFORMED"
@@ -53,7 +56,10 @@ class FrameFault(StrEnum):
     TOO_MANY_SENDERS = "TOO_MANY_SENDERS"
     """Nothing was read: more senders than a cell has sensors."""
     CONTRADICTED = "CONTRADICTED"
-    """The frame is believed: it adds to what others see. That another sensor does not see the same is an incident."""
+    """The frame is believed, since it adds to the others.
+
+    That another sensor does not see the same is an incident.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +83,7 @@ class SensorFrame:
         return now_ms - self.arrived_ms + self.transit_ms
 
     def sighting_age_ms(self, now_ms: int) -> int:
-        """The same of the oldest sighting that the frame tells of."""
+        """Milliseconds since the oldest sighting of the frame, transit included, at the monotonic time `now_ms`."""
         seen = self.observation
         late_ms = [person.age_ms for person in seen.people] + [thing.age_ms for thing in seen.objects]
         return self.age_ms(now_ms) + max(late_ms, default=0)
@@ -85,7 +91,7 @@ class SensorFrame:
 
 @dataclass(frozen=True, slots=True)
 class RejectedFrame:
-    """A frame that is not believed. `sensor` is the one that it claims, or "" when none can be told."""
+    """Frame that is not believed. `sensor` is its claimed sensor, or "" when none can be told."""
 
     fault: FrameFault
     sensor: str
@@ -94,7 +100,7 @@ class RejectedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Seen:
-    """What the sensors of the cell show.
+    """View that the sensors of the cell show.
 
     Attributes:
         frames: the newest believed one of each sensor that was heard.
@@ -108,12 +114,12 @@ class Seen:
 
     @property
     def complete(self) -> bool:
-        """Whether everybody was heard, and each covers all of what it watches."""
+        """True where every sensor was heard, and each covers all of its field."""
         return not self.silent and all(frame.observation.complete for frame in self.frames)
 
     @property
     def content(self) -> object:
-        """All that it shows, to be compared: equal contents are the same scene, at whatever time."""
+        """Content of the view for comparison: equal contents are the same scene, at any two times."""
         seen = (frame.observation for frame in self.frames)
         return self.complete, tuple((o.sensor, o.people, o.objects) for o in seen)
 
@@ -125,7 +131,7 @@ class Unseen:
 
 @dataclass(frozen=True, slots=True)
 class Distrusted:
-    """The newest frame of a sensor is one that must not be believed."""
+    """No view: the newest frame of a sensor must not be believed."""
 
     rejected: RejectedFrame
 
@@ -135,7 +141,7 @@ View: TypeAlias = Seen | Unseen | Distrusted
 
 @dataclass(frozen=True, slots=True)
 class SensorStatus:
-    """One sensor at one instant: its newest believed frame, and the newer one that is not believed, if there is one."""
+    """One sensor at one instant: its newest believed frame, and a newer rejected one, if any."""
 
     sensor: str
     frame: SensorFrame | None
@@ -144,7 +150,7 @@ class SensorStatus:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One look at all sensors of the cell. What physics sees and what the record says of it come from the same look.
+    """One look at all sensors of the cell, for physics and for the record alike.
 
     Attributes:
         heard: in the order of their ids; first, under "", what strangers last sent, if no good frame came since.
@@ -159,11 +165,11 @@ class Look:
         return max((one.frame.age_ms(now_ms) for one in self.heard if one.frame is not None), default=None)
 
     def sighting_age_ms(self, now_ms: int) -> int | None:
-        """The age at `now_ms` of the oldest sighting of all that the frames tell of, or None when there is no frame."""
+        """Age at `now_ms` of the oldest sighting in all frames, or None when there is no frame."""
         return max((one.frame.sighting_age_ms(now_ms) for one in self.heard if one.frame is not None), default=None)
 
     def view(self) -> View:
-        """The world as it may be believed."""
+        """View of the world, as it may be believed."""
         for one in self.heard:
             if one.rejected is not None:
                 return Distrusted(one.rejected)
@@ -174,7 +180,7 @@ class Look:
         return Seen(frames, age_ms, tuple(one.sensor for one in self.heard if one.frame is None))
 
     def reading(self, *, now_ms: int, limit_ms: int, witnesses: tuple[SensorReading, ...] = ()) -> PerceptionReading:
-        """The same for the evidence.
+        """The same view as evidence.
 
         Args:
             now_ms: monotonic time at which the decision uses it.
@@ -211,7 +217,7 @@ class Frames:
         self._boots: dict[str, OrderedDict[str, None]] = {}
 
     def admit(self, text: bytes) -> SensorFrame | RejectedFrame:
-        """The frame, now the newest of its sensor; or why it is not believed, and then that is the newest.
+        """Takes in the frame as the newest of its sensor, or the reason why it is not believed.
 
         Args:
             text: one compact JWS, without the newline.
@@ -222,25 +228,25 @@ class Frames:
             if isinstance(verdict, SensorFrame):
                 self._newest[verdict.observation.sensor] = verdict
                 self._rejected.pop(verdict.observation.sensor, None)
-                # Noise that nobody signed is outlived by the next frame that somebody did.
+                # Unsigned noise counts no longer once the next signed frame has come.
                 self._rejected.pop(NOBODY, None)
             else:
                 self._rejected[verdict.sensor if self.knows(verdict.sensor) else NOBODY] = verdict
             return verdict
 
     def reject(self, fault: FrameFault, *, sensor: str = NOBODY) -> RejectedFrame:
-        """A frame that could not even be read counts as the newest, too."""
+        """Counts a frame that could not even be read as the newest, too."""
         rejected = RejectedFrame(fault, sensor)
         with self._lock:
             self._rejected[sensor if self.knows(sensor) else NOBODY] = rejected
         return rejected
 
     def knows(self, sensor: str) -> bool:
-        """Whether the cell has a sensor of that name."""
+        """True where the cell has a sensor of that name."""
         return sensor in self._watching()
 
     def look(self) -> Look:
-        """Every sensor that the cell names, now."""
+        """Look at every sensor that the cell names, now."""
         registered = self._watching()
         with self._lock:
             heard = [self._heard(name, registered.get(name)) for name in sorted(self._named)]
@@ -251,11 +257,11 @@ class Frames:
         return Look(tuple(heard), taken_ms)
 
     def view(self) -> View:
-        """The world as it may be believed now."""
+        """View of the world now, as it may be believed."""
         return self.look().view()
 
     def contradiction(self, frame: SensorFrame) -> RejectedFrame | None:
-        """What another complete and fresh frame shows about people that `frame` does not, or the other way round."""
+        """Contradiction about people between `frame` and another complete and fresh frame; None for none."""
         with self._lock:
             others = [other for name, other in self._newest.items() if name != frame.observation.sensor]
         for other in others:
@@ -313,7 +319,10 @@ class Frames:
         return SensorFrame(seen, arrived_ms, max(sensor.transit_ms, math.ceil(drift_ms)), sensor)
 
     def _newer(self, seen: Observation) -> bool:
-        """Whether the frame follows its sensor's last one: higher sequence in one boot, later capture in a new boot."""
+        """True where the frame follows its sensor's last one.
+
+        Within one boot it has a higher sequence number, in a new boot a later capture.
+        """
         last = self._newest.get(seen.sensor)
         if last is None:
             return True
@@ -328,7 +337,7 @@ class Frames:
 
 
 def _claimed_sensor(text: bytes) -> str:
-    """The sensor that a frame says it comes from, unverified: it only tells whose newest frame this is."""
+    """Sensor that a frame claims to come from, unverified: it decides only whose newest frame this is."""
     parts = text[: 2 * FRAME_BYTES].split(b".")
     if len(parts) != 3:
         return NOBODY

@@ -311,7 +311,7 @@ class ProviderFollower:
         sent_ms = self._clock.monotonic_ms()
         index, fresh = await self._ask_all(epoch)
         if known is not None and fresh:
-            # Revoked is revoked, whatever else of the answer cannot be had: what makes the view young comes last.
+            # Revocations count also when the rest of the answer fails: the mark that makes the view young comes last.
             known = self._known = replace(known, revoked=known.revoked | fresh)
         snapshot = known.snapshot if known is not None else None
         if snapshot is None or snapshot.version != index.registry_version:

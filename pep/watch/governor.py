@@ -1,7 +1,7 @@
-"""The governor of one motion: it goes slower while that suffices, is seen to, and goes on as asked when it may again.
+"""Governor of one motion: slows it while slower suffices, checks that it slowed, and restores its speed later.
 
-It sets the controller's speed slider and believes nothing but what the robot then says of its speed: until that says so
-the arm is as fast as it was, and when it does not say so in time, or says anything else later, the motion has to be
+It sets the controller's speed slider and believes only the robot's later word on its speed. Until that word comes the
+arm counts as fast as before. Where the word does not come in time, or changes for the worse later, the motion has to be
 stopped. Time and the slider are arguments; nothing here waits.
 """
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 FULL: Final = 1.0
 MARGIN: Final = 1e-3
-"""Ours: the slider is set this much below what was proven, so that rounding in the controller never lifts it above."""
+"""Ours: distance of the slider below the proven speed, so that rounding in the controller never exceeds it."""
 MS: Final = 1000
 
 
@@ -23,18 +23,18 @@ class Slider(Protocol):
     """The controller's speed slider."""
 
     def set(self, fraction: float) -> None:
-        """It is being set to this fraction; never waits. A setting that comes later counts."""
+        """Begins to set the slider to this fraction; never waits. A later call supersedes an earlier one."""
         ...
 
     @property
     def failed(self) -> bool:
-        """Whether the controller did not take the newest setting."""
+        """True where the controller did not take the newest setting."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class ReportedSpeeds:
-    """What the robot says of its speed, as fractions of the commanded one.
+    """The robot's word on its speed, as fractions of the commanded one.
 
     Attributes:
         slider: where its speed slider stands (`target_speed_fraction`).
@@ -48,14 +48,14 @@ class ReportedSpeeds:
 
     @property
     def fastest(self) -> float:
-        """The fastest that the arm is or will be by itself; what is no number is full speed."""
+        """Fastest speed of the arm, now or by itself later; anything but a number counts as full speed."""
         both = (self.slider, self.scaling)
         return max(both) if all(0.0 <= each <= FULL for each in both) else FULL
 
 
 @dataclass(frozen=True, slots=True)
 class Offer:
-    """What a judgement of what is left says about speeds.
+    """Speeds that a judgement of the rest of a motion allows.
 
     Attributes:
         holds: what is left is inside what was authorised, at the speed that was asked about.
@@ -91,7 +91,7 @@ class Change:
     confirmed_ms: int | None = None
 
     def told(self) -> dict[str, object]:
-        """As plain JSON."""
+        """The change as plain JSON."""
         return {
             "t_ms": self.at_ms,
             "after_ms": self.after_ms,
@@ -104,7 +104,7 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class Pacing:
-    """How a cell slows down and goes on (docs/physics.md, PHY-50).
+    """Slowing down and going on, as a cell is set up for it (docs/physics.md, PHY-50).
 
     Attributes:
         delay_ms, change_ms: slowing down from a fraction r is seen after `delay_ms` + r * `change_ms` at the latest.
@@ -131,12 +131,12 @@ class Pacing:
         )
 
     def due_ms(self, heard_ms: int, running: float) -> int:
-        """Until when the robot has to be seen slower, when it was heard at that speed at that time."""
+        """Time by which the robot must be seen slower, when it was heard at that speed at that time."""
         return int(heard_ms + self.delay_ms + running * self.change_ms)
 
 
 class Governor:
-    """The speed of one motion.
+    """Governor of the speed of one motion.
 
     Args:
         slider: of the controller; this motion's alone while it lasts.
@@ -178,16 +178,16 @@ class Governor:
 
     @property
     def heard_ms(self) -> int:
-        """When the robot was heard last."""
+        """Monotonic time at which the robot was heard last."""
         return self._speeds.heard_ms
 
     @property
     def ordered(self) -> float:
-        """The fraction that was asked for last."""
+        """The fraction that was ordered last."""
         return self._ordered
 
     def hear(self, speeds: ReportedSpeeds, *, now_ms: int) -> str:
-        """What the robot says is taken in. Why the motion has to be stopped, or "" when it goes as it should.
+        """Takes in the robot's word; the reason to stop the motion, or "" when it goes as it should.
 
         Args:
             speeds: the newest.
@@ -209,14 +209,14 @@ class Governor:
             return ""
         if now_ms > self._due_ms:
             return f"not slowed to {self._ordered:.0%} in time"
-        # On its way down it only gets slower; else somebody else sets the slider.
+        # On its way down it only gets slower; otherwise another program sets the slider.
         if fastest > self._lowest + MARGIN:
             return f"faster on the way to {self._ordered:.0%}"
         self._lowest = min(self._lowest, fastest)
         return ""
 
     def take(self, offer: Offer, *, running: float, heard_ms: int, now_ms: int) -> bool:
-        """Whether the motion goes on, at the speed that was offered; the slider is being set when it is another one.
+        """True where the motion goes on, at the offered speed; sets the slider where that is another one.
 
         Args:
             offer: of a judgement.
@@ -241,7 +241,7 @@ class Governor:
         return True
 
     def end(self, *, now_ms: int) -> bool:
-        """Whether the slider is being put back to where it stood: only after the motion, with the arm at rest."""
+        """Begins to put the slider back, after the motion and at rest; true where it had been moved."""
         if not self.changes:
             return False
         self._ordered, self._due_ms, self._set = FULL, None, self._base
@@ -250,7 +250,7 @@ class Governor:
         return True
 
     def _confirm_rise(self, now_ms: int) -> None:
-        """A higher speed is told as taken up when the slider is seen where it was set."""
+        """Marks a higher speed as taken up once the slider is seen where it was set."""
         if self.changes and self.changes[-1].confirmed_ms is None and self._at(self._set):
             self.changes[-1] = replace(self.changes[-1], confirmed_ms=now_ms)
 
@@ -258,13 +258,13 @@ class Governor:
         return abs(self._speeds.slider - fraction) <= MARGIN
 
     def put_back(self, speeds: ReportedSpeeds, *, now_ms: int) -> bool:
-        """After `end`: whether the robot says that its slider is where it was."""
+        """True where, after `end`, the robot reports its slider back where it was."""
         self._speeds = speeds
         self._confirm_rise(now_ms)
         return self._at(self._base)
 
     def _consider(self, offer: Offer, *, running: float, now_ms: int) -> None:
-        """A higher speed is taken up once it has been offered for long enough: the lowest of what was."""
+        """Takes up a higher speed that was offered for long enough: the lowest of those offers."""
         if self._ordered >= FULL or self._due_ms is not None or running < self._ordered:
             return
         offered = offer.fraction
@@ -279,7 +279,7 @@ class Governor:
             self._order(lowest, "clear", offer.index_milli, now_ms)
 
     def _order(self, fraction: float, cause: str, index_milli: int | None, now_ms: int) -> None:
-        """The slider is being set so that the arm goes at this fraction at most, never above where it stood."""
+        """Orders this fraction at most, and never more than the slider's first position."""
         self._ordered = fraction
         self._set = self._base if fraction >= FULL else max(0.0, min(fraction - MARGIN, self._base))
         self._slider.set(self._set)

@@ -1,8 +1,8 @@
-"""The watch over whatever moves: its authority, what the sensors see, and the impact of what is left of it.
+"""Watch over a moving device: its authority, the sensors' view, and the impact of the rest of its motion.
 
-One look is cheap and waits for nothing: the clock, the authority, the newest frames, and the newest word
-of a physics worker, who is asked again whenever the frames show something else. The first thing that is not as it was
-authorised is an alarm, and whoever looks stops the arm; unless going slower suffices, which is the governor's. What the
+One look is cheap and waits for nothing. It reads the clock, the authority, the newest frames, and the newest word of a
+physics worker, who is asked again whenever the frames show something else. The first difference from the authorised
+state is an alarm, and the caller stops the arm, unless the governor finds that going slower suffices. Evidence that the
 watch cannot see counts as lost: no frame, no word, or no look in time.
 """
 
@@ -31,30 +31,30 @@ LOOK_MS: Final = 8
 PAUSE_S: Final = LOOK_MS / 2000
 """Pause between two looks: half of the longest, so that waking up late has the other half."""
 FRAME_PERIOD_MS: Final = 25
-"""A view that shows something else is judged at most this often: a sensor at 30 Hz in full."""
+"""Shortest time between judgements of views that show something new: a sensor at 30 Hz in full."""
 UNCHANGED_PERIOD_MS: Final = 100
-"""One that shows the same, this often: it still holds, but the arm may have left its way."""
+"""Time between judgements of an unchanged view: it still holds, but the arm may have left its way."""
 
 
 class MotionOutcome(StrEnum):
-    """How a motion ended."""
+    """End of a motion."""
 
     REACHED = "reached"
     ENDED = "ended"
-    """Its time was over."""
+    """The motion's time was over."""
     STOPPED = "stopped"
-    """By a stop."""
+    """The motion ended by a stop."""
     AUTHORITY_LOST = "authority_lost"
     """Stopped because the token was revoked, ran out, or the revocation view grew too old."""
     WORLD_CHANGED = "world_changed"
-    """Stopped because what is left of it is no longer what was authorised, or nobody can see any more that it is."""
+    """Stopped because the rest of the motion is no longer as authorised, or cannot be seen to be."""
     ROBOT_FAILED = "robot_failed"
     """The arm did not move, stopped by itself, cannot be read, or took too long."""
 
 
 @dataclass(frozen=True, slots=True)
 class Alarm:
-    """Why the watch ends a motion.
+    """Reason for which the watch ends a motion.
 
     Attributes:
         end: `AUTHORITY_LOST` or `WORLD_CHANGED`.
@@ -93,7 +93,7 @@ class Alarm:
 
 @dataclass(frozen=True, slots=True)
 class WatchAges:
-    """How old what the watch goes by may be, in ms.
+    """Greatest age of each input of the watch, in ms.
 
     Attributes:
         view_ms: the newest frames, transit included; older is blind.
@@ -117,7 +117,7 @@ class WatchAges:
 
 
 class Views(Protocol):
-    """The world as it may be believed now."""
+    """Port for the world as it may be believed now."""
 
     def view(self) -> View:
         """The newest frames, or why there are none."""
@@ -125,7 +125,7 @@ class Views(Protocol):
 
 
 class Watch:
-    """The watch over one motion. One thread looks; the judging happens wherever `submit` takes it.
+    """Watch over one motion. One thread looks; judgements run where `submit` puts them.
 
     Args:
         permit: that the motion was given; its index, its sight and its authority are what must stand.
@@ -164,7 +164,7 @@ class Watch:
         self._held: object = None
 
     def look(self, q_rad: Sequence[float], speeds: ReportedSpeeds | None = None) -> Alarm | None:
-        """The first thing that is not as it was authorised, or None.
+        """First difference from the authorised state as an alarm, or None.
 
         Args:
             q_rad: measured joint angles now, six.
@@ -177,7 +177,7 @@ class Watch:
         )
 
     def _speed(self, now: int, speeds: ReportedSpeeds | None) -> Alarm | None:
-        """Whether the arm is as slow as it has to be."""
+        """Alarm where the arm is faster than it has to be, or None."""
         if self._governor is None or speeds is None:
             return None
         lost = self._governor.hear(speeds, now_ms=now)
@@ -221,7 +221,7 @@ class Watch:
         return self._changed(Reason.WATCH_BLIND, now, what)
 
     def _answer(self, now: int) -> Alarm | None:
-        """What the newest judgement says, if there is one."""
+        """Alarm that the newest judgement gives, or None."""
         if self._judging is None or not self._judging.done():
             return None
         judging, self._judging = self._judging, None
@@ -240,7 +240,7 @@ class Watch:
         return None
 
     def _goes_on(self, rest: RemainingVerdict, now: int) -> bool:
-        """Whether what was judged may go on, at whatever speed."""
+        """True where the judged motion may go on, at full speed or slower."""
         if self._governor is None or self._asked is None:
             return rest.holds
         running, heard_ms = self._asked
@@ -248,7 +248,7 @@ class Watch:
         return self._governor.take(offer, running=running, heard_ms=heard_ms, now_ms=now)
 
     def _ask(self, now: int, period_ms: int, q_rad: Sequence[float]) -> None:
-        """A new judgement, when the last one is there and it is time."""
+        """Asks for a new judgement, when the last one is there and it is time."""
         request, permit = self._permit.request, self._permit
         if request is None or self._judging is not None or now - self._asked_ms < period_ms:
             return

@@ -1,4 +1,4 @@
-"""Whether an arm stands where a motion leads, by the model."""
+"""Arrival of an arm at the end of its motion, by the model."""
 
 from __future__ import annotations
 
@@ -18,13 +18,16 @@ if TYPE_CHECKING:
 JOINT_RAD: Final = 1e-3
 """A joint this near to its target has arrived; the controller holds about a tenth of it."""
 TOOL_M: Final = NOMINAL_ERROR_M + 1e-3
-"""A tool this near to its target has: a controller has its arm's own kinematics, a model may have nominal ones."""
+"""Distance at which a tool has arrived.
+
+A controller has its arm's own kinematics, a model may have nominal ones.
+"""
 TOOL_RAD: Final = 0.02
-"""Ours: likewise, of its turn."""
+"""Ours: turn of the tool at which it has arrived."""
 
 
 def arrived(motion: Motion | None, robot: Robot, q_rad: Sequence[float]) -> bool:
-    """Whether an arm at these joint angles is where the motion leads; False for one that leads to no place.
+    """True where these joint angles are the end of the motion; False for a motion without an end.
 
     Args:
         motion: as it was assessed.

@@ -1,4 +1,4 @@
-"""A stream of joint targets or speeds in the cell as its sensors see it: told the view, asked about each value."""
+"""A stream of joint targets or speeds in the cell: shown each view, asked about each value."""
 
 from __future__ import annotations
 
@@ -26,11 +26,15 @@ if TYPE_CHECKING:
     from pep.world.held_object import CommittedGrip
 
 STEP_S: Final = 0.04
-"""Ours: longest time for the whole question about one value: whoever asks has an event loop to himself meanwhile."""
+"""Ours: longest time for the whole question about one value.
+
+The caller's event loop waits for it meanwhile.
+"""
 AGAIN_S: Final = 0.15
-"""A value that stands is judged again within this: each 100 ms, and that takes a while (`pep.watch.watch`)."""
+"""Longest time before a standing value is judged again: each 100 ms, and the judgement's own time (`pep.watch.watch`).
+"""
 SPEED_LOOKAHEAD_S: Final = 0.03
-"""PHY-20: within the least lookahead a servo target makes for exactly the speeds that lead to it."""
+"""PHY-20: lookahead within which a servo target makes for exactly the speeds that lead to it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +48,7 @@ class JointAngles:
 
 @dataclass(frozen=True, slots=True)
 class JointSpeeds:
-    """Joint speeds to take up and keep until somebody ends them, rad/s; the leading axis at an acceleration, rad/s2."""
+    """Joint speeds to take up and keep until ended, rad/s; the leading axis at an acceleration, rad/s2."""
 
     qd_rad_s: tuple[float, ...]
     acceleration_rad_s2: float
@@ -55,11 +59,11 @@ Value: TypeAlias = JointAngles | JointSpeeds
 
 @dataclass(frozen=True, slots=True)
 class Judged:
-    """One value, judged with all that it lets follow until the arm stands.
+    """Judgement of one value, with all motion that it allows until the arm stands.
 
     Attributes:
         index_milli: proven upper bound of its index, thousandths.
-        violations: kinds that are denied whatever is authorised.
+        violations: kinds that no authority allows.
         tcp_speed_m_s: proven bound on the speed of the tool centre point.
         contact_ratio: proven bound on speed by limit speed of any body region that could be met.
     """
@@ -72,7 +76,7 @@ class Judged:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """The view that was told: its age in ms, and what it shows; both None when there is none."""
+    """View that was shown to the stream: its age in ms, and its content; both None when there is none."""
 
     age_ms: int | None
     content: object
@@ -100,7 +104,7 @@ class CellStream:
         self._stream = Stream(self._robot, cell, touch=touch, clock=lambda: clock.monotonic_ms() / 1000)
 
     def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
-        """From the next value on, the newest view is the one. Milliseconds.
+        """Takes the newest view as the one from the next value on. Milliseconds.
 
         Args:
             q_rad: measured joint angles, six.
@@ -118,9 +122,9 @@ class CellStream:
         return Shown(look.age_ms(look.taken_ms), view.content if isinstance(view, Seen) else None)
 
     def judge(self, value: Value, state: JointState, *, authorised_milli: int, seed: bytes) -> Judged | ImpactFault:
-        """What a value lets follow, from where the arm is and as it moves. Microseconds where the bound settles it.
+        """Judges the motion that a value allows from the arm's present state. Microseconds where the bound settles it.
 
-        What is not answered within `STEP_S` is a fault.
+        A question that is not answered within `STEP_S` is a fault.
 
         Joint speeds that the arm takes up, or goes on with, are a stream of speeds (PHY-51). Other ones are judged as
         the servo target that makes for them: each joint goes at a speed between the measured one and that which is

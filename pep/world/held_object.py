@@ -1,7 +1,7 @@
-"""What the gripper holds, as committed: the gripper says that there is something, the sensors' last view says what.
+"""The gripper's held object, as committed: the gripper tells that there is one, the sensors' last view which.
 
 From the moment a grip has ended on something until a later one ends on nothing, the arm is assessed as an arm with that
-part in its fingers. No call ever says what is held.
+part in its fingers. No call ever names the held object.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 class CommittedGrip:
-    """The arm with what it holds. Any thread.
+    """The arm with its held object. Any thread.
 
     Args:
         robot: the arm with its tool and empty fingers.
@@ -35,17 +35,17 @@ class CommittedGrip:
 
     @property
     def robot(self) -> Robot:
-        """The arm as it is to be reckoned with now."""
+        """The arm to compute with now, held object included."""
         with self._lock:
             return self._now
 
     @property
     def held(self) -> GrippedObject | None:
-        """What it holds."""
+        """The held object, or None."""
         return self.robot.held
 
     def closed_on(self, q_rad: Joints, objects: Iterable[Thing]) -> None:
-        """The fingers have closed on something: on the one object seen between them, else on an unknown part.
+        """Commits a grip on the one object seen between the fingers, else on an unknown part.
 
         Args:
             q_rad: measured joint angles.
@@ -54,7 +54,7 @@ class CommittedGrip:
         self._hold(gripped(self._empty, q_rad, objects, self._cell) or unknown_part(self._empty, self._cell))
 
     def closed_on_unknown(self) -> None:
-        """The fingers have closed on something, and nobody knows on what."""
+        """Commits a grip on an unknown part."""
         self._hold(unknown_part(self._empty, self._cell))
 
     def _hold(self, held: GrippedObject) -> None:
@@ -62,13 +62,13 @@ class CommittedGrip:
             self._now = self._empty.holding(held)
 
     def released(self) -> None:
-        """The fingers hold nothing: what they held stands where the sensors show it."""
+        """Commits empty fingers: the object stands where the sensors show it."""
         with self._lock:
             self._now = self._empty
 
     @property
     def carried_kg(self) -> float:
-        """Tool and all that is held; with an unknown part, all that the robot may carry."""
+        """Mass of tool and held object; with an unknown part, the whole payload of the robot."""
         robot = self.robot
         part = robot.held
         part_kg = self._cell.payload_kg if part is None else part.mass_kg

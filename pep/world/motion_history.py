@@ -1,7 +1,7 @@
-"""What was done with the arm, as a way through joint space: where each act began, where it led, how fast it was asked.
+"""Acts of the arm as a way through joint space: each with its start, its target and its speed.
 
 Small steps in one direction are one way that was cut up. `joined` puts them together again, so that none of them is
-judged as smaller than what they make (docs/physics.md, PHY-25).
+judged as smaller than the whole (docs/physics.md, PHY-25).
 """
 
 from __future__ import annotations
@@ -18,10 +18,12 @@ if TYPE_CHECKING:
     from policies.evidence.model import Request
 
 BESIDE_PERMILLE: Final = 100
-"""Points of a way are on a straight line when none is farther beside it than this part of its length. Ours."""
+"""Greatest distance of a point beside a straight way, as a part of its length. Ours."""
 AS_FAST_PERMILLE: Final = 500
-"""An act is a part of the way of a later one when it was asked at this part of that one's speed or more. Ours: what was
-crept along before is no run-up."""
+"""Least speed of an earlier act, as a part of a later one's, for both to be one way. Ours.
+
+A slow approach is no run-up.
+"""
 
 Angles = tuple[int, ...]
 """Six joint angles in microradian."""
@@ -29,7 +31,7 @@ Angles = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class Act:
-    """Something that was done, or is about to be.
+    """An act of the arm or gripper, done or about to be done.
 
     Attributes:
         agent: who did it.
@@ -52,7 +54,7 @@ class Act:
 
 
 def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> Act:
-    """The act that the request is, from there."""
+    """The act that the request is, from that start."""
     values = tuple((value.name, value.unit, value.value) for value in request.values)
     act = Act(agent, (request.object, request.operation), values, at_ms)
     numbers = tuple(value.value for value in request.values)
@@ -72,7 +74,7 @@ def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> A
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """Several acts as the one that they make together: a straight move.
+    """Several acts together as one straight move.
 
     Attributes:
         start_urad: where it would have begun, in line with this act: as far behind the arm as the first of them began.
@@ -86,7 +88,7 @@ class Joined:
 
 
 def joined(request: Request, now: Act, before: Sequence[Act]) -> Joined | None:
-    """The longest straight way that ends with this act's first leg, or None when no act before it is part of one.
+    """Longest straight way that ends with this act's first leg; None when no earlier act belongs to it.
 
     Args:
         request: what is asked.
@@ -119,7 +121,7 @@ def joined(request: Request, now: Act, before: Sequence[Act]) -> Joined | None:
 
 
 def _straight(points: Sequence[Angles]) -> bool:
-    """Whether the points follow each other along the line from the first to the last, and none is far beside it."""
+    """True where the points follow each other along one line, and none is far beside it."""
     first, last = points[0], points[-1]
     line = [b - a for a, b in zip(first, last, strict=True)]
     length2 = sum(each * each for each in line)

@@ -1,8 +1,8 @@
-"""What a command follows: the committed state of one robot, and what was done with it just now (TEA-6).
+"""Sequence of a robot's acts: its committed state, and the acts of the last seconds (TEA-6).
 
 One motion at a time: nothing is ever queued here, and a command that is no part of an unfinished one does not get this
-far. What is left to know is whether the arm is still where the last act left it, whether acts undo each other, and what
-they make together. Whose acts they are does not matter there: agents that take turns move one arm.
+far. Three questions remain: whether the arm is still where the last act left it, whether acts undo each other, and
+which motion they are together. The acts count for all agents alike: agents that take turns move one arm.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from policies.evidence.model import Request
 
 WINDOW_MS: Final = 10_000
-"""How long an act counts. Ours: pick and place takes some seconds each way, and shaking takes less."""
+"""Time for which an act counts. Ours: pick and place takes some seconds each way, and shaking takes less."""
 ARRIVED: Final = "reached"
 """The outcome of a motion that ended at its target, as its tool says it."""
 MILLI: Final = 1_000
 ACTS_KEPT: Final = 256
 """Acts that are remembered at most; more than a robot does within the window."""
 SAME_PERMILLE: Final = 50
-"""Two targets are the same when they differ by less than this part of the way between the act and the one before."""
+"""Targets differ by less than this part of the way between two acts when they are the same."""
 
 
 class Sequence:
@@ -48,7 +48,7 @@ class Sequence:
         self._stands_urad: Angles | None = None
 
     def joined(self, request: Request, *, impact: object) -> Joined | None:
-        """What the request makes together with the acts before it, to be assessed as one; None when that is itself.
+        """The request joined with the acts before it, to be assessed as one; None when it stands alone.
 
         Args:
             request: what would be done.
@@ -68,7 +68,7 @@ class Sequence:
         unfinished: bool,
         together: object | None = None,
     ) -> SequenceReading:
-        """What this request of that agent stands in, as of now.
+        """Reading of the sequence for this request of that agent, as of now.
 
         Args:
             request: what would be done.
@@ -102,7 +102,7 @@ class Sequence:
         )
 
     def begins(self, request: Request, *, agent: str, impact: object) -> None:
-        """The request is sent now: where the arm will stand is not known until it has ended.
+        """Notes that the request is sent: the arm's resting place is not known until it has ended.
 
         Args:
             request: what is sent.
@@ -116,7 +116,7 @@ class Sequence:
                 self._stands_urad = None
 
     def ended(self, request: Request, *, arrived: bool) -> None:
-        """The request's effect is over; an arm that arrived stands at its target, any other anywhere."""
+        """Notes the end of the request's effect; an arm that arrived stands at its target, any other anywhere."""
         numbers = tuple(value.value for value in request.values)
         targets = targets_of(operation_of(request.object, request.operation), numbers)
         if arrived and targets:
@@ -124,7 +124,7 @@ class Sequence:
                 self._stands_urad = targets[-1]
 
     def looked(self) -> None:
-        """Where the arm stands was told to whoever asks next: what is asked from now on begins there."""
+        """Notes that a caller was told the arm's place: later requests begin there."""
         with self._lock:
             self._stands_urad = None
 
@@ -145,10 +145,10 @@ def _held_known(robot: object) -> bool:
 
 
 def _alternations(acts: tuple[Act, ...]) -> int:
-    """How often something was brought back to where it was before the act before: the arm, or any other thing.
+    """Number of times that a thing returned to its place of two acts before: the arm, or any other.
 
-    The arm is one thing, whoever moves it and by which operation; the legs of a path are acts. A stream of speeds comes
-    back when its speeds do.
+    The arm is one thing, for every agent and operation; the legs of a path are acts. A stream of speeds comes back when
+    its speeds do.
     """
     places: dict[tuple[str, ...], list[Angles]] = {}
     for act in acts:
@@ -163,7 +163,7 @@ def _alternations(acts: tuple[Act, ...]) -> int:
 
 
 def _undoes(before: Angles, there: Angles, back: Angles) -> bool:
-    """Whether `back` is at `before` again, as measured by the way to `there`: none at all is standing still."""
+    """True where `back` is at `before` again, as measured by the way to `there`; standing still is no way."""
     if len({len(before), len(there), len(back)}) > 1:
         return False
     way = [abs(a - b) for a, b in zip(before, there, strict=True)]

@@ -1,4 +1,4 @@
-"""The world of TEA-4: what the sensors sign, where the robot says it is, and what physics makes of a request there."""
+"""World of TEA-4: the sensors' signed view, the robot's own place, and the physics of a request there."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ MOTIONS_KEPT: Final = 64
 """Requests whose motion is remembered; one at a time is under way."""
 MILLI: Final = 1_000
 ALLOWANCE: Final = 1.5
-"""A second assessment reckons with this many times the duration of the first; one slower than that is a fault. Ours."""
+"""Factor by which a second assessment may outlast the first; a slower one is a fault. Ours."""
 
 T = TypeVar("T")
 
@@ -94,10 +94,10 @@ class CellPhysics:
         self._motions: OrderedDict[str, Motion] = OrderedDict()
 
     def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
-        """The runtime impact of the request in the world as it is now, or why none can be told, and whose view it is.
+        """Runtime impact of the request in the world as it is now, or a fault, with the view's origin.
 
-        People go on walking while it is computed. So the age that counts is that at the end: an answer which took
-        longer than it reckoned with is thrown away, and the world is looked at anew with that much more age.
+        People walk on while it is computed, so the age at the end counts. An answer that took longer than it allowed
+        for is discarded, and the world is looked at anew with that much more age.
         """
         allowance_ms = 0
         while True:
@@ -119,7 +119,7 @@ class CellPhysics:
         return int(self._cell.perception_age_limit_s * 1000)
 
     def _in_time(self, impact: ImpactReading | ImpactFault, look: Look, now_ms: int) -> bool:
-        """Whether the age at the end is one that the impact was computed for."""
+        """True where the impact was computed for the view's age at the end."""
         age_ms = look.age_ms(now_ms)
         if isinstance(impact, ImpactFault) or impact.perception_age_ms is None or age_ms is None:
             return True
@@ -184,7 +184,7 @@ class CellPhysics:
     def together(
         self, request: Request, *, start_urad: tuple[int, ...], touch: frozenset[str]
     ) -> Together | ImpactFault:
-        """What is left, from where the arm is, of a straight move that began there: what lies behind is done."""
+        """Judges the rest of a straight move from the arm's place; the part behind it is done."""
         return _told(partial(self._together, request, start_urad, touch))
 
     def _together(self, request: Request, start_urad: tuple[int, ...], touch: frozenset[str]) -> Together | ImpactFault:
@@ -229,7 +229,7 @@ class CellPhysics:
                 assert_never(motion)
 
     def arrived(self, request_id: str, q_rad: Sequence[float]) -> bool:
-        """Whether an arm at these joint angles (rad) is where that request, as it was assessed, leads."""
+        """True where these joint angles (rad) are the end of that request's motion, as it was assessed."""
         with self._lock:
             motion = self._motions.get(request_id)
         return arrived(motion, self._holding.robot, q_rad)
@@ -243,7 +243,7 @@ class CellPhysics:
         touch: frozenset[str],
         running: float | None,
     ) -> RemainingVerdict:
-        """Whether what is left of a motion from these joint angles is proven to be inside what was authorised.
+        """Judges whether the rest of a motion from these joint angles is proven to be inside the authorised index.
 
         The `Remaining` port: one look at the frames, one judgement; it never raises.
         """
@@ -281,7 +281,7 @@ class CellPhysics:
         )
 
     def grip_ended(self, *, on_something: bool, arrived: bool) -> None:
-        """A grip has ended: what the arm holds is committed, by the gripper's word and by what the sensors show.
+        """Commits the held object after a grip has ended, by the gripper's word and the sensors' view.
 
         Args:
             on_something: whether the fingers were stopped by something.
@@ -304,7 +304,7 @@ class CellPhysics:
             self._holding.closed_on(self._state.read().q_rad, shown)  # type: ignore[arg-type]  # six, counted where they were read
 
     def summary(self) -> dict[str, Any]:
-        """What is seen, for people who look: how many, how old, whether it is believed."""
+        """Summary of the view for people: how many, how old, whether it is believed."""
         look = self._frames.look()
         view = look.view()
         match view:
@@ -325,7 +325,7 @@ class CellPhysics:
 
 
 def tool_position(robot: Robot, q_rad: Sequence[float]) -> tuple[float, float, float]:
-    """Where the model has the tool centre point, m in the base frame, at six joint angles."""
+    """Tool centre point of the model, m in the base frame, at six joint angles."""
     rotation, origin = link_frames(robot, np.array([q_rad], dtype=float))
     x, y, z = (origin[0, -1] + rotation[0, -1] @ np.array(robot.tool.tcp_m)).tolist()
     return x, y, z
@@ -363,7 +363,7 @@ def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> Aged
 
 
 def _told(ask: Callable[[], T]) -> T | ImpactFault:
-    """What physics says. Whatever breaks in it is a fault, never a tier."""
+    """Answer of physics. Every failure in it is a fault, never a tier."""
     try:
         return ask()
     except RobotError as error:
@@ -375,7 +375,7 @@ def _told(ask: Callable[[], T]) -> T | ImpactFault:
 
 
 def scene_of(seen: Seen, cell: CellParameters) -> Scene:
-    """The surveyed cell with everybody and everything that any sensor sees; complete only where all of them are.
+    """Surveyed cell with all people and objects that any sensor sees; complete only where all sensors are.
 
     Raises:
         SceneError: a region or kind that is not in the declared sets.
@@ -384,7 +384,7 @@ def scene_of(seen: Seen, cell: CellParameters) -> Scene:
 
 
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
-    """The motion that a request is from that state; None where physics knows none."""
+    """Motion of a request from that state; None where physics knows none."""
     values = tuple(si(v.value, v.unit) for v in request.values)
     operation, here = operation_of(request.object, request.operation), state.q_rad
     moves = Moves.NOTHING if operation is None else operation.moves
@@ -403,7 +403,7 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
         case Moves.AT_JOINT_SPEEDS:
             return stream_envelope(_stream(values, state), cell, under_way=not state.still)
         case Moves.AT_TOOL_SPEED:
-            # A held tool speed ends when somebody ends it; who is late has the patience of a stream of joint speeds.
+            # A held tool speed lasts until it is ended; a late end has the patience of a stream of joint speeds.
             duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
             return SpeedL(here, values[:6], values[6], duration_s)  # type: ignore[arg-type]
         case Moves.AFTER_JOINTS:
@@ -426,7 +426,7 @@ def _stream(values: Sequence[float], state: JointState) -> SpeedJ:
 
 
 def _goes_on(request: Request, state: JointState) -> bool:
-    """Whether the request is for a stream, and the arm moves as such a stream does."""
+    """True where the request is for a stream, and the arm moves as that stream does."""
     operation = operation_of(request.object, request.operation)
     if operation is None or operation.moves is not Moves.AT_JOINT_SPEEDS:
         return False

@@ -1,7 +1,9 @@
-"""ChromaDB as a store of a collection, and an embedding of our own that needs no model, no network and no luck.
+"""ChromaDB as a store of a collection, with an embedding that needs no model and no network.
 
-Nothing that Chroma returns is believed here: `pep.context.retrieval` judges it. Without an embedding function Chroma
-would download a model at the first use, so every way in states one.
+The embedding is deterministic.
+
+No answer of Chroma is believed here: `pep.context.retrieval` judges it. Without an embedding function Chroma would
+download a model at the first use, so every way in states one.
 """
 
 from __future__ import annotations
@@ -26,14 +28,17 @@ if TYPE_CHECKING:
     from chromadb.api import ClientAPI
 
 DIMENSIONS: Final = 256
-"""Enough to tell a few hundred short texts apart (ecosystem 5.4: tried)."""
+"""Dimensions that tell a few hundred short texts apart (ecosystem 5.4: tried)."""
 NAME: Final = "ztpm-feature-hash"
 _WORD: Final = re.compile(r"\w+")
 
 
 @register_embedding_function
 class FeatureHash(chromadb.EmbeddingFunction[chromadb.Documents]):
-    """Words and pairs of neighbours, each hashed to a signed place of a unit vector: the same text, the same vector."""
+    """Embedding by hashing words and pairs of neighbours to signed places of a unit vector.
+
+    The same text has the same vector.
+    """
 
     def __init__(self, dimensions: int = DIMENSIONS) -> None:
         self._dimensions = dimensions
@@ -55,21 +60,21 @@ class FeatureHash(chromadb.EmbeddingFunction[chromadb.Documents]):
 
     @staticmethod
     def name() -> str:
-        """Under which a stored collection names it."""
+        """Name of the embedding in a stored collection."""
         return NAME
 
     def get_config(self) -> dict[str, Any]:
-        """What a stored collection keeps of it."""
+        """Configuration that a stored collection keeps."""
         return {"dimensions": self._dimensions}
 
     @staticmethod
     def build_from_config(config: dict[str, Any]) -> FeatureHash:
-        """The function of a stored collection."""
+        """Embedding function of a stored collection."""
         return FeatureHash(int(config["dimensions"]))
 
 
 def client(path: Path | None) -> ClientAPI:
-    """A Chroma inside this process that tells nobody of it: at `path`, or in memory when it is None."""
+    """Chroma client inside this process, without telemetry: at `path`, or in memory when it is None."""
     settings = Settings(anonymized_telemetry=False, allow_reset=False)
     if path is None:
         return chromadb.EphemeralClient(settings=settings)
@@ -95,10 +100,10 @@ class ChromaCollection:
         return [StoredContent(id_, text) for id_, text in zip(answer["ids"][0], documents[0], strict=True)]
 
     def ids(self, *, most: int) -> Sequence[str]:
-        """At most `most` of its ids."""
+        """At most `most` ids of the collection."""
         held: list[str] = self._collection.get(limit=most, include=[])["ids"]
         return held
 
     def keep(self, contents: Sequence[tuple[str, str]]) -> None:
-        """The collection holds these (id, text) pairs, in place of whatever it held under their ids."""
+        """Puts these (id, text) pairs into the collection, in place of earlier ones under their ids."""
         self._collection.upsert(ids=[id_ for id_, _ in contents], documents=[text for _, text in contents])

@@ -1,6 +1,6 @@
-"""Where admission keeps things: the rows of a memory in SQLite, and high-water marks in a small file of their own.
+"""Stores of admission: the rows of a memory in SQLite, and high-water marks in a small file of their own.
 
-The two are kept apart on purpose. Whoever can put back an old memory must not be able to put back what was seen of it.
+The two are kept apart on purpose. An attacker who can put back an old memory must not be able to put back its mark.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class MemoryFile:
             raise PepError(PepFault.STATE_UNREADABLE, str(path)) from error
 
     def append(self, row: MemoryRow) -> None:
-        """The row survives a power cut.
+        """Appends the row so that it survives a power cut.
 
         Raises:
             sqlite3.Error: when it does not, or its place is taken.
@@ -77,7 +77,7 @@ class MemoryFile:
         return [_row(one) for one in found]
 
     def close(self) -> None:
-        """The file is closed."""
+        """Closes the file."""
         with self._lock:
             self._database.close()
 
@@ -120,7 +120,7 @@ class HighWaterMarkFile:
             return self._marks.get(name, UNSEEN)
 
     def write(self, name: str, mark: HighWaterMark) -> None:
-        """The mark survives a power cut.
+        """Writes the mark so that it survives a power cut.
 
         Raises:
             PepError: `STATE_UNREADABLE` when it could not be made durable.
