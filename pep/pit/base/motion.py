@@ -1,4 +1,4 @@
-"""What is asked of the arm, as path and profile: straight joint motions with a trapezoid of speed, and the rest.
+"""Motions of the arm as path and profile: straight joint motions with a trapezoid of speed, and the others.
 
 A joint move with blend 0 is a straight segment in joint space, so what it sweeps does not depend on its timing; a joint
 speed held for a while is one too, and ends where the stop after it ends. The path parameter s runs from 0 to 1; the
@@ -93,7 +93,10 @@ class MoveL:
 
 @dataclass(frozen=True, slots=True)
 class JointLeg:
-    """One leg of a joint path: its end (rad), speed and acceleration of the leading axis, and blend at the end."""
+    """One leg of a joint path.
+
+    Its end (rad), speed and acceleration of the leading axis, and blend at the end.
+    """
 
     target: Joints
     speed_rad_s: float
@@ -103,7 +106,10 @@ class JointLeg:
 
 @dataclass(frozen=True, slots=True)
 class LineLeg:
-    """One leg of a linear path: its end, speed and acceleration of the tool point, and blend at the end."""
+    """One leg of a linear path.
+
+    Its end, speed and acceleration of the tool point, and blend at the end.
+    """
 
     target: Pose
     speed_m_s: float
@@ -183,7 +189,7 @@ class OutputSet:
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """A straight joint motion from rest to rest, whatever asked for it.
+    """Straight joint motion from rest to rest, in one form for all commands.
 
     Attributes:
         start, target: joint angles, rad; both ends are at rest.
@@ -207,7 +213,10 @@ Straight: TypeAlias = MoveJ | Run
 
 
 def run_of(motion: MoveJ | SpeedJ, *, stop_delay_s: float, stop_deceleration_rad_s2: float) -> Run:
-    """The motion as a run. A held speed goes on until its stop takes hold, and as far as that stop then takes."""
+    """The motion as a run.
+
+    A held speed goes on until its stop takes hold, and over that stop's way.
+    """
     match motion:
         case MoveJ(start, target, speed, acceleration):
             return Run(start, target, speed, acceleration, acceleration)
@@ -246,7 +255,7 @@ class Profile:
     peak_rad_s: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        """Without another one the braking is the acceleration."""
+        """Takes the acceleration as the braking where no braking is given."""
         up, down = self.acceleration_rad_s2, self.braking_rad_s2
         if math.isnan(down):
             down = up
@@ -279,7 +288,7 @@ class Profile:
         return np.asarray(np.where(spanned, self.peak_rad_s / self.way_rad, self.rate(nearest)))
 
     def at(self, t_s: float) -> tuple[float, float]:
-        """(s, ds/dt) at time `t_s` after the start, from the time domain: shares nothing with `rate` but the peak."""
+        """(s, ds/dt) at time `t_s` after the start, by the time domain; shares only the peak with `rate`."""
         peak, duration = self.peak_rad_s, self.duration_s
         ramp, fall = peak / self.acceleration_rad_s2, peak / self.braking_rad_s2
         t = min(max(t_s, 0.0), duration)
@@ -303,7 +312,7 @@ class Profile:
 
 
 def profile_of(move: Straight, speed_rad_s: float | None = None) -> Profile | None:
-    """The move's profile (at another commanded speed, when one is given), or None when it goes nowhere.
+    """Profile of the move (at another commanded speed, when one is given); None for a move without way.
 
     A held speed at a lower speed covers less way; on the way of the higher one the profile is still a bound of it.
     """

@@ -1,4 +1,4 @@
-"""How robots and pairs lie in the kernel's arrays: one row each, the columns named here once."""
+"""Columns of robots and pairs in the kernel's arrays: one row each, named here once."""
 
 from __future__ import annotations
 

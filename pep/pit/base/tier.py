@@ -1,4 +1,6 @@
-"""The physical impact index I in [0, 4] as pure functions, and the one place where an index becomes a tier.
+"""Physical impact index I in [0, 4] as pure functions, and its tier.
+
+No other module makes an index a tier.
 
 Each function is monotone: nearer, faster, older or heavier never lowers it. It is piecewise linear, with jumps only
 from standstill to motion and where a configured limit is broken. Arrays in, arrays out, row by row.
@@ -42,7 +44,7 @@ def tier_of(index: float) -> Tier:
 
 
 def _share(of: Floats) -> Floats:
-    """Held between 0 and 1; `np.clip` takes longer than all the rest here."""
+    """Share, clipped to 0 and 1; `np.clip` takes longer than all the rest here."""
     return np.minimum(np.maximum(of, 0), 1)
 
 
@@ -57,7 +59,9 @@ def person_index(
     penetration_band: float,
     stop: Stopping,
 ) -> Floats:
-    """Index of a body region `near` metres away (uncertainty taken off; `nominal` without that) from a link at `speed`.
+    """Index of a body region `near` metres away from a link at `speed`.
+
+    `near` has the uncertainty taken off, `nominal` not.
 
     1 far off; up to 2 inside the warning band; up to 3 inside the protective distance, where contact is possible if the
     person moves; above 3 when the arm's own travel reaches the person and the blow may harm, or the path itself leads
@@ -77,7 +81,10 @@ def person_index(
 
 
 def thing_index(near: Floats, speed: Floats, *, band: Floats, stop: Stopping) -> Floats:
-    """Index of a thing, the arm itself or a boundary `near` metres from a link: 1 beyond the band, 3 at the surface."""
+    """Index of a thing, the arm itself or a boundary: 1 beyond the band, 3 at the surface.
+
+    `near` metres from a link.
+    """
     travel = stop.known_travel_m(speed)
     aware = 1 + _share((travel + band - near) / band)
     certain = 2 + _share((travel - near) / np.maximum(travel, LEAST_TRAVEL_M))
@@ -85,12 +92,12 @@ def thing_index(near: Floats, speed: Floats, *, band: Floats, stop: Stopping) ->
 
 
 def meant_index(ordinary: Floats, speed: Floats, *, gentle: float) -> Floats:
-    """Index of a contact that is meant: at most 2 while the body is gentle, else the `ordinary` index of a thing."""
+    """Index of a meant contact: at most 2 at a gentle speed, else the `ordinary` index of a thing."""
     return np.asarray(np.where(speed <= gentle, np.minimum(ordinary, MEANT), ordinary))
 
 
 def zone_index(near: Floats, speed: Floats, *, band: Floats, declared: Floats, stop: Stopping) -> Floats:
-    """Index of a zone with a declared tier: over the band it rises to that tier, had where the arm's travel ends."""
+    """Index of a zone with a declared tier: rises over the band to that tier, at the arm's travel."""
     travel = stop.known_travel_m(speed)
     share = _share((travel + band - near) / band)
     return np.asarray(np.where(speed > 0, 1 + (declared - 1) * share, 0))

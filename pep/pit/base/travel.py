@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Stopping:
-    """How a motion ends when it must.
+    """Stop of a motion: its times, and the travel of arm and people until the arm stands.
 
     Attributes:
         reaction_s: T_r, from an event to the start of braking.
@@ -26,13 +26,13 @@ class Stopping:
     person_speed_m_s: float
 
     def travel_m(self, speed_m_s: Floats) -> Floats:
-        """What the arm still travels after an event: S_r + S_s."""
+        """Travel of the arm after an event: S_r + S_s."""
         return speed_m_s * (self.reaction_s + self.travel_s)
 
     def known_travel_m(self, speed_m_s: Floats) -> Floats:
-        """The same towards a thing at rest: nothing needs to be noticed first, so only S_s."""
+        """Travel of the arm towards a thing at rest: it needs no noticing, so only S_s."""
         return speed_m_s * self.travel_s
 
     def approach_m(self, intrusion_m: Floats) -> Floats:
-        """What a person may come nearer until the arm stands: S_h + C."""
+        """Approach of a person until the arm stands: S_h + C."""
         return self.person_speed_m_s * (self.reaction_s + self.brake_s) + intrusion_m

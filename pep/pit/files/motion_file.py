@@ -62,9 +62,9 @@ KINDS: Final[Mapping[str, MotionForm]] = MappingProxyType(
         "output": MotionForm(OutputSet, {}),
     }
 )
-"""Every motion, under the word that a file's `kind` says."""
+"""Every motion, under the word of a file's `kind`."""
 _LEGS: Final = (MotionForm(JointLeg, {"target": _RAD}), MotionForm(LineLeg, {"target": _POSE}))
-"""What a motion may be made of."""
+"""Forms of the legs of a motion."""
 
 
 def _form(kind: MotionForm, heading: Mapping[str, Any]) -> Any:
@@ -77,7 +77,7 @@ def _form(kind: MotionForm, heading: Mapping[str, Any]) -> Any:
 
 
 def _told(hint: Any) -> Any:
-    """How a file spells a field of this type: as it is, or, of legs, as their forms."""
+    """Type of a field as a file spells it: unchanged, or, for legs, their forms."""
     leg = next((kind for kind in _LEGS if kind.made in get_args(hint)), None)
     if leg is None:
         return hint
@@ -119,7 +119,7 @@ def _made(kind: MotionForm, stated: Any) -> Any:
 
 
 def word_of(motion: Motion) -> str:
-    """What a file calls this kind of motion."""
+    """Word of a file for this kind of motion."""
     return next(word for word, kind in KINDS.items() if isinstance(motion, kind.made))
 
 

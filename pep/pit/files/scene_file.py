@@ -1,7 +1,7 @@
-"""A scene file: the cell, what a sensor saw there and how long ago, what is held, and what may be touched.
+"""Scene file: the cell, a sensor's view with its age, the held object, and the objects to touch.
 
-Each part is what someone else says in a running cell: a person signs the cell, sensors sign the view, the token grants
-the touch. A file is nobody's word; it is for asking what would follow.
+In a running cell each part has an author of its own: a person signs the cell, sensors sign the view, the token grants
+the touch. A file has no author; it is for trying out consequences.
 """
 
 from __future__ import annotations
@@ -92,7 +92,10 @@ class SeenPerson:
 
 @dataclass(frozen=True, slots=True)
 class SeenObject:
-    """An object that a sensor sees, with its one shape; the cell's uncertainty where none is given; else as people."""
+    """Object that a sensor sees, with its one shape.
+
+    The cell's uncertainty counts where none is given; the rest is as for people.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     id: Name
@@ -108,7 +111,7 @@ class SeenObject:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Who saw it. A view that no registered sensor signed must not be believed."""
+    """Origin of a view. A view that no registered sensor signed must not be believed."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     sensor: Name
@@ -117,7 +120,7 @@ class Source:
 
 @dataclass(frozen=True, slots=True)
 class SeenView:
-    """What a sensor saw, `age_s` before the command; `complete` when it saw all of the space that it watches."""
+    """View of a sensor, `age_s` before the command; `complete` when it covers all of the watched space."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     source: Source
@@ -129,7 +132,10 @@ class SeenView:
 
 @dataclass(frozen=True, slots=True)
 class HeldObject:
-    """What the gripper holds, in the frame of the flange; a mass that is not given counts as the whole payload."""
+    """The gripper's held object, in the frame of the flange.
+
+    A missing mass counts as the whole payload.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     object: Annotated[str, Field(max_length=NAME_LIMIT)]
@@ -141,7 +147,10 @@ class HeldObject:
 
 @dataclass(frozen=True, slots=True)
 class SceneFile:
-    """The whole file; lengths in metres in the controller's base frame. Without a view nobody looked."""
+    """The whole file; lengths in metres in the controller's base frame.
+
+    Without a view nothing is seen.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     form: Literal["ztpm-scene/1"]
@@ -158,13 +167,13 @@ ADAPTER: Final[TypeAdapter[Any]] = TypeAdapter(SceneFile)
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What a motion is asked about in.
+    """Situation of a motion: cell, view, held object and objects to touch.
 
     Attributes:
-        cell: what stands there, and every number.
-        scene: what was seen there, or None when nobody looked.
+        cell: objects that stand there, and every number.
+        scene: the view of it, or None without one.
         age_s: of the view, or None.
-        held: what the gripper holds, or None.
+        held: the gripper's held object, or None.
         touch: names of objects that are granted to touch.
     """
 
@@ -209,7 +218,7 @@ def situation_of(value: object) -> Situation:
 
 
 def _say_objects(value: Any) -> None:
-    """A cell that does not say what stands in it is not an empty one, and not the demo's either."""
+    """Refuses a cell that does not name its objects: it is not an empty one, and not the demo's either."""
     if "objects" not in value["cell"]:
         raise FileError("PARAMETERS_WRONG", "scene.cell.objects", "say what stands there, or that nothing does: []")
 

@@ -15,14 +15,14 @@ ALTERNATIVES: Final = frozenset({*scene_file.SHAPES, "regions", "standing_adult"
 
 
 def scene_schema() -> dict[str, Any]:
-    """Of `pep.pit.files.scene_file`."""
+    """Schema of `pep.pit.files.scene_file`."""
     schema = _published(scene_file.ADAPTER, scene_file.FORM, "A cell, what was seen in it, what is held and granted")
     schema["$defs"]["CellParameters"]["required"] = ["objects"]
     return schema
 
 
 def motion_schema() -> dict[str, Any]:
-    """Of `pep.pit.files.motion_file`."""
+    """Schema of `pep.pit.files.motion_file`."""
     return _published(motion_file.ADAPTER, motion_file.FORM, "One motion")
 
 

@@ -1,4 +1,4 @@
-"""Distance of convex cores, exact and in bulk, and what a separating direction proves for a whole path interval.
+"""Distance of convex cores, exact and in bulk, and the bound that a separating direction proves for an interval.
 
 Everything is a core (point, segment, box, polytope, half-space) with a radius. Signed clearance is the core distance
 less the radii; when cores meet it is minus the radii, and never a penetration depth, on which engines differ.
@@ -58,11 +58,11 @@ class Cores:
 
     @property
     def is_plane(self) -> NDArray[np.bool_]:
-        """Which rows are planes: all others have a thickness, and cores that meet count as 0 apart."""
+        """True for rows that are planes: all others have a thickness, and cores that meet count as 0 apart."""
         return np.asarray(~(self.is_segment | self.is_box | (self.hull != NONE)))
 
     def polytopes(self) -> Iterator[tuple[Hull, NDArray[np.intp]]]:
-        """Each polytope that is among the rows, with the rows that it is."""
+        """Each polytope among the rows, with its rows."""
         if self.hulls:
             for which in np.unique(self.hull[self.hull != NONE]).tolist():
                 yield self.hulls[which], np.flatnonzero(self.hull == which)

@@ -1,4 +1,4 @@
-"""Shapes as coal measures them: cores of radius 0, and the radius that is left out."""
+"""Shapes as coal measures them: cores of radius 0, and their radii apart."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pep.pit.geometry.shape import Shape, Vector
 
 Kind: TypeAlias = "tuple[str, tuple[Vector, ...]]"
-"""What coal builds anew for: the kind of a shape, and of a polytope its corners."""
+"""Kind of a coal body, with a polytope's corners; another kind needs a new body."""
 
 POINT_M: Final = 1e-9  # an axis shorter than this is a point
 BALL: Final = 5  # numbers of a core: centre and radius of the ball, radius that is left out
@@ -68,7 +68,7 @@ class Core:
         object.__setattr__(self, "numbers", (*center.tolist(), around, self.radius))
 
     def built(self) -> Any:
-        """A shape of coal's of this kind and size."""
+        """Shape of coal's of this kind and size."""
         match self.kind:
             case "capsule":
                 return coal.Capsule(0.0, 2 * self.size[0])
@@ -80,7 +80,7 @@ class Core:
                 return coal.Box(*(2 * half for half in self.size))
 
     def put_into(self, body: Any, shape: Any) -> None:
-        """The body of the same kind has this size and pose from now on."""
+        """Gives the body of the same kind this size and pose."""
         body.placement = self.pose
         match self.kind:
             case "capsule":
@@ -93,7 +93,7 @@ class Core:
 
 @lru_cache(maxsize=1024)  # a robot and its cell many times over; people move and drop out
 def core_of(shape: Shape) -> Core:
-    """The core of a shape, the same object each time."""
+    """Core of a shape, the same object each time."""
     match shape:
         case Capsule(a, b, radius):
             pose, length = _placement(a, b)
@@ -109,11 +109,11 @@ def core_of(shape: Shape) -> Core:
 
 
 class Cast(NamedTuple):
-    """What stands in a scene, as coal has it.
+    """Bodies of a scene, as coal has them.
 
     Attributes:
         cores: of all shapes.
-        kinds: what coal builds anew for: the kind of each, and of a polytope its corners.
+        kinds: kind of each, by which coal builds it anew.
         balls: `numbers` of each core, (n, 5).
     """
 

@@ -118,7 +118,7 @@ def _dot(a: Whole, b: Whole) -> int:
 
 
 def _normal(a: Whole, b: Whole, c: Whole) -> Whole:
-    """Of the triangle, towards where it is seen counter-clockwise; its length is twice the area."""
+    """Normal of the triangle, towards the side that sees it counter-clockwise; its length is twice the area."""
     u, v = _minus(b, a), _minus(c, a)
     return (u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0])
 

@@ -77,7 +77,7 @@ class Workspace:
 
 
 def sound(shape: Shape) -> bool:
-    """Whether all its numbers are finite and of a possible size, and it has an extent."""
+    """True where all numbers of the shape are finite and of a possible size, and it has an extent."""
     match shape:
         case Capsule(a, b, radius):
             return within((*a, *b)) and 0 < radius <= EXTENT_LIMIT_M
@@ -96,7 +96,7 @@ def sound(shape: Shape) -> bool:
 
 
 def spans(shape: Shape) -> bool:
-    """Whether a sound shape has a volume: the corners of a convex one may all lie in a plane."""
+    """True where a sound shape has a volume: the corners of a convex one may all lie in a plane."""
     try:
         if isinstance(shape, Convex):
             hull_of(shape.vertices_m)
@@ -106,7 +106,7 @@ def spans(shape: Shape) -> bool:
 
 
 def within(numbers: Iterable[float]) -> bool:
-    """Whether each of these coordinates is one of a cell, metre."""
+    """True where each of these coordinates lies in a cell, metre."""
     return all(-EXTENT_LIMIT_M <= n <= EXTENT_LIMIT_M for n in numbers)
 
 

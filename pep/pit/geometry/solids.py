@@ -1,4 +1,4 @@
-"""Shapes as the rows of cores that distances are asked of: one row per pair, with the radius beside it."""
+"""Shapes as the rows of cores that distances are computed of: one row per pair, with the radius beside it."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _NO_TURN: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Solids:
-    """Shapes as numbers, one row each, which cost less to write again for each body than cores.
+    """Shapes as numbers, one row each, cheaper than cores to write again for each body.
 
     Attributes:
         numbers: everything but polytopes' corners, (n, `SOLID`).
@@ -64,7 +64,7 @@ class Solids:
 
     @property
     def radius(self) -> Floats:
-        """Of each row, metre."""
+        """Radius of each row, metre."""
         return self.numbers[:, RADIUS]
 
     @property

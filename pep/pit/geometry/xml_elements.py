@@ -1,4 +1,4 @@
-"""XML as plain elements, for files from elsewhere: bounded, without document types, and read by what is allowed.
+"""XML as plain elements, for foreign files: bounded, without document types, with listed members only.
 
 Entities and references to other files are declared in a document type and nowhere else in XML; one is refused, and with
 it all of them. The parser is the interpreter's own expat.
@@ -38,7 +38,7 @@ class Element:
 
 
 def refuse(what: str) -> NoReturn:
-    """Never returns.
+    """Raises the error; never returns.
 
     Raises:
         ModelError: always.
@@ -93,7 +93,7 @@ def members(
     optional: Collection[str] = (),
     children: Collection[str] = (),
 ) -> None:
-    """The element has these attributes and no others, no child of another kind, and no text."""
+    """Checks that the element has these attributes and no others, no child of another kind, and no text."""
     stated = set(element.attributes)
     if not set(attributes) <= stated <= {*attributes, *optional}:
         wrong = sorted((stated - {*attributes, *optional}) | (set(attributes) - stated))

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """Pieces that tile [0, 1] in order, and per joint what holds on the whole of each.
+    """Pieces that tile [0, 1] in order, with bounds per joint that hold on the whole of each.
 
     Attributes:
         low, high: of each piece, in 1 / GRID, shape (n,).
@@ -48,7 +48,7 @@ class Cells:
     hurry: Floats
 
     def __len__(self) -> int:
-        """How many pieces."""
+        """Number of pieces."""
         return len(self.low)
 
     @property
@@ -58,7 +58,7 @@ class Cells:
 
     @property
     def way(self) -> Floats:
-        """How far each joint goes at most, (6,), rad."""
+        """Greatest way of each joint, (6,), rad."""
         return np.asarray((self.first * ((self.high - self.low) / GRID)[:, None]).sum(axis=0))
 
     def holding(self, key: float) -> int:
@@ -77,13 +77,13 @@ _NO_CELLS: Final = Cells(np.zeros(0, np.int64), np.zeros(0, np.int64), *([_NO_RO
 
 
 class Course(Route):
-    """A curved path for one robot; not shared between threads.
+    """Curved path for one robot; not shared between threads.
 
-    It has no `start` and is no `Path`: whoever reckons with straightness must not.
+    It has no `start` and is no `Path`: a computation that needs straightness must not take it.
     """
 
     def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
-        """Nothing is computed yet."""
+        """Makes a path of which nothing is computed yet."""
         self.robot, self.cells, self.track = robot, cells, track
         self.delta = cells.way
 
@@ -101,13 +101,13 @@ class Course(Route):
     @property
     @abstractmethod
     def known(self) -> tuple[Keys, Floats]:
-        """Every place that was asked for, (n,), and the configuration there, (n, 6): the nodes of the proof."""
+        """Every place asked for so far, (n,), and its configuration, (n, 6): the nodes of the proof."""
 
 
 def straight_cells(
     start: Floats, delta: Floats, *, low: int, high: int = GRID, stray: Floats, hurry: Floats, count: int = 1
 ) -> Cells:
-    """Cells of a straight joint path, with what may stray from it.
+    """Cells of a straight joint path, with the allowed stray from it.
 
     Args:
         start: joint angles at `low`, (6,).

@@ -1,4 +1,4 @@
-"""Where exactly a course is: on a line of the tool, and from where that ends along the joints' tangent."""
+"""Exact joint angles of a course: on a line of the tool, and beyond its end along the joints' tangent."""
 
 from __future__ import annotations
 

@@ -3,8 +3,8 @@
 On a line of constant twist V the joints obey J q' = V, so J q'' = -J' q'. In the middle of a piece of half width r let
 G be the inverse of J. Suppose |q''| <= a on the piece; then |q'| <= w = |q'(m)| + r a, the Jacobian is J(m) + (s - m)
 J'(m) with an error of the second order, and J' q' differs from its value in the middle by a sum of levers times rates.
-Together they bound |q''| again. Whatever a this bound stays below is true of the whole piece: where it first failed it
-would already hold. At the ends the path lies within a r^2 / 2 of the middle's tangent, and where Newton's map is a
+Together they bound |q''| again. Each a that exceeds this bound holds on the whole piece: at the first place of failure
+it would already hold. At the ends the path lies within a r^2 / 2 of the middle's tangent, and where Newton's map is a
 contraction on so small a box, what solves the pose there is the path and no other branch. A piece that proves nothing
 is halved.
 """
@@ -39,11 +39,11 @@ ASKED_POSES: Final = 33  # poses of the rest at which any joint angles are sough
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineTrace:
-    """How far a line was traced.
+    """Result of tracing a line.
 
     Attributes:
         cells: the pieces that are proven, from the start on; there may be none.
-        reached: where they end, in 1 / GRID.
+        reached: their end, in 1 / GRID.
         q: joint angles there, (6,), rad.
         dq: their derivative by s, (6,); 0 where it has none, which is never at the end of a piece.
         stuck: why no further, or None when all that was asked for is proven.

@@ -1,4 +1,4 @@
-"""What the searches ask of a path of the joints: the straight `Path` and the curved `Course` answer it."""
+"""Path of the joints as the searches use it, implemented by the straight `Path` and the curved `Course`."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Leaves:
-    """Rows of (interval, pair) with what was found there.
+    """Rows of (interval, pair) with their findings.
 
     Attributes:
         low, high: the interval, in GRID units.
@@ -39,7 +39,7 @@ class Leaves:
     rush_mid: Floats
 
     def __len__(self) -> int:
-        """How many rows."""
+        """Number of rows."""
         return len(self.low)
 
     def take(self, which: NDArray[Any]) -> Leaves:
@@ -61,7 +61,9 @@ NO_LEAVES: Final = Leaves(*(np.zeros(0, dtype=np.int64),) * 3, *(np.zeros(0),) *
 
 
 class Route(ABC):
-    """A way of one robot's joints whose parameter grows from 0 to 1. Places on it are whole multiples of 1 / GRID.
+    """Way of one robot's joints with a parameter from 0 to 1.
+
+    Places on it are whole multiples of 1 / GRID.
 
     Attributes:
         robot: whose joints they are.
@@ -73,7 +75,7 @@ class Route(ABC):
 
     @abstractmethod
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
-        """What is proven on each row's interval, and attained in its middle."""
+        """Bounds proven on each row's interval, and values attained in its middle."""
 
     def halve(self, pairs: Pairs, leaves: Leaves, *, since: int = 0) -> Leaves:
         """Both halves of every row, examined; without those that end before `since`."""

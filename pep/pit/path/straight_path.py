@@ -25,12 +25,12 @@ class Path(Route):
     """A joint move's path for one robot; not shared between threads."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
-        """Nothing is computed yet."""
+        """Makes a path of which nothing is computed yet."""
         self.robot, self._move = robot, move
 
     @cached_property
     def start(self) -> Floats:
-        """Joint angles where it starts, rad."""
+        """Joint angles at the start, rad."""
         return np.array(self._move.start)
 
     @cached_property

@@ -1,4 +1,4 @@
-"""A curved motion's course as a proof records it: pieces, bounds, and the nodes on which its rows stand (PHY-44 to 48).
+"""Course of a curved motion as a proof records it: pieces, bounds, and nodes for its rows (PHY-44 to 48).
 
 The bounds are the trace's own, spelt a little larger, so that rounding on the other side does not refuse them; rows are
 then found on the course with the bounds as they are spelt.
@@ -34,7 +34,7 @@ NOT_TRACED: Final[dict[str, Any]] = {
     "doubt": None, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "angles": [],
     "seconds": None,
 }  # fmt: skip
-"""The record of a motion that needs none."""
+"""Record of a motion that needs no course."""
 SLACK: Final = 5e-7  # of an index: half of what the checker allows (PHY-32), for bounds that are spelt larger
 SPELT: Final = 2.0**-30  # relative: far above rounding, far below what an index shows
 SHORT_M: Final = 1e-14  # rounding of a tool's place, against the way of a short line
@@ -69,7 +69,7 @@ class Recorded(CompiledCourse):
         super().__init__(robot, spelt, drive.course.track)
 
     def at(self, s: float) -> tuple[Floats, Floats]:
-        """As `Course.at`, to rounding; where a leg begins and ends exactly as the drive has it."""
+        """Angles as of `Course.at`, to rounding; exact where a leg begins and ends."""
         q, dq = self.drive.course.at(s)
         twist = self.drive.twist
         if twist is None or not s * GRID <= self.until:
@@ -84,7 +84,7 @@ class Recorded(CompiledCourse):
         return here.q, np.asarray(np.linalg.solve(here.jacobian, twist.rate))
 
     def record(self, places: set[int], seconds: float | None, *, told: str | None) -> dict[str, Any]:
-        """The record, with a node for each piece's ends and middle and for each of these places on the line.
+        """The record, with nodes for each piece's ends and middle and for each of these places on the line.
 
         Args:
             places: in 1 / GRID.
@@ -107,18 +107,18 @@ class Recorded(CompiledCourse):
 
 
 def _larger(bounds: Floats, share: float) -> Floats:
-    """Each of a row's bounds larger by this share of itself and of the largest."""
+    """Each bound of a row, larger by this share of itself and of the largest."""
     return np.asarray(bounds + share * (bounds + bounds.max(axis=1, keepdims=True)))
 
 
 def _spelt(bounds: Floats, bits: int) -> Floats:
-    """Rounded up to so many bits."""
+    """Bounds, rounded up to so many bits."""
     fraction, exponent = np.frexp(bounds)
     return np.asarray(np.ldexp(np.ceil(np.ldexp(fraction, bits)), exponent - bits))
 
 
 def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[str, Any]:
-    """The record of a course, with what breaks it off where it is not followed to its end.
+    """Record of a course, with the reason of its end where it is not followed to its end.
 
     Args:
         way: the course.
@@ -142,7 +142,7 @@ def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[
 def untraced(
     robot: Robot, cell: CellParameters, start: Joints, drive: Nowhere, motion: Driven | LineLeg
 ) -> dict[str, Any]:
-    """The record of a motion of which nothing was traced, with the first piece where that is why.
+    """Record of a motion without trace, with the first piece where that one is the reason.
 
     Raises:
         ProofError: that piece does not show it.

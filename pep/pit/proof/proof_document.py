@@ -1,4 +1,4 @@
-"""An assessment's whole proof as one canonical text, which a checker that trusts nothing of us recomputes.
+"""Whole proof of an assessment as one canonical text, which an independent checker recomputes.
 
 The form is docs/physics.md, "The certificate" (PHY-30 to PHY-33, PHY-44 to PHY-48): the question with everything that
 the answer depends on, the answer, and the rows, leg by leg where there are several. The rows are the coarsest that
@@ -88,7 +88,7 @@ CELL_NUMBERS: Final = (
     "retreat_speed_m_s",
     "retreat_tolerance_m",
 )
-"""The cell's numbers on which a path's index depends; what stands in the cell is in the scene."""
+"""Numbers of the cell on which a path's index depends; the cell's objects are in the scene."""
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 
 
@@ -188,10 +188,10 @@ def _leg(said: Assessment, proof: dict[str, Any], torque: float) -> dict[str, An
 
 
 class _Prover:
-    """Everything that was asked but the motion, and the proof of a leg's answer to it."""
+    """Prover for one question: all of it but the motion, and the proof of each leg's answer."""
 
     def __init__(self, robot: Robot, view: View, cell: CellParameters, touch: frozenset[str]) -> None:
-        """Nothing is computed yet."""
+        """Makes a prover that has computed nothing yet."""
         self.robot, self.view, self.cell, self.touch = robot, view, cell, touch
 
     def _pairs(self) -> Pairs:
@@ -256,7 +256,7 @@ def _claimed(answer: Assessment) -> Claimed:
 
 
 def _asked(answer: Assessment, count: int) -> NDArray[np.bool_]:
-    """The pairs that the search asked about: all but those that are left out as a retreat."""
+    """Pairs that the search was asked about: all but those left out as a retreat."""
     asked = np.zeros(count, dtype=bool)
     asked[answer.certificate.pair] = True
     return asked
@@ -277,5 +277,5 @@ def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, to
 
 
 def _cut(low: Keys, high: Keys) -> str:
-    """The depths of the intervals on which speeds of the whole path are bounded, one digit each."""
+    """Depths of the intervals on which speeds of the whole path are bounded, one digit each."""
     return "".join(DIGITS[(GRID // width).bit_length() - 1] for width in (high - low).tolist())

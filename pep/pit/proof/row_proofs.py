@@ -1,4 +1,4 @@
-"""The rows of a proof: per pair the fewest intervals whose bounds prove what the answer says (PHY-31 to PHY-33)."""
+"""Rows of a proof: per pair the fewest intervals whose bounds prove the answer (PHY-31 to PHY-33)."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ rest just short of an obstacle, its plainer rows here follow it farther.
 
 @dataclass(frozen=True, slots=True)
 class Claimed:
-    """What the rows have to prove: index, violations, and the search's own rows."""
+    """Claim that the rows have to prove: index, violations, and the search's own rows."""
 
     index: float
     violations: tuple[str, ...]
@@ -50,14 +50,14 @@ class Claimed:
 
 @dataclass(frozen=True, slots=True)
 class Proven:
-    """`cover`, `retreating`, `meant` and `met` of a proof, and every place of the way that they need."""
+    """Members `cover`, `retreating`, `meant` and `met` of a proof, and every place of the way that they need."""
 
     members: dict[str, Any]
     places: set[int]
 
 
 def order_of(robot: Robot, pairs: Pairs) -> list[int]:
-    """Which of our pairs stands at each place of the certificate: those of the arm itself by names, others as ours."""
+    """Order of our pairs in the certificate: pairs of the arm itself by names, others as ours."""
     own = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.SELF)).tolist()
     names = [(inner.name, robot.bodies[body].name) for body, inner in robot.self_pairs]
     ours = list(range(len(pairs)))
@@ -67,12 +67,12 @@ def order_of(robot: Robot, pairs: Pairs) -> list[int]:
 
 
 class ProofRows:
-    """The coarsest rows that prove an answer: from the whole way on, what does not suffice is halved."""
+    """The coarsest rows that prove an answer: begins with the whole way, and halves insufficient rows."""
 
     def __init__(
         self, way: Path | Course, profile: Profile, stop: Stopping, pairs: Pairs, *, cell: CellParameters, slack: float
     ) -> None:
-        """Nothing is examined yet.
+        """Makes rows of which nothing is examined yet.
 
         Args:
             way: where the joints go.
@@ -89,7 +89,7 @@ class ProofRows:
         self.pairs = pairs.meant(gentle)
 
     def proof(self, answer: Claimed, asked: NDArray[np.bool_]) -> Proven:
-        """The rows that prove this answer of the pairs that were asked about.
+        """Rows that prove this answer of the asked pairs.
 
         Raises:
             ProofError: a row that cannot be proven to the answer's index.
@@ -116,7 +116,7 @@ class ProofRows:
         )
 
     def _covers(self, rows: NDArray[np.intp], answer: Claimed) -> dict[int, list[tuple[int, str]]]:
-        """Per pair its intervals from the way's start to its end: where each begins, and the digit of its depth."""
+        """Intervals of each pair from the way's start to its end: the start and the depth's digit of each."""
         found: dict[int, list[tuple[int, str]]] = {pair: [] for pair in rows.tolist()}
         zero = np.zeros(len(rows), dtype=np.int64)
         leaves = self.way.examine(self.pairs, zero, zero + GRID, rows)
@@ -135,9 +135,10 @@ class ProofRows:
         raise ProofError("PHYSICS_FAULT", "a row that does not prove the answer's index")
 
     def _may_suffice(self, leaves: Leaves, answer: Claimed) -> bool:
-        """Whether no middle attains more than is claimed: then nothing could be proven.
+        """True where no middle attains more than the claim; else nothing could be proven.
 
-        Beside a course that strays the arm may be where it is not on a shorter interval, so nothing is said of it.
+        Beside a course that strays the arm need not be where a shorter interval puts it, so such a course always
+        passes.
         """
         margin = TIE
         if isinstance(self.way, Course):
@@ -163,10 +164,10 @@ class ProofRows:
         return np.asarray(enough)
 
     def _met(self, answer: Claimed, asked: NDArray[np.bool_], place: dict[int, int]) -> list[list[int]]:
-        """Per violated kind, in the order of their names, a pair's place and the interval in whose middle it is met.
+        """Place of a pair, per violated kind in order of names, with the interval in whose middle it is met.
 
-        Whatever the search met lies in the middle of an interval that the rows of its answer halve, or at an end of
-        one of them.
+        A violation that the search met lies in the middle of an interval that the rows of its answer halve, or at an
+        end of one of them.
         """
         rows = answer.rows
         met: list[list[int]] = []
@@ -192,7 +193,10 @@ class ProofRows:
     def _met_at_an_end(
         self, low: NDArray[np.int64], high: NDArray[np.int64], pairs: NDArray[np.intp]
     ) -> tuple[int, int, int, float]:
-        """The deepest of these pairs at the intervals' ends: (pair, place, place, depth below its bound in metre)."""
+        """Deepest of these pairs at the intervals' ends.
+
+        (pair, place, place, depth below its bound in metre).
+        """
         best = (int(pairs[0]), 0, 0, 0.0)
         for key in np.unique(np.concatenate([low, high])).tolist():
             depth = self.way.clearance_at(self.pairs, key, pairs) - self.pairs.violated_below[pairs]
@@ -203,7 +207,7 @@ class ProofRows:
 
 
 def _places(intervals: list[tuple[int, str]]) -> set[int]:
-    """Ends and middles."""
+    """Ends and middles of the intervals."""
     found = {GRID}
     for low, digit in intervals:
         found |= {low, low + (GRID >> DIGITS.index(digit)) // 2}
@@ -213,7 +217,7 @@ def _places(intervals: list[tuple[int, str]]) -> set[int]:
 def _parents(
     low: NDArray[np.int64], high: NDArray[np.int64], pair: NDArray[np.intp]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.intp]]:
-    """The intervals, each once, of which these are halves; the whole way is its own."""
+    """Parents of these intervals, each once; the whole way is its own."""
     width = np.minimum(2 * (high - low), GRID)
     start = low // width * width
     rows = np.unique(np.stack([start, start + width, pair]), axis=1)

@@ -1,1 +1,1 @@
-"""The robot model: kinematics, frames, calibration, what it holds, URDF import."""
+"""Robot model: kinematics, frames, calibration, held object, URDF import."""

@@ -1,8 +1,8 @@
-"""Where the joints of one arm really stand: the vendor's calibration file, read strictly and laid over the model.
+"""Calibration of one arm: the vendor's file of its own kinematics, read strictly and laid over the model.
 
 No two arms are alike; each leaves its factory with its own kinematics, and a person exports them from the controller
-with the vendor's tool. The controller reckons with them, so its joint angles mean what they say only on this chain. A
-file that is farther from nominal than any arm we know of is another robot's, in another unit, or damaged.
+with the vendor's tool. The controller computes with them, so its joint angles are meaningful only on this chain. A file
+that is farther from nominal than any arm we know of is another robot's, in another unit, or damaged.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ TIP_LIMIT_M: Final = 0.013  # CAL: twice the farthest of them by the same sum, 6
 
 @dataclass(frozen=True, slots=True)
 class Placement:
-    """Where one joint stands in the frame of the link before it."""
+    """Place of one joint in the frame of the link before it."""
 
     offset_m: Vector
     rpy_rad: Vector
@@ -58,7 +58,7 @@ class Calibration:
 
     @staticmethod
     def from_yaml(text: str) -> Calibration:
-        """What the vendor's tool wrote.
+        """Calibration in the form of the vendor's tool.
 
         Raises:
             ModelError: a file of any other form: a member too many, too few or twice, a number that is not finite,
@@ -79,7 +79,7 @@ class Calibration:
 
 
 def own_kinematics(model: Model) -> str | None:
-    """The digest (hex) of the calibration that is laid over the model, or None for its nominal kinematics."""
+    """Digest (hex) of the calibration that is laid over the model, or None for its nominal kinematics."""
     return next((source.sha256 for source in model.derived_from if source.kind == CALIBRATION), None)
 
 
@@ -114,7 +114,7 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
 
 
 def _apart(joint: RobotJoint, own: Placement) -> tuple[float, float]:
-    """How far a joint's own place is from nominal: metre, and radian about whichever axis.
+    """Distance of a joint's own place from nominal: metre, and radian about any one axis.
 
     Angles are compared as rotations: the same one has several spellings (roll pi, pitch pi, yaw pi is none at all).
     """
@@ -126,7 +126,10 @@ def _apart(joint: RobotJoint, own: Placement) -> tuple[float, float]:
 
 
 def _read(events: Iterator[yaml.Event]) -> Calibration:
-    """The calibration that a YAML file spells. No tree is built: whatever is not expected next is refused."""
+    """Calibration that a YAML file spells.
+
+    No tree is built: an unexpected event is refused.
+    """
 
     def expect(kind: type[yaml.Event]) -> yaml.Event:
         event = next(events, None)

@@ -1,4 +1,4 @@
-"""Capsules around other shapes: every point of the shape is inside, and little else.
+"""Capsules around other shapes: every point of the shape is inside, with little room to spare.
 
 Around a body that is long one way and reaches `across` from that line, a capsule may stop short of the ends by x when
 its radius grows to sqrt(across^2 + x^2). The volume has one minimum in x between 0 and the half length; a body much
@@ -45,7 +45,9 @@ def capsule_around(pose: Pose, shape: Shape) -> tuple[Floats, Floats, float]:
 
 
 def capsule_around_points(points: Floats) -> tuple[Floats, Floats, float]:
-    """Ends and radius of a capsule that contains these points, (n, 3): along their longest way or a principal axis.
+    """Ends and radius of a capsule that contains these points, (n, 3).
+
+    Along their longest way or a principal axis.
 
     Of the four the one with the smallest volume counts. A radius around each point is added to the capsule's.
     """
@@ -74,14 +76,14 @@ def _volume_m3(capsule: tuple[Floats, Floats, float]) -> float:
 
 
 def _edges(size_m: Vector) -> tuple[int, float]:
-    """Which edge of a box is the longest, and how far its corners are from the line through the middle along it."""
+    """Longest edge of a box, and the distance of its corners from the middle line along it."""
     longest = max(range(3), key=lambda k: size_m[k])
     one, other = (0.5 * size_m[k] for k in range(3) if k != longest)
     return longest, math.hypot(one, other)
 
 
 def _shorter(half_m: float, across_m: float) -> tuple[float, float]:
-    """Half length of the axis and radius of the smallest capsule about a body of this half length and reach across.
+    """Half length and radius of the smallest capsule about a body of this half length and reach across.
 
     With r(x)^2 = across^2 + x^2 the slope of its volume 2 pi r^2 (half - x) + 4/3 pi r^3, over 2 pi, is
     2 x (half - x) + 2 x r - r^2: below 0 at x = 0, and rising.

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 def upright(axis: Floats) -> Floats:
-    """A frame with the same origin and z along the axis; the same frame where z is the axis, exact along x, y and z."""
+    """Frame with the same origin and z along the axis; exact along x, y and z.
+
+    It is the same frame where z is the axis.
+    """
     side = np.zeros(3)
     side[int(np.abs(axis).argmin())] = 1.0
     return frame_on(axis, side, np.zeros(3))
@@ -38,14 +41,17 @@ def matrix_of(pose: Pose) -> Floats:
 
 
 def inverse(frame: Floats) -> Floats:
-    """The way back."""
+    """Inverse of the frame."""
     back = np.eye(4)
     back[:3, :3], back[:3, 3] = frame[:3, :3].T, -frame[:3, :3].T @ frame[:3, 3]
     return back
 
 
 def angles_of(turn: Floats) -> Vector:
-    """The angles that spell a rotation. Each is taken from what the others leave, so that they spell it everywhere."""
+    """Angles that spell a rotation.
+
+    Each is taken from the remainder of the others, so that they spell it everywhere.
+    """
     yaw = math.atan2(turn[1, 0], turn[0, 0])
     turn = pinocchio.rpy.rpyToMatrix(0.0, 0.0, -yaw) @ turn
     pitch = math.atan2(-turn[2, 0], turn[0, 0])

@@ -1,4 +1,7 @@
-"""An object in the gripper, as a body of the robot: a capsule or ball in the frame of the flange, with its mass."""
+"""Object in the gripper, as a body of the robot: a capsule or ball with its mass.
+
+Its frame is the flange's.
+"""
 
 from __future__ import annotations
 
@@ -48,12 +51,12 @@ class GrippedObject:
 
     @property
     def center_m(self) -> Vector:
-        """Middle of the shape: where its mass is reckoned."""
+        """Middle of the shape, which counts as the centre of its mass."""
         (ax, ay, az), (bx, by, bz) = self.ends_m
         return (0.5 * (ax + bx), 0.5 * (ay + by), 0.5 * (az + bz))
 
     def checked(self) -> GrippedObject:
-        """The same, when it can be.
+        """The same object, after checks that it is possible.
 
         Raises:
             ModelError: a number that is not finite, a size or mass that cannot be.

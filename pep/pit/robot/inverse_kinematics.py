@@ -1,4 +1,4 @@
-"""Joint angles for a tool pose: Newton's method from a configuration nearby, and whether any can be found at all.
+"""Joint angles for a tool pose: Newton's method from a configuration nearby, and a search for any that reach it.
 
 The method itself proves nothing; `pep.pit.path.line_trace` proves that what it finds lies on the one continuous path of
 the arm.
@@ -32,7 +32,7 @@ SEARCH_STEP_RAD: Final = 0.6  # longest change of one joint in a step
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stance:
-    """The arm at one configuration, as far as its tool is concerned.
+    """The arm at one configuration, as far as its tool needs it.
 
     Attributes:
         q: joint angles (6,), rad.
@@ -89,14 +89,14 @@ def solved(robot: Robot, pose: tuple[Floats, Floats], near: Floats) -> Stance | 
 
 
 def search_starts() -> Floats:
-    """Joint angles from which a search for any others begins, (SEARCH_STARTS, 6), the same each time."""
+    """Joint angles from which a search for any solution begins, (SEARCH_STARTS, 6), the same each time."""
     return np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
 
 
 def reaching(robot: Robot, positions: Floats, rotations: Floats) -> Floats:
-    """For each of these poses, (n, 3) and (n, 3, 3), joint angles that reach it to `SEARCH_NEAR`, (n, 6), rad.
+    """Joint angles that reach each of these poses to `SEARCH_NEAR`, (n, 6), rad.
 
-    A row of what is no number where none were found, from `SEARCH_STARTS` starts each.
+    Poses are (n, 3) and (n, 3, 3). A row of NaN where none were found, from `SEARCH_STARTS` starts each.
     """
     count = len(positions)
     q = np.tile(search_starts(), (count, 1))

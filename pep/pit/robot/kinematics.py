@@ -1,4 +1,4 @@
-"""Where every body is and how fast it goes along a path, in bulk, and how far it can bend off a chord.
+"""Places and speeds of all bodies along a path, in bulk, and bounds of their bending off a chord.
 
 For a straight joint path q(s) = q0 + s dq the n-th derivative of a point carried by joint j is a sum over sequences of
 n joints, each term at most the product of their |dq| times the lever of the outermost joint. With S_k the sum of |dq|
@@ -69,7 +69,10 @@ def layout(robot: Robot) -> Layout:
 
 
 def link_frames(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
-    """Rotation (n, 7, 3, 3) and origin (n, 7, 3) of every link frame at `q` of shape (n, 6); link 0 is the base."""
+    """Rotation (n, 7, 3, 3) and origin (n, 7, 3) of every link frame at `q` (n, 6).
+
+    Link 0 is the base.
+    """
     n, joints = q.shape
     rotation = np.empty((n, joints + 1, 3, 3))
     origin = np.empty((n, joints + 1, 3))

@@ -1,4 +1,4 @@
-"""The robot file as frozen values: read strictly, and refused when no robot can be like that."""
+"""Robot file as frozen values: read strictly, and refused when no robot can have them."""
 
 from __future__ import annotations
 
@@ -92,11 +92,11 @@ class ToolCapsule:
 
 @dataclass(frozen=True, slots=True)
 class RobotTool:
-    """What is screwed to the flange.
+    """Tool on the flange.
 
     Attributes:
         tcp_m: the tip that counts as the tool point, in the frame of the flange.
-        shape: what it is to a body that it meets; only a blunt one is granted twice the limit speed.
+        shape: its effect on a body that it meets; only a blunt one is granted twice the limit speed.
         width_limit_m: the fingers' stroke: they open from 0 to this.
         force_min_n, force_limit_n: of a grip; asked for less than the least, the gripper still presses with that.
         finger_speed_min_m_s, finger_speed_limit_m_s: of one finger; likewise.
@@ -195,7 +195,7 @@ def validated(model: Model) -> Model:
 
 
 def _possible(joint: RobotJoint) -> bool:
-    """Whether some body has this tensor: its principal moments are positive, and none exceeds the other two."""
+    """True where some body has this tensor: principal moments are positive, none above the sum of the others."""
     if not max(map(abs, (*joint.inertia_kg_m2, *joint.inertia_products_kg_m2))) <= MASS_LIMIT_KG * SIZE_LIMIT_M**2:
         return False
     least, middle, most = np.linalg.eigvalsh(np.array(joint.inertia)).tolist()

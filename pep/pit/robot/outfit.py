@@ -1,7 +1,7 @@
-"""What a URDF leaves open and a person has to say: where the tool sits, what it is, what the arm may carry.
+"""A person's word beside a URDF: place and kind of the tool, and the arm's payload.
 
-It also says which capsules of links that are no neighbours need no watching, and why. Nobody is taken at their word on
-that: see `pep.pit.robot.urdf_robot`.
+It also names the capsules of links that are no neighbours and need no watching, and why. That part is checked, not
+believed: see `pep.pit.robot.urdf_robot`.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class Apart:
 
 @dataclass(frozen=True, slots=True)
 class Outfit:
-    """Everything about an arm that its URDF does not say.
+    """Everything about an arm that its URDF leaves out.
 
     Attributes:
         flange: the link whose frame the tool's numbers are in; its z axis is that of the last joint.
@@ -59,7 +59,7 @@ class Outfit:
 
     @staticmethod
     def from_toml(text: str) -> Outfit:
-        """What a person has written.
+        """Outfit that a person has written.
 
         Raises:
             ModelError: a file that is not strictly of this form.

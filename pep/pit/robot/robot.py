@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A capsule (or, with radius 0 and one point, a tracked point) of link `link` as seen from link `reference`.
+    """Capsule (or, with radius 0 and one point, a tracked point) of link `link` as seen from link `reference`.
 
     Seen from link 0 it moves in the world. Seen from a link of the arm it moves relative to that link alone, which is
     what self-collision asks about: joints below `reference` do not matter.
@@ -48,7 +48,7 @@ class Body:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """One arm with one tool and what that holds, ready to be asked about. Immutable; safe to share.
+    """One arm with one tool and its held object, ready for questions. Immutable; safe to share.
 
     Attributes:
         model: the file.
@@ -131,7 +131,7 @@ class Robot:
         return low, high
 
     def beyond_rad(self, q: Iterable[float]) -> list[float]:
-        """How far each joint at angles `q` (6,), rad, is beyond its range: above it more than 0, below it less."""
+        """Angle of each joint at `q` (6,), rad, beyond its range: above it more than 0, below it less."""
         ranges = zip(q, self._ranges, strict=True)
         return [
             0.0 if low <= angle <= high else (angle - high if angle > high else angle - low)
@@ -171,7 +171,7 @@ class Robot:
 
 
 def _fixed(numbers: Sequence[object]) -> NDArray[np.float64]:
-    """An array that nobody changes."""
+    """Array that cannot be changed."""
     array = np.array(numbers)
     array.setflags(write=False)
     return array
@@ -234,7 +234,7 @@ def _assemble(model: Model, tool_name: str, held: GrippedObject | None = None) -
 def _self_pairs(
     model: Model, capsules: tuple[LinkCapsule, ...], on_tool: set[str], bodies: list[Body]
 ) -> tuple[tuple[int, LinkCapsule], ...]:
-    """The pairs: (moving body, capsule at rest in that body's reference frame); adds the bodies that it needs."""
+    """Pairs (moving body, capsule at rest in that body's reference frame); adds the bodies that it needs."""
     by_name = {c.name: c for c in capsules}
     index = {(b.name, b.reference): i for i, b in enumerate(bodies)}
     wanted: list[tuple[LinkCapsule, LinkCapsule]] = []
@@ -260,7 +260,7 @@ def _self_pairs(
 
 
 def _reach(body: Body, offsets: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Per joint a rigorous bound on the distance of the body's endpoints from the joint's axis, at any joint angles.
+    """Bound per joint on the distance of the body's endpoints from the joint's axis, at any joint angles.
 
     Own joint: the exact distance. Joint k further in: the next joint's origin lies at a fixed distance from axis k, and
     the endpoint is at most the sum of the remaining offsets away from that origin (triangle inequality).

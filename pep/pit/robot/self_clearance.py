@@ -1,8 +1,9 @@
-"""Which capsules of a foreign arm are watched against each other, and what is to be believed of those that are not.
+"""Pairs of a foreign arm's capsules that are watched against each other, and checks of those that are not.
 
-All capsules of links that are no neighbours are, those of the tool too. A person may name a pair that never meets, or
-one that always overlaps because both reach over a short link between them; random configurations must bear that out. A
-pair that never comes apart is refused unless it is named, for with it every motion would be one into itself.
+All capsules of links that are no neighbours are watched, those of the tool too. A person may name a pair that never
+meets, or one that always overlaps because both reach over a short link between them; random configurations must bear
+that out. A pair that never comes apart is refused unless it is named, for with it every motion would be one into
+itself.
 """
 
 from __future__ import annotations
@@ -33,7 +34,7 @@ SEED: Final = 20230  # ours: the same answer on every start
 
 
 def watched(capsules: Sequence[LinkCapsule], outfit: Outfit) -> dict[str, tuple[str, ...]]:
-    """The pairs of a model: names of capsules nearer the base, and for each those farther out.
+    """Watched pairs of a model: names of capsules nearer the base, and for each those farther out.
 
     Raises:
         ModelError: the outfit names a pair that there is not, or one twice.
@@ -52,7 +53,7 @@ def watched(capsules: Sequence[LinkCapsule], outfit: Outfit) -> dict[str, tuple[
 
 
 def checked(robot: Robot, outfit: Outfit) -> Robot:
-    """The same, when its pairs are as the outfit says.
+    """The same model, after checks that its pairs are as the outfit says.
 
     Raises:
         ModelError: a pair that is said never to meet and does or comes near it, one that is said always to overlap and
@@ -74,7 +75,7 @@ def checked(robot: Robot, outfit: Outfit) -> Robot:
 
 
 def proposed(robot: Robot) -> tuple[Apart, ...]:
-    """Pairs of this arm that sampling finds nothing against leaving out, for a person to look through."""
+    """Pairs of this arm that sampling would leave out, for a person to look through."""
     found = []
     for (inner, outer), (nearest, farthest) in _gaps_m(robot).items():
         if nearest >= NEVER_M:
@@ -85,7 +86,7 @@ def proposed(robot: Robot) -> tuple[Apart, ...]:
 
 
 def _gaps_m(robot: Robot) -> dict[tuple[str, str], tuple[float, float]]:
-    """Per pair of capsules of links that are no neighbours the least and the largest gap over the samples."""
+    """Least and largest gap over the samples of each pair of capsules of links that are no neighbours."""
     low, high = robot.position_ranges_rad
     rotation, origin = link_frames(robot, np.random.default_rng(SEED).uniform(low, high, (SAMPLES, JOINTS)))
 

@@ -1,4 +1,4 @@
-"""Turns and tool poses: rotation vectors as UR writes them, and a tool that goes straight while it turns evenly.
+"""Turns and tool poses: rotation vectors as UR writes them, and a straight move with an even turn.
 
 A constant twist is a straight line of the tool point and an even turn about one axis, both fixed in the base frame.
 """
@@ -67,11 +67,11 @@ def tool_pose(robot: Robot, q: Floats) -> tuple[Floats, Floats]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Twist:
-    """A tool pose and how it goes on: after `s` it is `s * line` further and turned by `s * turn`.
+    """A tool pose and its course: after `s` it is `s * line` further and turned by `s * turn`.
 
     Attributes:
-        position: where it begins (3,), m.
-        rotation: how it is turned there (3, 3).
+        position: at the start (3,), m.
+        rotation: rotation at the start (3, 3).
         line: (3,), m per unit of s.
         turn: (3,), rad per unit of s, in the base frame.
     """
@@ -83,14 +83,14 @@ class Twist:
 
     @staticmethod
     def between(robot: Robot, start: Joints, target: Pose) -> Twist:
-        """From where the tool is at `start` to `target` (m, rotation vector in rad)."""
+        """Twist from the tool's place at `start` to `target` (m, rotation vector in rad)."""
         position, rotation = tool_pose(robot, np.array(start))
         goal = np.array(target[:3]), turned_by(np.array(target[3:]))
         return Twist(position, rotation, goal[0] - position, turn_of(goal[1] @ rotation.T))
 
     @property
     def way_m(self) -> float:
-        """What the tool's speed is measured along: the line, or the turn at its lever where that takes longer."""
+        """Length by which the tool's speed is measured: the line, or the turn at its lever where that takes longer."""
         return max(float(np.linalg.norm(self.line)), TURN_LEVER_M * float(np.linalg.norm(self.turn)))
 
     @property

@@ -1,10 +1,10 @@
-"""A URDF, read strictly: links, joints and the shapes that enclose the links. Nothing else, and nothing from elsewhere.
+"""URDF, read strictly: links, joints and the shapes that enclose the links, and no other file.
 
-A file that we misread would move another robot than the one that is there, so whatever could change its geometry and is
-not read here is refused by name: meshes, unexpanded macros, quaternions, mimicked joints. No other file is opened,
-ever; meshes that are only pictures are skipped unread. The usual reader takes a file more lightly: it drops a
-`<capsule>` with a line on the standard error unless the file says that it is of version 1.1, and a robot without shapes
-is "all clear" everywhere.
+A misread file would move another robot than the real one, so every element that could change its geometry and is not
+read here is refused by name: meshes, unexpanded macros, quaternions, mimicked joints. No other file is opened, ever;
+meshes that are only pictures are skipped unread. The usual reader takes a file more lightly: it drops a `<capsule>`
+with a line on the standard error unless the file says that it is of version 1.1, and a robot without shapes is "all
+clear" everywhere.
 """
 
 from __future__ import annotations
@@ -57,7 +57,10 @@ class UrdfSphere:
 
 @dataclass(frozen=True, slots=True)
 class UrdfCylinder:
-    """A cylinder along z about the origin of its pose; rounded: a capsule, whose caps come on top of the length."""
+    """Cylinder along z about the origin of its pose.
+
+    Rounded: a capsule, whose caps come on top of the length.
+    """
 
     radius_m: float
     length_m: float
@@ -98,7 +101,7 @@ class Link:
 
 @dataclass(frozen=True, slots=True)
 class UrdfLimits:
-    """What a revolute joint can do: rad, rad/s, Nm."""
+    """Limits of a revolute joint: rad, rad/s, Nm."""
 
     low_rad: float
     high_rad: float

@@ -1,8 +1,8 @@
-"""The arm that a URDF describes, as a model like the shipped ones: six joints in a row, each about its own z axis.
+"""Arm of a URDF as a model like the shipped ones: six joints in a row, each about z.
 
 A joint may turn about any axis of its frame, and fixed joints may stand between. Each link gets a frame whose z axis is
 that of the joint that carries it, and every number is carried over into it; the last one is the flange's own, which
-therefore has to stand on the last axis. What hangs on fixed joints becomes one link with what carries it.
+therefore has to stand on the last axis. Links on fixed joints become one link with the one that carries them.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ MOVING: Final = "six moving joints in a row are needed"
 
 
 def robot_of(urdf: str, outfit: Outfit, *, tool: str) -> Robot:
-    """The robot that a URDF and a person's word on it describe, with one of its tools.
+    """Robot that a URDF and a person's outfit describe, with one of its tools.
 
     Args:
         urdf: the file's text.
@@ -52,7 +52,7 @@ def robot_of(urdf: str, outfit: Outfit, *, tool: str) -> Robot:
 
 
 def model_of(description: Description, outfit: Outfit) -> Model:
-    """The model of the described arm, all pairs in it but those that the outfit names.
+    """Model of the described arm, with all pairs but those that the outfit names.
 
     Raises:
         ModelError: as above, as far as no sampling is needed.
@@ -101,7 +101,7 @@ class _Group:
 
 
 def _chain(description: Description, base: str) -> tuple[_Placed, list[_Group]]:
-    """The fixed links, seen from the one that the controller calls its base, and six groups in a row."""
+    """Fixed links, seen from the one that the controller calls its base, and six groups in a row."""
     links = description.links
     above: dict[str, list[UrdfJoint]] = {name: [] for name in links}
     hanging = set()
@@ -133,7 +133,7 @@ def _chain(description: Description, base: str) -> tuple[_Placed, list[_Group]]:
 def _held_together(
     root: str, links: Mapping[str, Link], above: Mapping[str, list[UrdfJoint]]
 ) -> tuple[_Placed, list[tuple[UrdfJoint, UrdfLimits, Floats]]]:
-    """What fixed joints hold together with `root`, in its frame, and the moving joints that leave it."""
+    """Links that fixed joints join to `root`, in its frame, and the moving joints that leave them."""
     members: _Placed = []
     leaving: list[tuple[UrdfJoint, UrdfLimits, Floats]] = []
     waiting = [(root, np.eye(4))]
@@ -157,7 +157,7 @@ def _frame_of(name: str, placed: _Placed) -> Floats:
 
 
 def _flange(group: _Group, name: str) -> Floats:
-    """The flange's frame in that of the last joint, put exactly onto the joint's axis."""
+    """Frame of the flange in that of the last joint, put exactly onto the joint's axis."""
     frame = _frame_of(name, group.links)
     axis, origin = np.array(group.joint.axis), frame[:3, 3]
     on_axis = (origin @ axis) * axis
@@ -204,7 +204,7 @@ def _joint(group: _Group, stands: Floats, back: Floats) -> RobotJoint:
 
 
 def _mass_of(group: _Group, back: Floats) -> tuple[float, Floats, Floats]:
-    """Mass, centre of mass and tensor about it of all links of a group, in the frame that `back` leads to."""
+    """Mass, centre of mass and tensor about it of a group's links, in the frame of `back`."""
     parts = [(link.inertial, back @ frame) for link, frame in group.links if link.inertial is not None]
     mass = sum(inertial.mass_kg for inertial, _ in parts)
     if not mass >= LEAST_MASS_KG:
@@ -219,7 +219,7 @@ def _mass_of(group: _Group, back: Floats) -> tuple[float, Floats, Floats]:
 
 
 def _tensor(inertial: Inertial, frame: Floats) -> tuple[Floats, Floats]:
-    """Centre of mass and tensor about it in the frame that `frame` is in."""
+    """Centre of mass and tensor about it, in the outer frame of `frame`."""
     at = frame @ matrix_of(inertial.pose)
     xx, xy, xz, yy, yz, zz = inertial.tensor_kg_m2
     turn = at[:3, :3]

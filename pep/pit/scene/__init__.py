@@ -1,1 +1,1 @@
-"""The scene: cell, objects, people, obstacles, and how far they are from the arm."""
+"""Scene: cell, objects, people, obstacles, and their distance from the arm."""

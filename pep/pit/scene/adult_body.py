@@ -90,7 +90,9 @@ def adult_at_distance(
     name: str = "person",
     build: Build = DEFAULT_BUILD,
 ) -> Person:
-    """An adult facing the base in direction `bearing_rad`, the nearest body surface `surface_m` from the base axis.
+    """An adult facing the base in direction `bearing_rad`.
+
+    The nearest body surface is `surface_m` from the base axis.
 
     "A person 0.5 m from the base" means this distance: from body surface to the z axis.
     """

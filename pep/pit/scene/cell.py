@@ -1,4 +1,4 @@
-"""The cell's parameters: how the arm stops, how people move, which bands and limits count, what stands there.
+"""Parameters of a cell: the arm's stop, people's movement, bands and limits, surveyed objects.
 
 All of them are named, have a default with its source, and may be set in the cell's file; none comes from a call.
 Sources: PHY-n is a clause of docs/physics.md (bands chosen so that the paper's three cells keep their tiers); the other
@@ -77,7 +77,7 @@ class StaticZone:
 
 @dataclass(frozen=True, slots=True)
 class Contact:
-    """An object that may be touched on purpose, and by what: the tool, or the part that it holds. Never a person."""
+    """Object that may be touched on purpose, by the tool or by the held part. Never a person."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     object: str
@@ -86,7 +86,7 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """What is known of an object that the robot may carry: its mass, and whether it has no edges (unknown: it has)."""
+    """Known properties of an object that the robot may carry: mass, and absence of edges (unknown: it has them)."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     object: str
@@ -96,7 +96,7 @@ class Part:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """A digital output: its pin, what is connected there, and the tier that switching it has."""
+    """Digital output: its pin, its device, and the tier of switching it."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     pin: int
@@ -115,7 +115,7 @@ TABLE: Final = StaticObject(
 
 @dataclass(frozen=True)
 class CellParameters:
-    """Everything about a cell that is not the robot and not what a sensor sees now. SI units, unit in each name."""
+    """Everything about a cell but the robot and the present view. SI units, unit in each name."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     tool: str = "robotiq_2f85"
@@ -193,7 +193,7 @@ class CellParameters:
     time_limit_s: float = 2.0  # ours: far more than an answer takes on a loaded machine; later is a fault
 
     def __hash__(self) -> int:
-        """As a frozen dataclass has it; much is remembered by cell, and its numbers are many."""
+        """Hash over all numbers, kept: many caches have the cell as their key."""
         return self._hash
 
     @cached_property
@@ -202,7 +202,7 @@ class CellParameters:
 
     @staticmethod
     def from_toml(text: str) -> CellParameters:
-        """The parameters that a TOML text spells; what it leaves out keeps its default.
+        """Parameters that a TOML text spells; a missing one keeps its default.
 
         Raises:
             CellError: unknown keys, wrong types, numbers that are not finite or out of any sense.
@@ -233,7 +233,10 @@ class CellParameters:
         return self.slider_delay_s + running / self.slider_change_per_s
 
     def defect(self) -> str | None:
-        """What makes these parameters unfit, or None: each number is finite, at least 0, above 0 where it divides."""
+        """Defect that makes these parameters unfit, or None.
+
+        Each number is finite, at least 0, and above 0 where it divides.
+        """
         return self._defect
 
     @cached_property
@@ -242,7 +245,7 @@ class CellParameters:
 
     @cached_property
     def surveyed(self) -> Scene:
-        """What is known without any perception: the surveyed part of the cell."""
+        """Scene without any perception: the surveyed part of the cell."""
         surveyed = tuple(Thing(o.name, o.kind, o.shape, self.surveyed_uncertainty_m) for o in self.objects)
         zones = tuple(Zone(z.name, z.shape, z.tier) for z in self.zones)
         return Scene(objects=surveyed, zones=zones, workspace=self.workspace)

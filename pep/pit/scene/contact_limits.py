@@ -1,4 +1,4 @@
-"""Power and force limiting: at what relative speed a contact reaches the limit of a body region.
+"""Power and force limiting: the relative speed at which a contact reaches the limit of a body region.
 
 Limits: ISO/TS 15066 table A.2 as N4 and N6 republish it (quasi-static force and pressure, pain onset of adults); body
 springs and masses: N4. Integrators compare with their licensed copy. Newer open data exist (Behrens et al. 2022, CC
@@ -26,7 +26,7 @@ PER_MM: Final = 1e3  # 1 N/mm = 1e3 N/m
 
 @dataclass(frozen=True, slots=True)
 class ContactLimit:
-    """What a region bears.
+    """Limits that a body region bears.
 
     Attributes:
         force_n: quasi-static.
@@ -61,12 +61,12 @@ LIMITS: Final[dict[Region, ContactLimit]] = {
 
 
 def effective_mass_kg(robot: Robot, cell: CellParameters) -> float:
-    """m_R = M / 2 + tool + part: half the moving mass and what is carried (N4)."""
+    """Effective mass m_R = M / 2 + tool + part: half the moving mass and the whole load (N4)."""
     return robot.moving_mass_kg / 2 + robot.tool.mass_kg + payload_kg(robot, cell)
 
 
 def payload_kg(robot: Robot, cell: CellParameters) -> float:
-    """Mass of all that is carried: what the cell says is always carried, and the held part.
+    """Mass of the whole load: the cell's constant load, and the held part.
 
     An unknown mass is the most that the robot may carry.
     """
@@ -85,12 +85,12 @@ def contact_speed_m_s(region: Region, *, mass_kg: float, area_m2: float) -> floa
 
 
 def limit_speed_m_s(region: Region, robot: Robot, cell: CellParameters) -> float:
-    """Speed at which a blow by this robot with all that it carries reaches the region's limit."""
+    """Speed at which a blow by this robot with its load reaches the region's limit."""
     return contact_speed_m_s(region, mass_kg=effective_mass_kg(robot, cell), area_m2=cell.contact_area_m2)
 
 
 def harm_speed_m_s(region: Region, robot: Robot, cell: CellParameters) -> float:
-    """Speed from which a contact with this region is likely to harm: the limit speed times the region's harm ratio."""
+    """Speed from which a contact is likely to harm: the limit speed times the region's harm ratio."""
     blunt = robot.tool.shape == "blunt" and cell.payload_kg is not None and (robot.held is None or robot.held.blunt)
     gentle = not LIMITS[region].sensitive and blunt
     ratio = cell.harm_ratio_body if gentle else cell.harm_ratio_head

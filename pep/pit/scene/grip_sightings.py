@@ -1,7 +1,7 @@
-"""What the gripper holds: as a body of the robot, as what the sensors see, and as a guess from what they saw.
+"""Held object: as a body of the robot, as the sensors see it, and as a guess from their view.
 
 A held object moves with the arm, so it is no obstacle but a part of it: a capsule or ball in the flange's frame, with
-its mass. What the sensors still show of it where it is held is not counted twice; what they show elsewhere is.
+its mass. Sightings of it where it is held are not counted twice; sightings elsewhere are.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 def unknown_part(robot: Robot, cell: CellParameters) -> GrippedObject:
-    """What to reckon with when the gripper holds something and nobody knows what: the whole payload, about the tip."""
+    """Body for a held object that nothing is known of: the whole payload, about the tip."""
     return GrippedObject("", Sphere(robot.tool.tcp_m, cell.unknown_part_m), None)
 
 
@@ -74,7 +74,7 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
 
 
 def without_held(scene: Scene, robot: Robot, q: Joints, *, tolerance_m: float) -> Scene:
-    """The scene without what the robot holds, where it is seen in the gripper of the arm at `q`.
+    """The scene without the held object, where it is seen in the gripper of the arm at `q`.
 
     Seen there means: no point of the seen shape is more than `tolerance_m` outside the held one. The same object seen
     elsewhere stays an obstacle: then one of the two is wrong, and both count.
@@ -103,7 +103,10 @@ def _vector(point: Floats) -> Vector:
 
 
 def _outermost(shape: Shape, axis: Floats) -> float:
-    """Largest distance of any point of the shape from the axis: distance is convex, so at an end or a corner."""
+    """Largest distance of any point of the shape from the axis.
+
+    Distance is convex, so it is at an end or a corner.
+    """
     match shape:
         case Capsule(a, b, radius):
             points, radius_m = np.array([a, b]), radius

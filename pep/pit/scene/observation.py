@@ -1,4 +1,4 @@
-"""Scenes from what sensors state, and a person as a sensor would state it."""
+"""Scenes from sensors' observations, and a person in the form of an observation."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def scene_observed(observations: Iterable[wire.Observation], cell: CellParameters, *, complete: bool) -> Scene:
-    """The surveyed cell with everybody and everything that any of these verified observations shows.
+    """Surveyed cell with all people and objects that any of these verified observations shows.
 
     An object that a sensor calls by a surveyed name is another thing all the same, and gets another name: what may
     be done to the surveyed one is not said of it.
@@ -64,7 +64,10 @@ def _thing(observed: wire.ObservedObject, uncertainty_m: float, source: str) -> 
 
 
 def observed(person: Person) -> wire.ObservedPerson:
-    """The person as a sensor would say it, in whole micrometres; radii are rounded up, so that nobody gets thinner."""
+    """Person as an observation has it, in whole micrometres.
+
+    Radii are rounded up, so that no person gets thinner.
+    """
 
     def um(point: Vector) -> tuple[int, int, int]:
         x, y, z = point

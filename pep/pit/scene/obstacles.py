@@ -1,4 +1,4 @@
-"""What the arm must stay apart from, one by one, before it is paired with bodies: shapes, and the law of each."""
+"""Obstacles of the arm, one by one, before they are paired with bodies: shapes, and the law of each."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class PairKind(StrEnum):
-    """What a pair is about; also the `kind` of its contribution."""
+    """Kind of a pair, also the `kind` of its contribution."""
 
     PERSON = "person"
     FRAGILE = "fragile"
@@ -51,7 +51,7 @@ class PairKind(StrEnum):
 
 
 VIOLABLE: Final = (PairKind.PERSON, PairKind.SELF, PairKind.WORKSPACE, PairKind.HARD_ZONE)
-"""Kinds whose attained negative clearance is denied whatever is authorised."""
+"""Kinds whose attained negative clearance no authority allows."""
 
 KINDS_IN_ORDER: Final = tuple(PairKind)
 CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
@@ -61,7 +61,7 @@ NOBODY: Final[frozenset[str]] = frozenset()
 
 
 class _Law(NamedTuple):
-    """The numbers of one obstacle: the columns of these names in `Pairs`."""
+    """Numbers of one obstacle: the columns of these names in `Pairs`."""
 
     uncertainty: float
     harm_speed: float = NO_HARM
@@ -84,7 +84,7 @@ LAW_COLUMNS: Final = {
     "violated_below": VIOLATED_BELOW,
 }
 _LAWS: Final = list(LAW_COLUMNS.values())
-"""Where a solid has what its law says, in the order of `_Law`."""
+"""Columns of an obstacle's law, in the order of `_Law`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,7 +117,7 @@ class Obstacles:
 
 
 def groups_of(kinds: Iterable[int], names: Iterable[str]) -> list[int]:
-    """Of each the same number for the same kind and name."""
+    """Group of each row: the same number for the same kind and name."""
     numbers: dict[tuple[int, str], int] = {}
     return [numbers.setdefault(key, len(numbers)) for key in zip(kinds, names, strict=True)]
 
@@ -177,7 +177,7 @@ def _thing(what: str, uncertainty_m: float, cell: CellParameters) -> tuple[int, 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
 def _bears(robot: Robot, cell: CellParameters) -> dict[Region, tuple[float, float, float]]:
-    """What each region bears: the speed that harms it, the one that reaches its limit, and its force."""
+    """Limits that each region bears: the harmful speed, the limit speed, and the force."""
     return {
         region: (harm_speed_m_s(region, robot, cell), limit_speed_m_s(region, robot, cell), LIMITS[region].force_n)
         for region in Region
@@ -186,7 +186,7 @@ def _bears(robot: Robot, cell: CellParameters) -> dict[Region, tuple[float, floa
 
 @lru_cache(maxsize=64)  # likewise
 def own_of(robot: Robot, cell: CellParameters) -> tuple[NDArray[np.intp], Obstacles]:
-    """The arm's own pairs: the moving bodies, and what they must stay apart from, at rest in their reference frames."""
+    """Pairs of the arm itself: the moving bodies, and their obstacles at rest in their reference frames."""
     law = _Law(0.0, band=cell.rigid_band_m, violated_below=-cell.self_overlap_m)
     inner = [capsule for _, capsule in robot.self_pairs]
     solids = solids_of([Capsule(each.a_m, each.b_m, each.radius_m) for each in inner])

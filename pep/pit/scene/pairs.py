@@ -1,4 +1,4 @@
-"""Every pair of a robot body and something it must mind, as arrays: geometry, and the law of the pair's index."""
+"""Pairs of robot bodies and obstacles, as arrays: geometry, and the law of each pair's index."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Pairs:
     whole: NDArray[np.int64] | None = field(init=False, default=None, repr=False, compare=False)
 
     def __len__(self) -> int:
-        """How many pairs."""
+        """Number of pairs."""
         return len(self.body)
 
     @property
@@ -89,7 +89,7 @@ class Pairs:
 
     @property
     def groups(self) -> int:
-        """How many groups."""
+        """Number of groups."""
         return int(self.group.max(initial=-1)) + 1
 
     def kind_of(self, row: int) -> PairKind:
@@ -101,7 +101,7 @@ class Pairs:
         return self.names[int(self.column[row])]
 
     def source_of(self, row: int) -> str:
-        """Who says that one pair's obstacle is there."""
+        """Source of one pair's obstacle."""
         return self.sources[int(self.column[row])]
 
     @staticmethod
@@ -153,13 +153,16 @@ class Pairs:
 
 
 class _Last(threading.local):
-    """The pairs that one thread asked for last: a scene is asked about again and again until the next one is seen."""
+    """Pairs that one thread asked for last.
+
+    A scene is asked about again and again until the next one is seen.
+    """
 
     def __init__(self) -> None:
         self._kept: deque[tuple[tuple[object, ...], Pairs]] = deque(maxlen=SCENES_KEPT)
 
     def of(self, robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, touch: frozenset[str]) -> Pairs:
-        """As `pairs_of`."""
+        """Pairs as of `pairs_of`."""
         for (of_robot, of_scene, of_cell, of_grown_m, of_touch), pairs in self._kept:
             same = of_robot is robot and of_scene is scene and of_cell is cell
             if same and of_grown_m == grown_m and of_touch == touch:
@@ -175,7 +178,7 @@ _LAST: Final = _Last()
 def pairs_of(
     robot: Robot, scene: Scene, cell: CellParameters, *, grown_m: float, touch: frozenset[str] = frozenset()
 ) -> Pairs:
-    """All pairs that a motion of this robot in this scene must mind.
+    """All pairs that count for a motion of this robot in this scene.
 
     Args:
         robot: the arm and its tool.
@@ -225,7 +228,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Fixed:
-    """What is the same of all rows, whatever so many things are.
+    """Part of the rows that does not depend on the things of a scene, for one number of them.
 
     One row per thing and moving body, then the arm's own pairs, then one per face of the room and moving body.
 
@@ -277,7 +280,10 @@ def _fixed(robot: Robot, cell: CellParameters, workspace: Workspace | None, thin
 def _touchable(
     robot: Robot, scene: Scene, cell: CellParameters, touch: frozenset[str], count: int
 ) -> NDArray[np.bool_]:
-    """Which pairs the cell declares and the token grants to touch: rows of objects stand behind those of people."""
+    """True for pairs that the cell declares and the token grants to touch.
+
+    Rows of objects stand behind those of people.
+    """
     touchable = np.zeros(count, dtype=bool)
     granted = [contact for contact in cell.contacts if contact.object in touch]
     if not granted:
@@ -292,7 +298,7 @@ def _touchable(
 
 
 def _part(robot: Robot, body: str) -> str:
-    """What the cell calls the part of the robot that a body belongs to, as far as it may touch anything."""
+    """Part of the robot that a body belongs to, in the cell's words, "" where it may touch nothing."""
     if body == PAYLOAD:
         return "payload"
     return "tool" if any(body == capsule.name for capsule in robot.tool.capsules) else ""

@@ -75,12 +75,12 @@ class Person:
 
     @property
     def limbs_tracked(self) -> bool:
-        """Whether any part of an arm is among the regions."""
+        """True where any part of an arm is among the regions."""
         return any(region in LIMBS for region, _ in self.regions)
 
     @cached_property
     def content(self) -> str:
-        """Its part of a scene's content."""
+        """Part of a scene's content that is this person's."""
         return _record(self)
 
 
@@ -103,13 +103,13 @@ class Thing:
 
     @cached_property
     def content(self) -> str:
-        """Its part of a scene's content."""
+        """Part of a scene's content that is this object's."""
         return _record(self)
 
 
 @dataclass(frozen=True, slots=True)
 class Zone:
-    """A part of space: hard (`tier` None: entering is a violation) or with the tier that entering it has.
+    """Part of space: hard (`tier` None: entering is a violation) or with the tier of entering it.
 
     Only the signed cell file speaks of zones, so that is its source.
     """
@@ -122,7 +122,9 @@ class Zone:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything around the arm. What follows from it alone is computed once: it never changes.
+    """Everything around the arm.
+
+    Values that follow from it alone are computed once: it never changes.
 
     Attributes:
         people, objects, zones, workspace: as above; no workspace means no such limit.
@@ -136,7 +138,7 @@ class Scene:
     complete: bool = True
 
     def oldest(self) -> Person | Thing | None:
-        """Whoever or whatever was not seen for longest when its sensor spoke of it, or None when nobody was late."""
+        """Person or object with the oldest late sighting, or None when none was late."""
         late = [each for each in self.seen if each.age_s > 0]
         return max(late, key=lambda each: each.age_s, default=None)
 
@@ -176,7 +178,7 @@ class Scene:
         return hashlib.sha256(self.content.encode()).hexdigest()
 
     def defect(self) -> str | None:
-        """What makes this scene unfit to be reasoned about, or None.
+        """Defect that makes this scene unfit for assessment, or None.
 
         A number that is not finite, a body without extent or an oversized list would all end in a false "clear" or in
         no answer.
@@ -211,7 +213,7 @@ class Scene:
 
 
 def _text(value: object) -> str:
-    """The value as canonical JSON: members in order, floats as hexadecimal text, each record with its type."""
+    """Canonical JSON of the value: members in order, floats as hexadecimal text, each record with its type."""
     if isinstance(value, float):
         return f'"{value.hex()}"'
     if isinstance(value, tuple):
@@ -237,7 +239,10 @@ _MEMBERS: Final[dict[type, tuple[tuple[str, str], ...]]] = {
     )
     for kind in _KINDS
 }
-"""Per record its members in order: what is asked of the value (nothing for its type), and the text before that."""
+"""Members of each record, in order.
+
+Attribute of the value (empty for its type), and the text before it.
+"""
 
 
 __all__ = [

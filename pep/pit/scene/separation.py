@@ -1,4 +1,4 @@
-"""Speed and separation monitoring: how far people and the arm travel until the arm stands.
+"""Speed and separation monitoring: travel of people and of the arm until the arm stands.
 
 Formulae of ISO/TS 15066 as N1 (Marvel & Norcross 2017, PMC5117641) and N2 (arXiv 2103.01818) restate them. No claim of
 compliance: the result decides authorisation, not protection.

@@ -1,4 +1,4 @@
-"""The signed cell file as parameters of the physics room: what stands there by a person's word, and nothing beside it.
+"""Signed cell file as parameters of the physics room: the objects of a person's word, and no others.
 
 A file that is well formed can still contradict itself or the world. It is refused as a whole then: nobody can tell
 which half of it its author meant.
@@ -35,7 +35,7 @@ SURVEYED: Final = ("contacts", "objects", "outputs", "payload_kg", "tool", "work
 
 
 class SurveyFault(StrEnum):
-    """Why a well-formed, signed cell file is refused."""
+    """Reason why a well-formed, signed cell file is refused."""
 
     OUT_OF_REACH = "OUT_OF_REACH"
     BASE_OUTSIDE_WORKSPACE = "BASE_OUTSIDE_WORKSPACE"
@@ -55,7 +55,7 @@ class SurveyError(ValueError):
 
 
 def numbers_only(table: Mapping[str, Any]) -> CellParameters:
-    """The engine's numbers that a configuration states, over a cell in which nothing stands yet.
+    """Numbers of the engine from a configuration, over a cell without objects.
 
     Raises:
         CellError: as `CellParameters.from_table`; also for what only a signed cell file may state.
@@ -67,7 +67,7 @@ def numbers_only(table: Mapping[str, Any]) -> CellParameters:
 
 
 def surveyed(cell: Cell, numbers: CellParameters) -> CellParameters:
-    """The parameters of a cell: what the signed file states, and the engine's numbers.
+    """Parameters of a cell: the signed file's content, and the engine's numbers.
 
     Args:
         cell: a verified cell file.
@@ -148,7 +148,7 @@ def _furthest_um(shape: Shape) -> int:
 
 
 def _inside(thing: Shape, zone: Shape) -> bool:
-    """Whether all of a thing is inside a zone: then nothing of it can be touched without entering.
+    """True where all of a thing is inside a zone: then no part of it can be touched without entering.
 
     Both are convex: the thing is the hull of some balls, and inside exactly when each of them is.
     """
@@ -176,7 +176,7 @@ def _balls(shape: Shape) -> list[tuple[tuple[float, ...], float]]:
 
 
 def _depth_um(point: tuple[float, ...], zone: Shape) -> float:
-    """How far the point is from the zone's surface, in micrometres; negative outside."""
+    """Depth of the point below the zone's surface, in micrometres; negative outside."""
     match zone:
         case wire.Sphere(center, radius):
             return radius - math.dist(point, center)
@@ -199,7 +199,7 @@ def _depth_um(point: tuple[float, ...], zone: Shape) -> float:
 
 
 def _depth_in_hull_um(point: tuple[float, ...], vertices: tuple[Point, ...]) -> float:
-    """How far the point is behind the nearest face; outside, minus its distance."""
+    """Depth of the point behind the nearest face; outside, minus its distance."""
     hull, at = hull_of(tuple(map(_metres, vertices))), np.array([point]) / Unit.MICROMETRE.per_si
     behind = float((hull.offsets - at[0] @ hull.normals.T).min())
     if behind < 0:
@@ -209,7 +209,7 @@ def _depth_in_hull_um(point: tuple[float, ...], vertices: tuple[Point, ...]) -> 
 
 
 def _axes(quaternion_ppm: tuple[int, int, int, int]) -> tuple[tuple[float, ...], ...]:
-    """The box's own axes, as a unit quaternion turns them."""
+    """The box's own axes, by its unit quaternion."""
     norm = math.sqrt(sum(c * c for c in quaternion_ppm))
     w, x, y, z = (c / norm for c in quaternion_ppm)
     return (

@@ -1,4 +1,4 @@
-"""Which view of the world a decision is made on, and what its age or absence adds."""
+"""View of the world for a decision, with the additions for its age or absence."""
 
 from __future__ import annotations
 
@@ -37,11 +37,11 @@ class View:
 
 
 def view_of(scene: Scene | None, age_s: float | None, cell: CellParameters) -> View:
-    """The view for a decision.
+    """View for a decision.
 
     Fresh: as seen, the age enters the reaction time. Stale: the last valid scene, people grown by walking speed times
-    age, and the floor. Missing or incomplete: what is known, and the floor; where nobody looked, anybody may be.
-    A fresh view in which something was not seen for longer than the limit is stale, too (PHY-23).
+    age, and the floor. Missing or incomplete: what is known, and the floor; an unseen place may hold a person. A fresh
+    view in which something was not seen for longer than the limit is stale, too (PHY-23).
 
     Raises:
         SceneError: a scene or an age that must not be reasoned about.
