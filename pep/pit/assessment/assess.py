@@ -1,7 +1,7 @@
-"""The one question of this room: what could this command do to people, things and the robot, before it is sent?
+"""Assessment of a command before it is sent: its possible impact on people, things and the robot.
 
-`assess` never raises. What cannot be answered, or must not be believed, is an `ImpactFault`; a fault is no tier, and no
-approval overrides it.
+`assess` never raises. A question without an answer, or with an unbelievable input, gives an `ImpactFault`; a fault is
+no tier, and no approval overrides it.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ def assess(
     seed: bytes,
     clock: Callable[[], float] = time.monotonic,
 ) -> Assessment | ImpactFault:
-    """What `motion` could do in `scene`. Never raises.
+    """Impact that `motion` could have in `scene`. Never raises.
 
     Args:
         robot: the arm with its tool, which must be the one that the cell names, and with what that holds.

@@ -1,4 +1,4 @@
-"""The answer of the physics room: an index with its proof, and what to tell about it."""
+"""Answer of the physics room: an index with its proof, and its causes."""
 
 from __future__ import annotations
 
@@ -33,20 +33,20 @@ def milli(index: float) -> int:
 
 
 def seen(view: View) -> tuple[Contribution, ...]:
-    """The view's own part in the index."""
+    """Contribution of the view itself to the index."""
     if view.floor == 0:
         return ()
     return (Contribution("perception", milli(view.floor), "", view.perception, 0, 0, 0, view.source),)
 
 
 def micro(metres: float) -> int:
-    """Micrometres, 0 for what has no distance."""
+    """Micrometres; 0 for an infinite distance."""
     return round(metres * MICRO) if math.isfinite(metres) else 0
 
 
 @dataclass(frozen=True, eq=False)
 class Certificate:
-    """The proof, for the record: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
+    """Proof for the record: rows of a pair, an interval in 1 / GRID, and the index proven there.
 
     For every pair that is no retreat the intervals cover the whole path, so a checker that recomputes each row confirms
     the index without any search. `pep.pit.proof.proof_document` writes the whole proof down, and `pep.pit.checker`
@@ -72,10 +72,10 @@ class Certificate:
 
 
 class SearchCertificate(Certificate):
-    """The proof of a search, whose rows are only put together when somebody asks for them."""
+    """Proof of a search, whose rows are put together at the first use."""
 
     def __init__(self, certified: Certified) -> None:
-        """Nothing is put together yet."""
+        """Makes a proof whose rows are not put together yet."""
         vars(self).update(_certified=certified)
 
     _certified: Certified
@@ -112,15 +112,15 @@ EMPTY_CERTIFICATE: Final = Certificate(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Assessment:
-    """What a command could do.
+    """Possible impact of a command.
 
     Attributes:
         tier: of the index.
         index: proven upper bound, 0 to 4.
-        clearance_m: where the index is decided, signed; infinite when no pair decides it.
+        clearance_m: clearance that decides the index, signed; infinite when no pair decides it.
         speed_m_s: proven bound on the surface speed of any part of the robot.
-        contributions: what raises the index, highest first.
-        violations: kinds that are denied whatever is authorised.
+        contributions: causes that raise the index, highest first.
+        violations: kinds that no authority allows.
         lower_tier_speed: highest leading-axis speed (rad/s) at which the tier is proven to fall, or None.
         tcp_speed_m_s: proven bound on the speed of the tool centre point.
         contact_ratio: proven bound on speed by limit speed of any body region that could be met (PFL).

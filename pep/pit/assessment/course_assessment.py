@@ -1,4 +1,4 @@
-"""The answer for a motion that is no straight run: the steps of a straight one, on its course."""
+"""Answer for a motion that is no straight run: the steps of a straight one, on its course."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ JOINT_LIMIT: Final = "joint_limit"
 
 @dataclass(frozen=True, eq=False)
 class CourseCertificate(Certificate):
-    """The proof of a course, with its nodes: whoever checks it needs no inverse kinematics.
+    """Proof of a course, with its nodes: its checker needs no inverse kinematics.
 
     Attributes:
         key: places of the nodes, in 1 / GRID, (n,).
@@ -71,13 +71,13 @@ class DriveQuestion(MoveQuestion):
         seed: bytes,
         check_time: Callable[[], None],
     ) -> None:
-        """Nothing is computed yet."""
+        """Makes a question of which nothing is computed yet."""
         still = Run(start, start, 0.0, math.inf, math.inf)
         super().__init__(robot, view, still, cell, touch=touch, seed=seed, check_time=check_time)
         self.drive = drive
 
     def answer(self) -> Assessment | ImpactFault:
-        """The steps, in order."""
+        """Answer by the steps, in order."""
         drive = self.drive
         # 1. What goes nowhere is none; what meets a joint limit, or cannot be traced at all, needs no search.
         if isinstance(drive, Nowhere) and drive.doubt is None:
@@ -128,7 +128,7 @@ class DriveQuestion(MoveQuestion):
         )
 
     def _doubted(self, doubt: Doubt) -> Assessment:
-        """The answer when nothing of the motion can be proven."""
+        """Answer when nothing of the motion can be proven."""
         index = HIGHEST if doubt == JOINT_LIMIT else max(DOUBTFUL, self.view.floor)
         told = (self._cause(doubt, index), *seen(self.view))
         return self._assessment(index, told, tuple({doubt} & {JOINT_LIMIT, UNREACHABLE}))
@@ -147,7 +147,7 @@ class DriveQuestion(MoveQuestion):
     def _slower(
         self, effort: Effort, bare: Pairs, certified: Certified, ratios: tuple[Ratio, ...], target: float
     ) -> float | None:
-        """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""
+        """Highest commanded speed, to a step of the bisection, with an index proven to be at most `target`."""
         drive = self.drive
         assert not isinstance(drive, Nowhere)
         if target < MOVING or self.view.floor > target:

@@ -1,4 +1,4 @@
-"""What is left of a motion that is no single straight run: of a drive, and of a path's legs."""
+"""Rest of a motion that is no single straight run: of a drive, and of a path's legs."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratica
 
 
 class RemainingCourse(RemainingRun):
-    """What is left of a drive, from where the arm is."""
+    """Rest of a drive, from the arm's place."""
 
     def __init__(
         self,
@@ -85,7 +85,7 @@ class RemainingCourse(RemainingRun):
         )
 
     def strays_m(self, middle: int, until: int) -> Floats:
-        """As on a straight path, with the joints' ways before and behind the middle as the course bounds them."""
+        """Strays as on a straight path, with the joints' ways from the middle as the course bounds them."""
         del middle
         cells = self.course.cells
         met = np.clip(np.minimum(cells.high, until) - np.maximum(cells.low, self.since), 0, None) / GRID
@@ -94,7 +94,7 @@ class RemainingCourse(RemainingRun):
 
 
 def _place(course: Course, at: Floats) -> float:
-    """Where on the course the arm at `at` (6,) is: the nearest of the cells' middles, and from there along."""
+    """Place of the arm at `at` (6,) on the course: the nearest of the cells' middles, then along the course."""
     cells = course.cells
     nearest = int(np.square(cells.q - at).sum(axis=1).argmin())
     s = float(cells.mid[nearest]) / GRID
@@ -108,16 +108,16 @@ def _place(course: Course, at: Floats) -> float:
 
 
 class RemainingLegs:
-    """What is left of a path: of the first leg that the arm can be on, and all of every later one."""
+    """Rest of a path: of the first leg that the arm can be on, and all of every later one."""
 
     def __init__(self, legs: Iterable[RemainingRun], check_time: Callable[[], None]) -> None:
-        """The legs in order; each is looked at only when it has to be."""
+        """Takes the legs in order; each is looked at only when it has to be."""
         self._legs = iter(legs)
         self.check_time = check_time  # of every leg that is asked
         self._known: list[tuple[RemainingRun, Remaining | None]] = []
 
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
-        """The leg that the arm is on is prepared; those behind it will be when they are asked about."""
+        """Prepares the leg that the arm is on; those behind it are prepared when they are asked about."""
         self._view = scene, age_s, touch
         for leg in self._legs:
             early = leg.prepare(*self._view)
@@ -131,11 +131,14 @@ class RemainingLegs:
         return self._worst(lambda leg: (leg.at(fraction), True))
 
     def near(self, fraction: float, seconds: float) -> Remaining:
-        """Likewise, of the legs that can be reached; each could be all that the time goes to."""
+        """First answer that does not hold, or the highest, of the legs in reach.
+
+        Each leg could take up all of the time.
+        """
         return self._worst(lambda leg: (leg.near(fraction, seconds), leg.until(fraction, seconds) >= GRID))
 
     def _worst(self, ask: Callable[[RemainingRun], tuple[Remaining, bool]]) -> Remaining:
-        """Of what `ask` says of each leg, as long as it also says that the next one counts."""
+        """Worst of the answers of `ask` for each leg, as long as it also says that the next one counts."""
         found: list[Remaining] = []
         for leg, early in self._reached():
             leg.check_time = self.check_time
@@ -166,7 +169,7 @@ def rests_of(
     age_s: float,
     check_time: Callable[[], None],
 ) -> RemainingCourse | RemainingLegs:
-    """What is left of a motion that is no single straight run; see `remaining`."""
+    """Rest of a motion that is no single straight run; see `remaining`."""
 
     def of_drive(start: Joints, drive: TimedCourse | Nowhere) -> RemainingCourse:
         return RemainingCourse(

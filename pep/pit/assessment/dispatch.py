@@ -1,4 +1,4 @@
-"""Which question each motion that is no single straight run is: a drive, or the legs of a path."""
+"""Dispatch of each motion that is no single straight run: to a drive, or to the legs of a path."""
 
 from __future__ import annotations
 
@@ -65,12 +65,12 @@ class PathQuestion:
         seed: bytes,
         check_time: Callable[[], None],
     ) -> None:
-        """Nothing is computed yet."""
+        """Makes a question of which nothing is computed yet."""
         self.robot, self.view, self.cell, self.touch = robot, view, cell, touch
         self.seed, self.check_time = seed, check_time
 
     def answer(self, motion: Paths) -> Assessment | ImpactFault:
-        """The answer for the whole path; what comes after a leg that is not proven to its end is not looked at."""
+        """Answer for the whole path, up to the first leg that is not proven to its end."""
         match motion:
             case JointPath():
                 legs = self._joint_legs(motion)
@@ -129,7 +129,7 @@ def joint_moves(path: JointPath) -> Iterator[MoveJ]:
 def line_drives(
     robot: Robot, path: LinePath, *, check_time: Callable[[], None]
 ) -> Iterator[tuple[Joints, TimedCourse | Nowhere]]:
-    """Where each leg starts, and the leg; none after one that is not proven to its end."""
+    """Start of each leg, and the leg; none after one that is not proven to its end."""
     start = path.start
     for leg in path.legs:
         drive = line_drive(

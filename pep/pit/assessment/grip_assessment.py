@@ -1,4 +1,4 @@
-"""The index of a gripper move: what stands at the fingers, and what the force does to it."""
+"""Index of a gripper move: of the bodies at the fingers, and of the force on them."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ HELD: Final = 2.0  # PHY-7: opening while holding a part of unknown strength, m 
 
 @dataclass(frozen=True, slots=True)
 class GripCause:
-    """One thing that raises the index of a gripper move."""
+    """One cause that raises the index of a gripper move."""
 
     kind: str
     index: float
@@ -38,10 +38,10 @@ class GripCause:
 
 @dataclass(frozen=True, slots=True)
 class GripImpact:
-    """What a gripper move could do.
+    """Possible impact of a gripper move.
 
     Attributes:
-        causes: everything that its index comes from, highest first; never empty.
+        causes: causes of its index, highest first; never empty.
         contact_ratio: bound on finger speed by limit speed of any body region that the fingers could meet.
     """
 
@@ -50,7 +50,7 @@ class GripImpact:
 
 
 def gripping(robot: Robot, view: View, motion: GripperMove, cell: CellParameters) -> GripImpact | Disagreement:
-    """What this gripper move could do in this view, or that the engines disagree on it."""
+    """Impact that this gripper move could have in this view; or a disagreement of the engines."""
     tool = robot.tool
     asked = {
         "force": motion.force_n / tool.force_limit_n,

@@ -1,4 +1,4 @@
-"""The index of a digital output: what a person declared it to be, since no physics knows what is connected."""
+"""Index of a digital output: a person's declaration, since physics does not know the device."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ UNDECLARED: Final = 3.0  # PHY-15: nobody said what is connected there
 
 
 def output_cause(motion: OutputSet, cell: CellParameters) -> Contribution:
-    """The one thing that the index of an output comes from: its declared tier, or that it has none."""
+    """Cause of the index of an output: its declared tier, or the lack of one."""
     declared = next((output for output in cell.outputs if output.pin == motion.pin), None)
     if declared is None:
         return Contribution("undeclared_output", milli(UNDECLARED), "", f"pin-{motion.pin}", 0, 0, 0)

@@ -1,4 +1,7 @@
-"""A path of several legs, each from rest to rest, as one answer: the worst of them, told by the time of the whole."""
+"""Path of several legs, each from rest to rest, as one answer: the worst of them.
+
+Its times are those of the whole path.
+"""
 
 from __future__ import annotations
 
@@ -27,7 +30,7 @@ class AssessedLeg:
 
 @dataclass(frozen=True, eq=False)
 class LegsCertificate(Certificate):
-    """The answers of all legs, in order, each with its proof; it has no rows of its own."""
+    """Proofs of all legs, in order, each with its answer; it has no rows of its own."""
 
     answers: tuple[Assessment, ...]
 
@@ -38,9 +41,10 @@ class LegsCertificate(Certificate):
 
 
 def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessment | ImpactFault:
-    """The answer for all legs, at least one: an appended leg never lowers it. A leg that is a fault makes it one.
+    """Answer for all legs, at least one.
 
-    Legs are asked for one by one, and none after a fault.
+    An appended leg never lowers it. A leg that is a fault makes it one. Legs are asked for one by one, and none after a
+    fault.
     """
     answers: list[Assessment] = []
     told: list[Contribution] = []
@@ -68,7 +72,7 @@ def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessme
 
 
 def _once(told: list[Contribution]) -> list[Contribution]:
-    """Of the contributions about the same thing, the highest, and of those the first."""
+    """Highest contribution about each thing, and of equal ones the first."""
     highest: dict[tuple[str, str], Contribution] = {}
     for cause in told:
         known = highest.get((cause.kind, cause.object))

@@ -1,4 +1,4 @@
-"""Compilation of everything that a question about physics needs, before any question and before any time is counted.
+"""Compilation of all code behind a question about physics, before any question is timed.
 
 The first time on a machine it takes minutes, from then on a second. Until it is done nobody answers.
 """
@@ -31,7 +31,7 @@ TOLD_EACH_S: Final = 1.0  # ours: how often progress is told
 
 @dataclass(frozen=True, slots=True)
 class Progress:
-    """How far the compilation is: so many functions of all, after so many seconds."""
+    """Progress of the compilation: so many functions of all, after so many seconds."""
 
     done: int
     functions: int
@@ -44,7 +44,7 @@ class Progress:
 
 @cache
 def compile_all() -> None:
-    """Compile every function of the kernel, or read what was compiled before."""
+    """Compiles every function of the kernel, or reads earlier compilations."""
     chosen()
     compiled_sight.compile_all()
     robot, cell = Robot.load("ur3e"), CellParameters()
@@ -53,7 +53,7 @@ def compile_all() -> None:
 
 
 def compile_telling(tell: Callable[[Progress], None], *, clock: Callable[[], float] = time.monotonic) -> None:
-    """Compile as `compile_all` does, and tell how far it is every `TOLD_EACH_S` seconds.
+    """Compiles as `compile_all` does, and tells the progress every `TOLD_EACH_S` seconds.
 
     Args:
         tell: called from another thread; never once everything is compiled.

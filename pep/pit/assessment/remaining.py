@@ -1,8 +1,8 @@
-"""The watch's question: is what remains of a motion under way still inside what was authorised, and at which speed?
+"""Question of the watch: is the rest of a running motion still inside the authorised index, and at which speed?
 
-Only the way from where the arm measurably is counts, with the rates that the motion's own profile can still have there.
+Only the way from the arm's measured place counts, with the rates that the motion's own profile can still have there.
 The answer is yes or no with a proof of the yes, found by the same search as `assess` and left as soon as either is
-certain; there is no second engine here. Whatever cannot be answered is a fault, and a watch stops on it.
+certain; there is no second engine here. A question without an answer is a fault, and a watch stops on it.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def remaining(
     running: float | None = None,
     clock: Callable[[], float] = time.monotonic,
 ) -> Remaining | ImpactFault:
-    """Whether the rest of `move` is proven to have at most the authorised index. Never raises.
+    """Judgement of the rest of `move` against the authorised index. Never raises.
 
     With `running` it is asked at that fraction of the commanded speed, and the highest speed at which it would be is
     told too (PHY-50). A motion whose end is a stop of its own (a held speed, a servo target) is asked at full speed.
@@ -129,7 +129,10 @@ def _remaining(
         raise MotionError("PARAMETERS_WRONG", "a fraction of the speed that is none")
 
     def told(left: RemainingMotion, *, stretches: bool) -> Remaining:
-        """The answer; `stretches`: the slider changes nothing but how long the motion takes."""
+        """Answer for the watch.
+
+        `stretches`: the slider changes nothing but the motion's duration.
+        """
         early = left.prepare(scene, age_s, touch)
         if early is not None:
             return early
@@ -167,7 +170,7 @@ def _remaining(
 def _grip(
     robot: Robot, view: View, move: GripperMove, cell: CellParameters, authorised_milli: int
 ) -> Remaining | ImpactFault:
-    """A gripper move is short: all of it is asked again, at the arm's rest."""
+    """Answer for a gripper move, which is short: all of it is asked again, at the arm's rest."""
     grip = gripping(robot, view, move, cell)
     if isinstance(grip, Disagreement):
         return ImpactFault("ENGINES_DISAGREE", grip.what)

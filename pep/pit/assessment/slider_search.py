@@ -1,8 +1,8 @@
-"""The highest speed, in steps of the speed slider, at which what is left of a motion stays inside what was authorised.
+"""Highest setting of the speed slider at which the rest of a motion stays inside the authorised index.
 
-Slowing down takes time. So a lower speed does only when the way that the arm can make meanwhile at the present speed is
-inside, too, as far as to where it could still be stopped if it did not slow down. What is proven of a speed is proven
-with the same search as the answer itself, never interpolated.
+Slowing down takes time. So a lower speed suffices only when the arm's way meanwhile at the present speed is inside,
+too, up to the place where it could still be stopped if it did not slow down. Each speed is proven with the same search
+as the answer itself, never interpolated.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ if TYPE_CHECKING:
 TINY: Final = 1e-9  # of a step: rounding of a quotient
 PLACES: Final = 9  # of a decimal fraction: far finer than any slider, and a whole number of steps again
 WHATEVER_THE_SPEED: Final = frozenset({JOINT_LIMIT, OFF_PATH, PERCEPTION})
-"""What speaks against a motion at any speed."""
+"""Causes against a motion at any speed."""
 
 
 def paced(left: RemainingMotion, cell: CellParameters, running: float, *, spare: Callable[[], None]) -> Remaining:
-    """Whether it holds at the speed that the arm has, and the highest one at which it would.
+    """Answer at the arm's present speed, with the highest speed at which it would hold.
 
     Args:
         left: prepared.
@@ -45,14 +45,14 @@ def paced(left: RemainingMotion, cell: CellParameters, running: float, *, spare:
 
 
 def steps(cell: CellParameters, *, above: float, below: float) -> list[float]:
-    """The slider's settings between the two, which are none of them, and none slower than what is of use."""
+    """Settings of the slider strictly between the two, none slower than the least useful one."""
     whole = round(FULL / cell.slider_step)
     settings = (round(k * cell.slider_step, PLACES) for k in range(1, whole + 1))
     return [each for each in settings if max(above, cell.slowest_fraction - TINY) < each < below - TINY]
 
 
 def _higher(left: RemainingMotion, cell: CellParameters, found: Pace) -> Pace:
-    """The highest speed from the one that is proven to hold on."""
+    """Highest speed at or above the one that is proven to hold."""
     if not found.fraction < FULL - TINY:
         return found
     faster = [*steps(cell, above=found.fraction + TINY, below=FULL), FULL]
@@ -60,7 +60,7 @@ def _higher(left: RemainingMotion, cell: CellParameters, found: Pace) -> Pace:
 
 
 def _lower(left: RemainingMotion, cell: CellParameters, running: float) -> Pace | None:
-    """The highest speed below `running` to which the arm may slow down, or None when it has to stop."""
+    """Highest speed below `running` to which the arm may slow down, or None when it has to stop."""
     slower = steps(cell, above=0.0, below=running)
     try:
         near = left.near(running, cell.slowing_s(running) + cell.reaction_s)
@@ -76,9 +76,10 @@ def _lower(left: RemainingMotion, cell: CellParameters, running: float) -> Pace 
 
 
 def _highest(left: RemainingMotion, fractions: list[float], found: Pace) -> Pace:
-    """The highest of these that holds, by bisection from the top: what does not, does not at any higher one (PHY-13).
+    """Highest of these fractions that holds, by bisection from the top.
 
-    Where that is not so, a lower one is told; what is told is always proven.
+    A fraction that fails does so at each higher one (PHY-13). Where that is not so, a lower one is told; the told one
+    is always proven.
     """
     low, high = 0, len(fractions)
     while low < high:
@@ -93,7 +94,7 @@ def _highest(left: RemainingMotion, fractions: list[float], found: Pace) -> Pace
 
 
 def _proven(left: RemainingMotion, fraction: float) -> Pace | None:
-    """This speed, when all that is left is proven to hold at it in time."""
+    """This speed, when all of the rest is proven to hold at it in time."""
     try:
         answer = left.at(fraction)
     except WorkLimitError:

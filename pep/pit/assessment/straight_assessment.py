@@ -1,4 +1,4 @@
-"""The answer for a straight joint motion: limits, demands, certified index, second engine, a speed that would do."""
+"""Answer for a straight joint motion: limits, demands, certified index, second engine, a sufficient speed."""
 
 from __future__ import annotations
 
@@ -59,13 +59,16 @@ class MoveQuestion:
         check_time: Callable[[], None],
         engine: Engine | None = None,
     ) -> None:
-        """Nothing is computed yet. Without an `engine` the one of this installation answers."""
+        """Makes a question of which nothing is computed yet.
+
+        Without an `engine` the one of this installation answers.
+        """
         self.engine = chosen() if engine is None else engine
         self.robot, self.view, self.move, self.cell, self.seed = robot, view, move, cell, seed
         self.touch, self.check_time = touch, check_time
 
     def answer(self) -> Assessment | ImpactFault:
-        """The steps, in order."""
+        """Answer by the steps, in order."""
         profile = profile_of(self.move)
         # 1. A move to where the arm stands is none.
         if profile is None:
@@ -153,7 +156,7 @@ class MoveQuestion:
         retreating: NDArray[np.intp],
         doubts: tuple[Contribution, ...] = (),
     ) -> tuple[Contribution, ...]:
-        """All that raises the index, highest first."""
+        """Causes that raise the index, highest first."""
         speed = micro(speed_m_s)
         causes = [
             *seen(self.view),
@@ -168,7 +171,7 @@ class MoveQuestion:
         return tuple(sorted(causes, key=lambda c: -c.index_milli))
 
     def _witnessed(self, pairs: Pairs, profile: Profile, certified: Certified) -> list[Contribution]:
-        """One contribution per obstacle that raises the index or is violated; where violated, at its deepest."""
+        """Contribution of each obstacle that raises the index or is violated; where violated, at its deepest."""
         by_obstacle = {pairs.group[w.pair]: w for w in certified.witnesses if w.index > MOVING + TIE}
         for deepest in certified.violated.values():
             group = pairs.group[deepest.pair]
@@ -187,7 +190,7 @@ class MoveQuestion:
         ratios: tuple[Ratio, ...],
         slows: bool,
     ) -> float | None:
-        """The highest speed, to a step of the bisection, at which the index is proven to be in a lower tier."""
+        """Highest speed, to a step of the bisection, at which the index is proven to fall a tier."""
         target = float(tier - 1)
         if target < MOVING or self.view.floor > target:
             return None
@@ -214,7 +217,7 @@ class MoveQuestion:
         return Slower(cell.stop_delay_s, cell.stop_deceleration_rad_s2, SLOWEST_RAD_S, self.move.speed_rad_s)
 
     def _slowest_of_both(self, demands: Demands, of_pairs: float | None, *, target: float, asks: bool) -> float | None:
-        """The speed at which both the pairs and what is asked of the arm are in a lower tier."""
+        """Speed at which both the pairs and the demands on the arm are in a lower tier."""
         if of_pairs is None or not asks:
             return of_pairs
 

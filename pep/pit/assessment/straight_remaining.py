@@ -1,6 +1,6 @@
-"""What is left of one motion under way: asked at any fraction of its speed, to its end or for the next moments.
+"""Rest of one running motion: judged at any fraction of its speed, to its end or briefly.
 
-Only the way from where the arm measurably is counts, with the rates that the motion's own profile can still have there.
+Only the way from the arm's measured place counts, with the rates that the motion's own profile can still have there.
 Each question is left as soon as its answer is certain; a yes has a proof, found on the same intervals as a verdict's.
 """
 
@@ -53,7 +53,7 @@ RETREATS: Final = "retreat"
 
 @dataclass(frozen=True, slots=True)
 class Pace:
-    """A speed at which what is left is proven to be inside what was authorised.
+    """Speed at which the rest is proven to be inside the authorised index.
 
     Attributes:
         fraction: of the commanded speed, above 0 and at most 1.
@@ -66,7 +66,7 @@ class Pace:
 
 @dataclass(frozen=True, slots=True)
 class Remaining:
-    """Whether what is left of a motion is proven to be inside what was authorised.
+    """Judgement of the rest of a motion.
 
     Attributes:
         holds: it is, at the speed that was asked about. Otherwise the arm must slow down to `pace` at once, or stop.
@@ -85,31 +85,31 @@ class Remaining:
 
 
 class RemainingMotion(Protocol):
-    """What is left of a motion whose timing the speed slider stretches."""
+    """Rest of a motion whose timing the speed slider stretches."""
 
     check_time: Callable[[], None]
 
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
-        """What does not depend on the speed is computed; the answer, when it is already certain."""
+        """Computes all that does not depend on the speed; the answer, when it is already certain."""
         ...
 
     def at(self, fraction: float) -> Remaining:
-        """All that is left, at this fraction of the commanded speed. After `prepare` has said None."""
+        """Judges all of the rest at this fraction of the commanded speed. After `prepare` has said None."""
         ...
 
     def near(self, fraction: float, seconds: float) -> Remaining:
-        """What can be reached within so many seconds at this fraction. After `prepare` has said None."""
+        """Judges the part in reach within so many seconds at this fraction. After `prepare` has said None."""
         ...
 
 
 def against(authorised_milli: int, index_milli: int, cause: str) -> Remaining:
-    """Whether that index is inside what was authorised, and what speaks against it otherwise."""
+    """Judgement of that index against the authorised one, with the cause where it is above."""
     holds = index_milli <= authorised_milli
     return Remaining(holds, index_milli, "" if holds else cause)
 
 
 def strays_m(robot: Robot, error_rad: Floats) -> float:
-    """Bound on how far joint angles that are off by this much carry any part of the robot."""
+    """Bound on the way of any part of the robot when joint angles are off by this much."""
     return float((robot.reach @ np.abs(error_rad)).max())
 
 
@@ -126,13 +126,13 @@ def slowed(profile: Profile, fraction: float) -> Profile:
 
 
 def reached_key(since: int, profile: Profile, seconds: float) -> int:
-    """A place (in 1 / GRID) that the motion does not pass within so many seconds from `since` on, at this profile."""
+    """Place (in 1 / GRID) that the motion does not pass within so many seconds after `since`."""
     farther = math.ceil(seconds * profile.peak_rad_s / profile.way_rad * GRID)
     return min(since + farther, GRID)
 
 
 class RemainingRun:
-    """What is left of one run, from where the arm is."""
+    """Rest of one run, from the arm's place."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class RemainingRun:
         self.bare: Pairs
 
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
-        """The steps that do not depend on the speed, in order."""
+        """Takes the steps that do not depend on the speed, in order."""
         run, cell = self.run, self.cell
         engine = chosen()
         self.path = path = engine.path(self.robot, run)
@@ -177,25 +177,25 @@ class RemainingRun:
         return None
 
     def look_around(self, scene: Scene | None, age_s: float | None, touch: frozenset[str], speeds: Floats) -> None:
-        """The view and its pairs are there; `speeds` bound those of the bodies since it was taken."""
+        """Takes in the view and its pairs; `speeds` bound those of the bodies since it was taken."""
         lag_m = float(speeds.max()) * (age_s or 0.0)
         self.view = view_around(self.robot, scene, age_s, self.at_rad, self.cell, lag_m=lag_m)
         self.bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=touch)
 
     def at(self, fraction: float) -> Remaining:
-        """All that is left, at this fraction of the commanded speed."""
+        """Judges all of the rest at this fraction of the commanded speed."""
         return self._ask(slowed(self.profile, fraction), fraction, GRID)
 
     def near(self, fraction: float, seconds: float) -> Remaining:
-        """What can be reached within so many seconds at this fraction."""
+        """Judges the part in reach within so many seconds at this fraction."""
         return self._ask(slowed(self.profile, fraction), fraction, self.until(fraction, seconds))
 
     def until(self, fraction: float, seconds: float) -> int:
-        """A place (in 1 / GRID) that the arm does not pass within so many seconds at this fraction."""
+        """Place (in 1 / GRID) that the arm does not pass within so many seconds at this fraction."""
         return reached_key(self.since, slowed(self.profile, fraction), seconds)
 
     def _ask(self, profile: Profile, fraction: float, until: int) -> Remaining:
-        """What is left up to `until`, at this fraction, of which that is the profile."""
+        """Judges the rest up to `until` at this fraction, whose profile is given."""
         del fraction  # all that a run asks of the arm follows from the profile
         ratios = ((ratio.index, ratio.name) for ratio in self.demands.ratios(profile))
         speeds = self.demands.surface_speed_m_s(profile)
@@ -220,7 +220,7 @@ class RemainingRun:
         limits: JointLimits | None,
         until: int,
     ) -> Remaining:
-        """The steps that depend on the speed, in order."""
+        """Takes the steps that depend on the speed, in order."""
         cell, since, view = self.cell, self.since, self.view
         pairs = self.bare.meant(gentle_rows(path, self.bare, profile, cell, since=since, check_time=self.check_time))
         # 3. What is violated where the arm is, and whether the rest only leads away from it.
@@ -253,7 +253,10 @@ class RemainingRun:
         floor: float,
         until: int,
     ) -> Remaining:
-        """The search of `certify` with the answer known beforehand: each row is followed until it is at most that."""
+        """Searches as `certify` does with the answer known beforehand.
+
+        Each row is followed until it is at most that.
+        """
         since = self.since
         for key in (since, until):
             clearance = path.clearance_at(pairs, key, rows)
@@ -294,15 +297,15 @@ class RemainingRun:
         raise AssertionError("the last depth returns")
 
     def strays_m(self, middle: int, until: int) -> Floats:
-        """How far each body goes at most between `middle` and either end of what is asked about, (bodies,)."""
+        """Way of each body between `middle` and either end of the judged part, at most, (bodies,)."""
         return np.asarray(self.robot.reach @ np.abs(self.path.delta) * ((until - middle) / GRID))
 
     def _far_enough(
         self, path: Route, pairs: Pairs, stop: Stopping, *, rows: NDArray[np.intp], speeds: Floats, until: int
     ) -> tuple[NDArray[np.intp], float]:
-        """The pairs that one look at the middle of the rest does not settle, and the index proven of the others.
+        """Pairs that one look at the middle of the rest leaves open, and the index of the others.
 
-        From there no part goes farther than its levers times the joints' ways, nor faster than on the whole path.
+        From the middle no part goes farther than its levers times the joints' ways, nor faster than on the whole path.
         """
         middle = (self.since + until) // 2  # rounded down: the farther end is `until`
         body = pairs.body[rows]
@@ -312,7 +315,7 @@ class RemainingRun:
         return rows[~settled], float(bound[settled].max(initial=0))
 
     def _met(self, pairs: Pairs, rows: NDArray[np.intp], clearance: Floats, index: Floats) -> Remaining | None:
-        """What was met there that must not be: a violation, or an index above the authorised one."""
+        """Forbidden finding there: a violation, or an index above the authorised one; None without one."""
         below = clearance < pairs.violated_below[rows]
         if below.any():
             kind = pairs.kind_of(int(rows[int(np.flatnonzero(below)[0])]))
@@ -324,12 +327,12 @@ class RemainingRun:
 
 
 def _not(pairs: Pairs, pair: int, index: float) -> Remaining:
-    """This pair speaks against it."""
+    """Negative judgement because of this pair."""
     return Remaining(holds=False, index_milli=milli(min(index, HIGHEST)), cause=str(pairs.kind_of(pair)))
 
 
 def _before(leaves: Leaves, until: int) -> Leaves:
-    """Without the rows that begin behind `until`."""
+    """Rows without those that begin behind `until`."""
     return leaves if until >= GRID else leaves.take(leaves.low < until)
 
 

@@ -1,7 +1,7 @@
-"""A stream of targets or joint speeds, asked about step by step: prepared once for a view, microseconds for each step.
+"""Stream of targets or joint speeds, judged step by step: prepared once per view, microseconds per step.
 
-A step is answered in two stages. First one look at all that it lets follow until the arm stands (`kernel.steps`): a
-proven upper bound of its index, which settles the step where it is at or below what is authorised and nothing can be
+A step is answered in two stages. First one look at all motion that it allows until the arm stands (`kernel.steps`): a
+proven upper bound of its index, which settles the step where it is at most the authorised index and nothing can be
 violated. Else the whole question, `assess`, whose answer holds.
 """
 
@@ -75,7 +75,7 @@ class Bounded:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _World:
-    """A scene ready to be asked about; `settle` bounds a step in it."""
+    """Scene that is ready for questions; `settle` bounds a step in it."""
 
     scene: Scene
     pairs: Pairs
@@ -84,7 +84,7 @@ class _World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _View:
-    """What was told last.
+    """View that the stream was given last.
 
     Attributes:
         scene, age_s: as told.
@@ -118,7 +118,7 @@ class Stream:
     def __init__(
         self, robot: Robot, cell: CellParameters, *, touch: frozenset[str], clock: Callable[[], float]
     ) -> None:
-        """A stream that was told no view yet: its steps have the index floor of a missing one.
+        """Makes a stream without a view: its steps have the index floor of a missing one.
 
         Args:
             robot: the arm with its tool, which must be the one that the cell names, and with what that holds.
@@ -131,7 +131,9 @@ class Stream:
         self._view = self._looked_at(None, None, None)
 
     def see(self, scene: Scene | None, *, age_s: float | None, at_rad: Joints) -> None:
-        """From the next step on this is the view. Never raises: what must not be believed is the answer to each step.
+        """Takes the view for all later steps. Never raises.
+
+        A view that must not be believed becomes the answer to each step.
 
         Args:
             scene: the newest valid view, or None when there is none any more.
@@ -143,10 +145,10 @@ class Stream:
     def step(
         self, motion: ServoJ | SpeedJ, *, authorised_milli: int, seed: bytes
     ) -> Bounded | Assessment | ImpactFault:
-        """What one step lets follow until the arm stands. Never raises.
+        """Judges the motion that one step allows until the arm stands. Never raises.
 
-        The bound is at least what `assess` proves of the same step, and at most what is authorised; an `Assessment` may
-        be above that. No step that is settled at once violates anything.
+        The bound is at least the index that `assess` proves of the same step, and at most the authorised one; an
+        `Assessment` may be above that. No step that is settled at once violates anything.
 
         Args:
             motion: a servo target, or joint speeds that the arm takes up or goes on with (`stream.moves_with`), through
@@ -213,7 +215,7 @@ class Stream:
         return self._whole(view, motion, age_s, seed)
 
     def _around(self, seen: _World, unheld: _World, at: Joints) -> _World:
-        """What is around the arm at these angles: where it holds what is seen in its gripper, the rest."""
+        """Surroundings of the arm at these angles: without the held object where the gripper shows it."""
         found = without_held(seen.scene, self._robot, at, tolerance_m=self._cell.held_tolerance_m)
         return unheld if len(found.objects) == len(unheld.scene.objects) else seen
 
@@ -229,7 +231,7 @@ class Stream:
         return Bounded(found.upper, tier_of(found.upper), found.tool, found.contact, age_s)
 
     def _confirmed(self, world: _World, step: Floats, age_s: float | None, index: float) -> ImpactFault | None:
-        """What speaks against the bound where the step begins, by pinocchio and coal."""
+        """Fault of the bound at the step's beginning, by pinocchio and coal, or None."""
         pairs = world.pairs.meant(np.flatnonzero(world.pairs.touchable))  # under whichever law the bound may be
         start, now = step[0], step[1]
         clearance, speed = SecondWorld(self._robot, world.scene, pairs).ask_all([(start, now)])
@@ -260,7 +262,7 @@ class Stream:
 
 
 def _fault_of(error: Exception) -> ImpactFault:
-    """As `assess` says it."""
+    """Fault in the words of `assess`."""
     if isinstance(error, PitError):
         return ImpactFault(error.reason, error.detail)
     frames = traceback.extract_tb(error.__traceback__)
@@ -272,12 +274,12 @@ def _disagreed(found: Agreement | Disagreement) -> ImpactFault | None:
 
 
 def _older(age_s: float, by_s: float) -> float:
-    """The age after that time; no number where the clock is none."""
+    """Age after that time; NaN where the clock is invalid."""
     return age_s + by_s if by_s >= 0 else math.nan
 
 
 def _numbers(start: Joints, now: Joints, target: Joints, first: float, second: float) -> Floats | None:
-    """The step as the kernel's array, or None where it has none: another form, or text that looks like numbers."""
+    """The step as the kernel's array; None where it has another form or holds text."""
     try:
         step = np.array((start, now, target, (first, second, *_REST)))
     except (TypeError, ValueError, OverflowError):

@@ -1,7 +1,7 @@
-"""The independent checker of certificates: recomputes every row of a proof document, without search or trust.
+"""Independent checker of certificates: recomputes every row of a proof document, without search or trust.
 
-Standard library alone, and nothing of the rest of the room: what writes a proof and what checks it share no code, only
-the clauses of docs/physics.md. It never raises, whatever bytes it is given.
+Standard library alone, and nothing of the rest of the room: prover and checker share no code, only the clauses of
+docs/physics.md. It never raises, for any bytes.
 """
 
 from pep.pit.checker.check import verify

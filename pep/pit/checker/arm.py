@@ -1,4 +1,4 @@
-"""Where the arm's bodies are along a way and how fast they go; on a straight one also between the nodes (PHY-9)."""
+"""Places and speeds of the arm's bodies along a way; on a straight one also between the nodes (PHY-9)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Pose = tuple["Vec", "Vec", float, float]  # both ends (metre), speed of the fast
 
 
 class CheckerRoute(ABC):
-    """A robot on some way of its joints; every configuration and every body there is computed once.
+    """Robot on some way of its joints; every configuration and every body there is computed once.
 
     Attributes:
         met_by: how many places say where something is met on it: one, or the ends of an interval.
@@ -34,7 +34,7 @@ class CheckerRoute(ABC):
     met_by: ClassVar[int] = 1
 
     def __init__(self, robot: CheckerRobot) -> None:
-        """Nothing is computed yet."""
+        """Makes a route of which nothing is computed yet."""
         self.robot = robot
         # Bodies are named by their identity: all of them are the robot's, which is kept.
         self._frames: dict[int, Frames] = {}
@@ -47,23 +47,23 @@ class CheckerRoute(ABC):
 
     @abstractmethod
     def rates(self, node: int) -> Sequence[float]:
-        """Their derivative by s."""
+        """Derivatives of the angles by s."""
 
     @abstractmethod
     def sag(self, body: CheckerBody, low: int, high: int) -> float:
-        """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
+        """Distance of a body's end from the chords between the interval's ends and middle, at most, metre."""
 
     @abstractmethod
     def rush(self, body: CheckerBody, low: int, high: int) -> float:
         """Bound on the body's surface speed on the interval, metre per unit of s."""
 
     def stray(self, body: CheckerBody, low: int, high: int) -> float:
-        """How far the body may be beside this way on the interval, metre; where it begins and ends it is on it."""
+        """Distance of the body beside this way on the interval, at most, metre; 0 at both ends."""
         del body, low, high
         return 0.0
 
     def pose(self, body: CheckerBody, node: int) -> Pose:
-        """The body at path parameter node / GRID, in the frame of its reference link."""
+        """Body at path parameter node / GRID, in the frame of its reference link."""
         key = (id(body), node)
         found = self._poses.get(key)
         if found is not None:
@@ -85,7 +85,7 @@ class CheckerRoute(ABC):
         return pose
 
     def _twist(self, body: CheckerBody, node: int) -> tuple[Vec, Vec]:
-        """How the link turns as seen from the reference: the velocity of p is spin x p + moment."""
+        """Motion of the link as seen from the reference: the velocity of p is spin x p + moment."""
         key = (body.reference, body.link, node)
         found = self._twists.get(key)
         if found is None:
@@ -111,7 +111,7 @@ class Sweep(CheckerRoute):
     """A robot on a straight joint path."""
 
     def __init__(self, robot: CheckerRobot, run: CheckerRun) -> None:
-        """Nothing is computed yet."""
+        """Makes a sweep of which nothing is computed yet."""
         super().__init__(robot)
         self._start, self._ways = run.start, run.ways
         self._bends: dict[int, tuple[float, float, float]] = {}
@@ -123,12 +123,12 @@ class Sweep(CheckerRoute):
         return tuple(start + share * way for start, way in zip(self._start, self._ways, strict=True))
 
     def rates(self, node: int) -> Sequence[float]:
-        """Their derivative by s, everywhere the same."""
+        """Derivatives of the angles by s, everywhere the same."""
         del node
         return self._ways
 
     def sag(self, body: CheckerBody, low: int, high: int) -> float:
-        """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
+        """Distance of a body's end from the chords between the interval's ends and middle, at most, metre."""
         h = (high - low) / GRID
         return self._bend(body)[0] * h * h / SLACK
 
@@ -171,5 +171,5 @@ def frames(robot: CheckerRobot, q: Sequence[float]) -> Frames:
 
 
 def lowest(poses: tuple[Pose, Pose, Pose], direction: Vec) -> float:
-    """The least extent along the direction of a body's axis at three nodes."""
+    """Least extent along the direction of a body's axis at three nodes."""
     return min(min(dot(pose[0], direction), dot(pose[1], direction)) for pose in poses)

@@ -1,4 +1,4 @@
-"""The check itself: from bytes to a verdict, step by step. No step searches; every number is recomputed."""
+"""Check of a proof: from bytes to a verdict, step by step. No step searches; every number is recomputed."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unr
 
 
 def verify(text: bytes) -> Verified | Unverified:
-    """Whether this proof document proves what it claims. Never raises.
+    """Verdict on a proof document: verified when it proves its claims. Never raises.
 
     Args:
         text: a document as `pep.pit.proof.proof_document.document` writes it.
@@ -114,7 +114,7 @@ def _question(asked: dict[str, Any]) -> CheckerQuestion:
 
 
 def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerAnswer, proof: Any) -> int:
-    """How many rows were recomputed; each leg's proof holds, and the answer is that of the worst."""
+    """Number of recomputed rows; each leg's proof holds, and the answer is that of the worst leg."""
     start = motion.start
     if not motion.path:
         return _leg_proven(asked, start, motion.legs[0], answer, proof)[0]
@@ -145,7 +145,7 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
 def _leg_proven(
     asked: CheckerQuestion, start: Six, motion: CheckerRun | Curved, answer: CheckerAnswer, value: Any
 ) -> tuple[int, Six | None]:
-    """How many rows were recomputed, and where the leg ends; None when it is not proven to its end."""
+    """Number of recomputed rows, and the end of the leg; None when it is not proven to its end."""
     if isinstance(motion, CheckerRun):
         return _straight_proven(asked, motion, answer, value), motion.target
     proof = table(value, "proof", (*NO_ROWS, "course"))
@@ -208,7 +208,7 @@ def _straight_ratios(robot: CheckerRobot, run: CheckerRun, timing: Timing) -> di
 
 
 def _driven(robot: CheckerRobot, drive: CheckerTimedCourse) -> CheckerLeg:
-    """A leg on a course: joint speeds are proven piece by piece, accelerations looked at in the middles (PHY-11)."""
+    """Checks a leg on a course: joint speeds piece by piece, accelerations in the middles (PHY-11)."""
     fast = accelerated = peak = 0.0
     for piece in drive.course.bounds:
         rate = drive.timing.highest(piece.low / GRID, piece.high / GRID)
@@ -230,7 +230,7 @@ def _driven(robot: CheckerRobot, drive: CheckerTimedCourse) -> CheckerLeg:
 
 
 def _joint_limits(run: CheckerRun, robot: CheckerRobot) -> tuple[bool, bool]:
-    """Whether the run breaks a joint limit (farther beyond one, or to the other one), and whether it comes back."""
+    """(broken, returning): the run goes beyond a joint limit or to the other one; it comes back from one."""
     broken = returning = False
     for start, target, (low, high) in zip(run.start, run.target, robot.ranges, strict=True):
         before, after = (max(low - q, q - high, 0.0) for q in (start, target))

@@ -1,4 +1,4 @@
-"""Where the arm's bodies are along a curved way, how fast they go, and bounds between the nodes (PHY-17, PHY-46)."""
+"""Places and speeds of the arm's bodies along a curved way, and bounds between the nodes (PHY-17, PHY-46)."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ QUARTER: Final = 4  # the next of an interval's three nodes is at most a quarter
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """How a course goes on after its last traced place: straight in the joints, and slowing to rest within `fade`.
+    """Tail of a course after its last traced place: straight in the joints, slowing to rest within `fade`.
 
     Attributes:
-        since: where it begins, in 1 / GRID.
+        since: its beginning, in 1 / GRID.
         q, dq: the joints there, rad, and their derivative by s.
         fade: within how much of s they come to rest; None when they go on.
     """
@@ -46,7 +46,7 @@ class Tail:
 
 
 class CheckerCourse(CheckerRoute):
-    """A robot on a curved way, known at its nodes and bounded piece by piece."""
+    """Robot on a curved way, known at its nodes and bounded piece by piece."""
 
     met_by: ClassVar[int] = 2
 
@@ -57,7 +57,7 @@ class CheckerCourse(CheckerRoute):
         nodes: dict[int, tuple[Six, Six]],
         tail: Tail | None,
     ) -> None:
-        """Nothing is computed yet.
+        """Makes a course of which nothing is computed yet.
 
         Args:
             robot: the arm.
@@ -81,7 +81,7 @@ class CheckerCourse(CheckerRoute):
         return self._known_at(node)[0]
 
     def rates(self, node: int) -> Sequence[float]:
-        """Their derivative by s."""
+        """Derivatives of the angles by s."""
         return self._known_at(node)[1]
 
     def _known_at(self, node: int) -> tuple[Six, Six]:
@@ -93,12 +93,12 @@ class CheckerCourse(CheckerRoute):
         return found
 
     def sag(self, body: CheckerBody, low: int, high: int) -> float:
-        """How far an end of the body can be from the chords between the interval's ends and middle, metre."""
+        """Distance of a body's end from the chords between the interval's ends and middle, at most, metre."""
         h = (high - low) / GRID
         return self._worst(body, low, high)[0] * h * h / SLACK + self.stray(body, low, high)
 
     def stray(self, body: CheckerBody, low: int, high: int) -> float:
-        """How far the body may be beside the course on the interval, metre."""
+        """Distance of the body beside the course on the interval, at most, metre."""
         return self._worst(body, low, high)[4] if low < high else 0.0
 
     def rush(self, body: CheckerBody, low: int, high: int) -> float:
@@ -114,7 +114,7 @@ class CheckerCourse(CheckerRoute):
         return speed + body.radius * spin
 
     def _worst(self, body: CheckerBody, low: int, high: int) -> tuple[float, ...]:
-        """The worst of the pieces that the interval meets."""
+        """Worst bounds of the pieces that the interval meets."""
         first, last = bisect_right(self._highs, low), bisect_left(self._lows, high)
         key = (id(body), first, last)
         found = self._worst_of.get(key)

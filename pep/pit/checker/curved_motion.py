@@ -1,4 +1,4 @@
-"""What the document's record of a curved motion stands for: a course with its timing, or a fixed answer."""
+"""Record of a curved motion, read: a course with its timing, or a fixed answer."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ NOT_TRACED: Final[dict[str, Any]] = {
     "doubt": None, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "angles": [],
     "seconds": None,
 }  # fmt: skip
-"""The record of a motion that needs none."""
+"""Record of a motion that needs no course."""
 NONE: Final[tuple[float, ...]] = (0.0,) * JOINTS
 
 
 @dataclass(frozen=True, slots=True)
 class FixedAnswer:
-    """A motion whose answer is fixed: none at all, beyond a joint limit, or of which nothing is traced.
+    """Motion with a fixed answer: no motion at all, one beyond a joint limit, or one without trace.
 
     Attributes:
         index: of it; the view's floor counts beside it where it moves at all.
@@ -64,7 +64,7 @@ class CheckerTimedCourse:
 
 
 def fixed(row: dict[str, Any], index: float, violations: tuple[str, ...], doubt: str | None) -> FixedAnswer:
-    """A fixed answer, of which nothing is recorded.
+    """Fixed answer, for which nothing is recorded.
 
     Raises:
         Refusal: something is.
@@ -74,13 +74,13 @@ def fixed(row: dict[str, Any], index: float, violations: tuple[str, ...], doubt:
 
 
 def beyond(robot: CheckerRobot, q: Sequence[float], around: Sequence[float] = NONE) -> bool:
-    """Whether a joint may be beyond its range when each is within `around` of `q`, rad."""
+    """True where a joint may be beyond its range when each is within `around` of `q`, rad."""
     rows = zip(q, around, robot.ranges, strict=True)
     return not all(low <= angle - room and angle + room <= high for angle, room, (low, high) in rows)
 
 
 def standing(robot: CheckerRobot, q: Six) -> CheckerStance:
-    """The arm where it stands.
+    """Course of an arm that stands.
 
     Raises:
         Refusal: no joint rates make its tool go as it likes there.

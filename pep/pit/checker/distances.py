@@ -1,4 +1,4 @@
-"""Segments, boxes and polytopes: the shortest way between two bodies, and how far a body reaches along a direction.
+"""Segments, boxes and polytopes: shortest way between two bodies, and extent of a body along a direction.
 
 The bound of a row holds for any direction, so an error here makes it weaker, never wrong.
 """
@@ -40,7 +40,7 @@ class CheckerBox:
 
 @dataclass(frozen=True, slots=True)
 class Face:
-    """A plane that bodies must stay behind: normal . p <= offset."""
+    """Plane with the bodies behind it: normal . p <= offset."""
 
     normal: Vec
     offset: float
@@ -141,7 +141,7 @@ def between_segments(a: Vec, b: Vec, c: Vec, d: Vec) -> Vec:
 
 
 def _beyond(x: float, half: float) -> float:
-    """How far x lies outside [-half, half], with its sign."""
+    """Signed distance of x outside [-half, half]."""
     return x - half if x > half else x + half if x < -half else 0.0
 
 
@@ -177,7 +177,7 @@ def from_block(a: Vec, b: Vec, block: CheckerBox) -> Vec:
 
 
 def from_polytope(a: Vec, b: Vec, body: Polytope) -> Vec:
-    """The shortest vector from the polytope to segment ab, or none of any length where they meet.
+    """Shortest vector from the polytope to segment ab; None where they meet.
 
     The differences of their points are a polytope of their own, of which the point nearest the origin is sought: from
     the nearest one of at most four corners to the corner that lies farthest against it, until none lies farther.
@@ -198,7 +198,7 @@ def from_polytope(a: Vec, b: Vec, body: Polytope) -> Vec:
 
 
 def _nearest_of(corners: list[Vec]) -> tuple[Vec, list[Vec]]:
-    """The point of the hull of at most four points that is nearest the origin, and the fewest of them that it is of."""
+    """Nearest point to the origin in the hull of at most four points, and its fewest points."""
     best, square, kept = corners[0], math.inf, corners
     for some in range(1, 2 ** len(corners)):
         chosen = [corner for k, corner in enumerate(corners) if some >> k & 1]
@@ -209,7 +209,7 @@ def _nearest_of(corners: list[Vec]) -> tuple[Vec, list[Vec]]:
 
 
 def _foot(corners: list[Vec]) -> Vec | None:
-    """The origin's foot on the point, line, plane or space of these points, where it lies between them; else None."""
+    """The origin's foot on the point, line, plane or space of these points; None where it lies outside them."""
     first, *others = corners
     ways = [minus(other, first) for other in others]
     match ways:
@@ -245,7 +245,7 @@ def _foot(corners: list[Vec]) -> Vec | None:
 
 
 def reach(core: Segment | CheckerBox | Polytope, n: Vec) -> float:
-    """How far the core reaches along the unit vector n."""
+    """Extent of the core along the unit vector n."""
     match core:
         case Segment(a, b):
             return max(dot(a, n), dot(b, n))

@@ -1,4 +1,4 @@
-"""A held tool speed and a servo target, each through the stop that ends it (PHY-19, PHY-20)."""
+"""Held tool speed and servo target, each through the stop that ends it (PHY-19, PHY-20)."""
 
 from __future__ import annotations
 
@@ -35,7 +35,9 @@ LONGER: Final = 2.0  # PHY-48: times its hold; the course of a held speed that b
 def held_speed(
     robot: CheckerRobot, cell: Cell, start: Six, motion: CheckerHeldSpeed, row: dict[str, Any]
 ) -> CheckerTimedCourse | FixedAnswer:
-    """A tool velocity from rest, held, and then the joints' stop along their tangent; s counts seconds at full speed.
+    """Course of a tool velocity from rest, held, and the joints' stop along their tangent.
+
+    s counts seconds at full speed.
 
     Raises:
         Refusal: what is recorded is not this motion's course.
@@ -97,13 +99,13 @@ def held_speed(
 
 
 def _way(up: float, until_s: float) -> float:
-    """How far a speed that grows at `up` to 1 has come, in seconds at full speed."""
+    """Way of a speed that grows at `up` to 1, in seconds at full speed."""
     ramp = min(1 / up, until_s)
     return up * ramp * (until_s - 0.5 * ramp)
 
 
 def _strayed(traced: CheckerTracedLine, s_end: float, window: float) -> tuple[list[CheckerPieceBounds], Six]:
-    """The pieces with what an earlier stop leaves them by, and how much the joints bend where it may take hold."""
+    """Pieces with the stray that an earlier stop adds, and the joints' greatest bend where it may begin."""
     late = (s_end - window) * GRID
     bend = tuple(max(rows) for rows in zip(*(p.second for p in traced.pieces if p.high > late), strict=True))
     beside = [most * (0.5 * window * window + window * (1 - s_end)) for most in bend]
@@ -123,7 +125,7 @@ def _strayed(traced: CheckerTracedLine, s_end: float, window: float) -> tuple[li
 def servo_target(
     robot: CheckerRobot, cell: Cell, start: Six, motion: CheckerServo, row: dict[str, Any], *, view: CheckerView
 ) -> CheckerTimedCourse | FixedAnswer:
-    """Everywhere a servo target may take the arm until a stop after it has ended: all of it follows from the question.
+    """Course of a servo target until a stop after it has ended; the question alone determines it.
 
     Raises:
         Refusal: something is recorded, or no joint may go so fast as this jump asks.

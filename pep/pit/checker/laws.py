@@ -1,6 +1,7 @@
-"""The laws of the index (PHY-4 to PHY-7, PHY-12) for one pair at a clearance and a speed, and of stopping (PHY-2).
+"""Laws of the index (PHY-4 to PHY-7, PHY-12) for one pair, and of stopping (PHY-2).
 
-Clearances in metre, speeds in m/s. Each law falls with clearance and rises with speed, so a bound of both is one of it.
+Clearances in metre, speeds in m/s. Each law falls with clearance and rises with speed, so bounds of both give a bound
+of the index.
 """
 
 from __future__ import annotations
@@ -27,7 +28,10 @@ N_PER_MM: Final = 1e3  # 1 N/mm in N/m
 
 @dataclass(frozen=True, slots=True)
 class CheckerContactLimit:
-    """Of a body region: force (N), pressure (N/cm2), spring (N/mm), mass (kg), factor for a short blow, sensitive."""
+    """Limits of a body region.
+
+    Force (N), pressure (N/cm2), spring (N/mm), mass (kg), factor for a short blow, sensitive.
+    """
 
     force: float
     pressure: float
@@ -53,7 +57,7 @@ LIMITS: Final = {
 
 
 def carried_kg(robot: CheckerRobot, cell: Cell) -> float:
-    """PHY-14: what the cell says is always carried, and what is held; the whole payload where either is unknown."""
+    """PHY-14: mass of the cell's constant load and the held object; the whole payload where either is unknown."""
     held = 0.0 if robot.held is None else robot.held.mass_kg
     if cell.payload_kg is None or held is None:
         return robot.payload_limit_kg
@@ -110,7 +114,7 @@ class Laws:
                 return min(ordinary, MEANT) if gentle else ordinary
 
     def gentle(self, clearance: float, speed: float) -> bool:
-        """PHY-12: apart, or slow and not pressed too deep."""
+        """PHY-12: true where apart, or slow and not pressed too deep."""
         cell = self._cell
         if clearance >= cell.contact_near_m - SAME:
             return True

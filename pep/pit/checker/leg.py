@@ -1,4 +1,4 @@
-"""One leg's proof: what holds anyway, what is left out and why, and every row of every pair (PHY-32, PHY-33)."""
+"""Proof of one leg: floors, retreats with their reasons, and every row of every pair (PHY-32, PHY-33)."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ RETREAT_CUT: Final = 128  # PHY-6: equal intervals on which a retreat is shown n
 
 @dataclass(frozen=True, slots=True)
 class CheckerQuestion:
-    """What was asked, but the motion."""
+    """Question of a proof, without the motion."""
 
     robot: CheckerRobot
     cell: Cell
@@ -43,7 +43,7 @@ class CheckerQuestion:
 
 @dataclass(frozen=True, slots=True)
 class CheckerAnswer:
-    """What is claimed of one leg; `torque` is stated, the highest by its limit."""
+    """Claimed answer of one leg; `torque` is stated, the highest by its limit."""
 
     index: float
     violations: list[str]
@@ -52,7 +52,7 @@ class CheckerAnswer:
 
 @dataclass(frozen=True, slots=True)
 class CheckerLeg:
-    """A leg that goes somewhere.
+    """Leg that has a way.
 
     Attributes:
         way: where the joints go.
@@ -78,11 +78,11 @@ class CheckerLeg:
 
 
 def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof: dict[str, Any]) -> int:
-    """How many rows were recomputed; each holds, and together they prove the leg's answer.
+    """Number of recomputed rows; each holds, and together they prove the leg's answer.
 
     Args:
         asked: robot, cell, view and scene.
-        leg: where it goes, and how fast.
+        leg: its way and its timing.
         answer: what is claimed.
         proof: its `cover`, `retreating`, `meant` and `met`.
 
@@ -145,7 +145,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
 
 
 def rising(items: list[Any], place: str) -> list[Any]:
-    """The items, when each is more than the one before: a set's one spelling.
+    """The items, when each is more than the one before, which is a set's one spelling.
 
     Raises:
         Refusal: they are not.
@@ -155,13 +155,13 @@ def rising(items: list[Any], place: str) -> list[Any]:
 
 
 def _numbers(value: Any, place: str, count: int) -> dict[int, None]:
-    """Numbers of pairs, rising; a dict, because a set of them is asked often and kept in order."""
+    """Numbers of pairs, rising, as a dict: asked as a set, and kept in order."""
     items = listed(value, place, least=0, most=count)
     return dict.fromkeys(rising([whole(each, place, low=0, high=count - 1) for each in items], place))
 
 
 def intervals(cover: Any, place: str, *, most: int) -> list[int]:
-    """Ends of a cover's intervals, in parts of the path: from 0 on without a gap or an overlap, to the path's end.
+    """Ends of a cover's intervals, which tile the path, in parts of it.
 
     A cover is a text of one digit per interval: its depth d, an interval of 1/2^d of the path at a multiple of that.
     """
@@ -178,20 +178,20 @@ def intervals(cover: Any, place: str, *, most: int) -> list[int]:
 
 
 class CheckerSpeedBounds:
-    """Proven bounds on a body's speed over the whole way, m/s."""
+    """Proven bounds on the bodies' speeds over the whole way, m/s."""
 
     def __init__(self, way: CheckerRoute, timing: Timing, cuts: Sequence[tuple[int, int]]) -> None:
-        """On these intervals, which tile it."""
+        """Bounds on these intervals, which tile the way."""
         self._way = way
         self._cuts = [(low, high, timing.highest(low / GRID, high / GRID)) for low, high in cuts]
 
     def of(self, body: CheckerBody) -> float:
-        """Of this one."""
+        """Bound on the speed of this body."""
         return max(self._way.rush(body, low, high) * rate for low, high, rate in self._cuts)
 
 
 def ratios(asked: CheckerQuestion, speeds: CheckerSpeedBounds, tool_speed: float) -> dict[str, float]:
-    """PHY-7: what any way asks of the arm by its limits; torque apart, which the document states.
+    """PHY-7: demands of any way on the arm by their limits, without torque, which the document states.
 
     Args:
         asked: robot and cell.
@@ -213,7 +213,10 @@ def ratios(asked: CheckerQuestion, speeds: CheckerSpeedBounds, tool_speed: float
 
 
 def _leads_away(way: CheckerRoute, pair: Pair, cell: Cell) -> bool:
-    """PHY-6: violated where the arm stands, and never nearer than before, or than the bound once that is reached."""
+    """PHY-6: true for a pair that is violated at the start and then only leads away.
+
+    Its clearance is never less than before, or than the bound once that is reached.
+    """
     below = pair.violated_below
     if below is None or not attained(way, pair, 0) < below + SAME:
         return False
@@ -226,7 +229,7 @@ def _leads_away(way: CheckerRoute, pair: Pair, cell: Cell) -> bool:
 
 
 def _met(value: Any, way: CheckerRoute, pairs: list[Pair], retreating: dict[int, None]) -> set[str]:
-    """Kinds of the violations that are met, each where the proof names: at a configuration or in the middle of two."""
+    """Kinds of the violations that are met where the proof names, at a configuration or between two."""
     place = "proof.met"
     kinds: list[str] = []
     for row in listed(value, place, least=0, most=len(VIOLABLE)):

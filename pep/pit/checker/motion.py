@@ -1,4 +1,4 @@
-"""The motion of a question in its forms, and the trapezoid of speed that times it (PHY-9, PHY-16, PHY-18 to PHY-21)."""
+"""Motion of a question in its forms, and its trapezoid of speed (PHY-9, PHY-16, PHY-18 to PHY-21)."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class CheckerRun:
 
     @property
     def ways(self) -> Joints:
-        """How far each joint turns, rad."""
+        """Turn of each joint, rad."""
         return tuple(b - a for a, b in zip(self.start, self.target, strict=True))
 
 
@@ -64,7 +64,10 @@ class CheckerLine:
 
 @dataclass(frozen=True, slots=True)
 class CheckerHeldSpeed:
-    """A tool velocity (m/s, then rad/s), reached at `acceleration` (of its largest part) and held for `duration_s`."""
+    """Tool velocity (m/s, then rad/s), reached and then held.
+
+    `acceleration` is of its largest part; it is held for `duration_s`.
+    """
 
     velocity: Joints
     acceleration: float
@@ -73,7 +76,10 @@ class CheckerHeldSpeed:
 
 @dataclass(frozen=True, slots=True)
 class CheckerServo:
-    """One target of a stream: measured joint rates, joint angles to follow, when the next is due and the lookahead."""
+    """One target of a stream.
+
+    Measured joint rates, joint angles to follow, time until the next target, and the lookahead.
+    """
 
     rates: Joints
     target: Joints
@@ -86,7 +92,7 @@ Curved = CheckerLine | CheckerHeldSpeed | CheckerServo
 
 @dataclass(frozen=True, slots=True)
 class CheckerMotion:
-    """What is asked, leg by leg; a motion that is no path has one.
+    """Motion of a question, leg by leg; one that is no path has one leg.
 
     Attributes:
         start: joint angles where the first leg begins, rad; every other begins where the one before ends.
@@ -156,7 +162,7 @@ def _joint_path(row: dict[str, Any]) -> CheckerMotion:
 
 
 def run_of(value: dict[str, Any], cell: Cell) -> CheckerRun:
-    """The straight run that a joint motion of the document is in this cell.
+    """Straight run of a joint motion of the document, in this cell.
 
     Raises:
         Refusal: no such form, or not of it.
@@ -178,7 +184,7 @@ def run_of(value: dict[str, Any], cell: Cell) -> CheckerRun:
 
 
 def _held_speed(start: Joints, speeds: Joints, acceleration: float, duration_s: float, cell: Cell) -> CheckerRun:
-    """PHY-16: ramp, hold, the delay until the stop takes hold, and the stop's own way."""
+    """PHY-16: ramp, hold, the delay before the stop begins, and the stop's own way."""
     leading = max(abs(speed) for speed in speeds)
     if leading == 0:
         return CheckerRun(start, start, 0.0, acceleration, cell.stop_deceleration_rad_s2)
@@ -214,7 +220,7 @@ def _tool(value: Any) -> float:
 
 
 class Timing:
-    """How fast the path parameter s, from 0 to 1, runs: up with the root of the way, a plateau, down likewise.
+    """Rate of the path parameter s over [0, 1]: rising by the root, a plateau, falling likewise.
 
     Attributes:
         peak: the speed that is reached; a short motion never gets to the commanded one.
@@ -222,7 +228,7 @@ class Timing:
     """
 
     def __init__(self, way: float, speed: float, up: float, down: float) -> None:
-        """The trapezoid of a way that is more than 0, in its own unit of length."""
+        """Makes the trapezoid of a way that is more than 0, in its own unit of length."""
         # v^2/2a + v^2/2b = way: the speed at which speeding up and braking fill the way.
         self.peak = min(speed, math.sqrt(2 * way / (1 / up + 1 / down)))
         self._up, self._down = 2 * up / way, 2 * down / way
@@ -232,7 +238,7 @@ class Timing:
 
     @staticmethod
     def of(run: CheckerRun) -> Timing:
-        """Of a straight run that goes somewhere, by its leading axis."""
+        """Timing of a straight run with a way, by its leading axis."""
         return Timing(max(abs(way) for way in run.ways), run.speed, run.acceleration, run.braking)
 
     def highest(self, low: float, high: float) -> float:

@@ -1,9 +1,9 @@
-"""A piece of a line: bounds of the joints' derivatives that hold on all of it when they hold of themselves (PHY-17).
+"""Piece of a line: bounds of the joints' derivatives that prove themselves on all of it (PHY-17).
 
 J q' = V, so J q'' = -J' q'. With G the inverse of J in the middle m and r half the piece: if |q''| <= a on the piece,
 then |q'| <= |q'(m)| + r a, J stays within r |J'(m)| and a term of the second order of itself, and so |q''| is bounded
-again. A bound that is not below what follows from it holds, for where it first failed it would hold already. Of q'''
-the same, without that step: what follows is linear in it.
+again. A bound that is not below its own consequence holds, for at its first place of failure it would hold already. The
+same bounds q''', without that step: its consequence is linear in it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ ONES: Final = (1.0,) * 6  # one for each joint
 
 @dataclass(frozen=True, slots=True)
 class Lever:
-    """Bounds on how the tool's Jacobian changes, from the reach of the tool point about each joint's axis.
+    """Bounds on the change of the tool's Jacobian, from the reach of the tool point about each joint's axis.
 
     Each gives a pair: of the linear part, m, and of the angular, rad.
     """
@@ -39,7 +39,7 @@ class Lever:
     reach: Six
 
     def first(self, w: Sequence[float], v: Sequence[float]) -> tuple[float, float]:
-        """|sum_k J_k' v_k| at most, for joint rates of at most w."""
+        """Bound of |sum_k J_k' v_k|, for joint rates of at most w."""
         s = t = linear = angular = 0.0
         for reach, rate, weight in zip(self.reach, w, v, strict=True):
             inner, before = s, t
@@ -49,7 +49,7 @@ class Lever:
         return linear, angular
 
     def second(self, w: Sequence[float], a: Sequence[float], v: Sequence[float]) -> tuple[float, float]:
-        """|sum_k J_k'' v_k| at most, for rates of at most w that change by at most a."""
+        """Bound of |sum_k J_k'' v_k|, for rates of at most w that change by at most a."""
         linear, angular = self.first(a, v)
         s = t = 0.0
         for reach, rate, weight in zip(self.reach, w, v, strict=True):
@@ -61,16 +61,16 @@ class Lever:
 
 
 class Piece:
-    """What the middle of a piece says of all of it.
+    """Values in the middle of a piece, and the bounds that follow for all of it.
 
     Attributes:
-        low, high: where it is, in 1 / GRID; `r` half its length.
+        low, high: its ends, in 1 / GRID; `r` half its length.
         middle: the arm in its middle.
         dq, ddq: the joints' derivatives there.
     """
 
     def __init__(self, lever: Lever, twist: CheckerTwist, middle: CheckerStance, low: int, high: int) -> None:
-        """The derivatives in the middle."""
+        """Computes the derivatives in the middle."""
         self.low, self.high, self.r = low, high, 0.5 * (high - low) / GRID
         self.middle, self._lever = middle, lever
         self.dq = middle.rates(twist.rate)
@@ -82,11 +82,11 @@ class Piece:
         self._slip = tuple(2 * OFF * sum(map(abs, row)) for row in middle.inverse)
 
     def rates(self, a: Sequence[float]) -> Six:
-        """|q'| on the piece at most, for |q''| of at most a."""
+        """Bound of |q'| on the piece, for |q''| of at most a."""
         return tuple((abs(rate) + self.r * more) * UP for rate, more in zip(self.dq, a, strict=True))
 
     def follows(self, a: Sequence[float]) -> Six:
-        """The bound of |q''| that follows from the bound a."""
+        """Bound of |q''| that follows from the bound a."""
         w = self.rates(a)
         one, two = self._lever.second(w, a, w), self._lever.first(w, a)
         change = self._gained((one[0] + two[0], one[1] + two[1]))
@@ -96,7 +96,7 @@ class Piece:
         )  # of J' q', then of J
 
     def follows_third(self, a: Sequence[float], b: Sequence[float]) -> Six:
-        """The bound of |q'''| that follows from the bound b, where a bounds |q''|."""
+        """Bound of |q'''| that follows from the bound b, where a bounds |q''|."""
         w = self.rates(a)
         one, two = self._lever.second(w, a, w), self._lever.first(w, a)
         constant = self._gained((one[0] + 2 * two[0], one[1] + 2 * two[1]))
@@ -106,13 +106,13 @@ class Piece:
         return tuple(g * pair[0] + h * pair[1] for g, h in self.middle.gain)
 
     def _off(self, w: Sequence[float], a: Sequence[float], x: Sequence[float]) -> Six:
-        """|G (J - J(m))| x at most."""
+        """Bound of |G (J - J(m))| x."""
         second = self._gained(self._lever.second(w, a, x))
         half = 0.5 * self.r * self.r
         return tuple(self.r * m + half * s for m, s in zip(times(self._mixed, x), second, strict=True))
 
     def near(self, node: int, a: Sequence[float]) -> tuple[Six, Six]:
-        """Where the joints' path is at this place of the piece: angles, and how far they may be from them."""
+        """Joint angles of the path at this place of the piece, and the bound of their error."""
         off = (node - self.low) / GRID - self.r
         half = 0.5 * off * off
         at = tuple(q + off * rate for q, rate in zip(self.middle.q, self.dq, strict=True))
@@ -120,7 +120,9 @@ class Piece:
 
 
 def contraction(lever: Lever, node: CheckerStance, within: Sequence[float]) -> float:
-    """How much Newton's map from `node` shrinks what is within twice `within` of it: below 1, one point solves a pose.
+    """Factor by which Newton's map from `node` shrinks distances nearby.
+
+    Below 1, a single point within twice `within` of it solves a pose.
 
     Both points are at most `within` from a third one, joint by joint.
     """

@@ -1,4 +1,4 @@
-"""The question of a proof document: the cell's numbers, the scene as obstacles, the view's age, what may be touched."""
+"""Question of a proof document: the cell's numbers, the obstacles, the view's age, objects to touch."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ class Cell:
 
 
 def cell_of(value: Any) -> Cell:
-    """The cell.
+    """Cell of the question.
 
     Raises:
         Refusal: a number that is missing, negative, or 0 where it divides.
@@ -102,7 +102,7 @@ def cell_of(value: Any) -> Cell:
 
 @dataclass(frozen=True, slots=True)
 class CheckerView:
-    """What the age of the view adds (PHY-8): to the reaction time (s), to where people may be (metre), to the index."""
+    """Additions for the view's age (PHY-8): reaction time (s), people's growth (metre), index floor."""
 
     stopping_age_s: float
     grown_m: float
@@ -110,7 +110,7 @@ class CheckerView:
 
 
 def view_of(value: Any, cell: Cell, *, complete: bool, late_s: float) -> CheckerView:
-    """The view: fresh, stale beyond the age limit, or missing (no age, or the sensors did not see all).
+    """View: fresh, stale beyond the age limit, or missing (no age, or the sensors did not see all).
 
     Stale, too, is one in which something was last seen `late_s` before and thus longer ago than that (PHY-23).
     """
@@ -124,7 +124,7 @@ def view_of(value: Any, cell: Cell, *, complete: bool, late_s: float) -> Checker
 
 
 def latest_of(scene: dict[str, Any]) -> float:
-    """How old the oldest sighting was when its sensor told of it, s."""
+    """Age of the oldest sighting when its sensor told of it, s."""
     rows = [*_seen(scene, "people", PEOPLE_MOST), *_seen(scene, "objects", THINGS_MOST)]
     return max(map(_late, rows), default=0.0)
 
@@ -134,14 +134,14 @@ def _seen(scene: dict[str, Any], name: str, most: int) -> list[Any]:
 
 
 def _late(row: Any) -> float:
-    """How old a sighting was when its sensor told of it."""
+    """Age of a sighting when its sensor told of it."""
     need(type(row) is dict and "age_s" in row, Code.MEMBER_WRONG, "scene.age_s")
     return exact(row["age_s"], "scene.age_s", low=0, high=SIGHTING_MOST_S)
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """Something that a body must mind, at rest in that body's reference frame.
+    """Obstacle of a body, at rest in that body's reference frame.
 
     Attributes:
         region: of a person, else "".
@@ -161,7 +161,7 @@ class Obstacle:
 
 
 def scene_of(text: str) -> tuple[dict[str, Any], bool]:
-    """The scene's members, and whether the sensors saw all.
+    """Members of the scene, and whether the sensors saw all.
 
     Raises:
         Refusal: not a scene.
@@ -213,7 +213,7 @@ def obstacles_of(scene: dict[str, Any], cell: Cell, view: CheckerView, touch: fr
 
 
 def _faces(value: Any, cell: Cell) -> list[Obstacle]:
-    """Per axis the upper face, then the lower one."""
+    """Faces of the workspace: per axis the upper one, then the lower one."""
     if value is None:
         return []
     row = table(value, "scene.workspace", ("type", "low_m", "high_m"))
@@ -233,7 +233,7 @@ def _place(value: Any, place: str) -> float:
 
 
 def _shape(value: Any, place: str) -> tuple[Core, float]:
-    """Core and radius."""
+    """Core and radius of a shape."""
     need(type(value) is dict, Code.MEMBER_WRONG, place)
     match value.get("type"):
         case "Capsule":
@@ -270,7 +270,7 @@ def _shape(value: Any, place: str) -> tuple[Core, float]:
 
 
 def _span(corners: tuple[Vec, ...]) -> bool:
-    """Whether these points are corners of a body at all."""
+    """True where these points are corners of a body."""
     away = [minus(corner, corners[0]) for corner in corners]
     far = max(away, key=lambda way: dot(way, way))
     normal = max((cross(far, way) for way in away), key=lambda found: dot(found, found))

@@ -1,4 +1,4 @@
-"""The robot as the document's text spells it: bodies, levers, limits, and which parts of it must stay apart."""
+"""Robot as the document's text spells it: bodies, levers, limits, and parts that must stay apart."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHAPES: Final = ("blunt", "wedge", "edge", "sheet")
 
 @dataclass(frozen=True, slots=True)
 class CheckerBody:
-    """A capsule of link `link` as seen from link `reference`: only the joints between the two move it.
+    """Capsule of link `link` as seen from link `reference`: only the joints between the two move it.
 
     Attributes:
         levers: per joint the farthest that an end can be from the joint's axis, metre; 0 where the joint moves it not.
@@ -43,7 +43,7 @@ class CheckerBody:
 
 @dataclass(frozen=True, slots=True)
 class CheckerGrippedObject:
-    """What the gripper holds; mass None is unknown."""
+    """The gripper's held object; mass None is unknown."""
 
     a: Vec
     b: Vec
@@ -54,7 +54,7 @@ class CheckerGrippedObject:
 
 @dataclass(frozen=True, slots=True)
 class CheckerRobot:
-    """One arm, its tool and what that holds.
+    """One arm, its tool and its held object.
 
     Attributes:
         offsets, turns: of each joint's frame in the one before.
@@ -93,7 +93,7 @@ class _Capsule:
 
 
 def robot_of(text: str) -> CheckerRobot:
-    """The robot.
+    """Robot of the document's text.
 
     Raises:
         Refusal: a text that spells none.
@@ -220,7 +220,9 @@ def _held(row: Any) -> CheckerGrippedObject:
 
 
 def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> CheckerBody:
-    """Levers: from a joint's axis the next joint lies at a fixed distance, and the end no farther than the rest's sum.
+    """Body with its levers.
+
+    From a joint's axis the next joint lies at a fixed distance, and the end no farther than the sum of the others.
 
     Both ends are inside the ball about their own link's origin, so one lever serves for both.
     """
@@ -239,7 +241,7 @@ def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> CheckerB
 def _apart(
     named: Any, capsules: Sequence[_Capsule], tools: Sequence[dict[str, Any]], offsets: Sequence[Vec]
 ) -> tuple[tuple[CheckerBody, CheckerBody], ...]:
-    """What must stay apart: the pairs that the model names, and what is held with all that does not move with it."""
+    """Pairs that must stay apart: those of the model, and the held object with all that moves otherwise."""
     place = "model.self_pairs"
     need(type(named) is dict and 0 < len(named) <= CAPSULES_MOST, Code.MEMBER_WRONG, place)
     by_name = {c.name: c for c in capsules}

@@ -1,4 +1,4 @@
-"""The pairs of a question in their one order, and what is proven of a pair on an interval of the path."""
+"""Pairs of a question in their one order, and the bounds proven for a pair on an interval."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ APART_M: Final = 1e-9  # cores nearer than this give no direction
 
 @dataclass(frozen=True, slots=True)
 class Pair:
-    """A body and what it must mind.
+    """A body and one obstacle of it.
 
     Attributes:
         violated_below: clearance (metre) below which the pair is a violation; None where it cannot be.
@@ -96,7 +96,7 @@ def attained(way: CheckerRoute, pair: Pair, node: int) -> float:
 
 
 def met_at(way: CheckerRoute, pair: Pair, low: int, high: int) -> float:
-    """The signed clearance that is met in the middle of the interval, or beside it as far as the arm may be, metre."""
+    """Signed clearance in the middle of the interval, or beside it within the stray, metre."""
     stray = way.stray(pair.body, low, high)
     near = attained(way, pair, (low + high) // 2) - stray
     touching = -pair.body.radius - pair.obstacle.radius
@@ -104,7 +104,7 @@ def met_at(way: CheckerRoute, pair: Pair, low: int, high: int) -> float:
 
 
 def clearance(way: CheckerRoute, pair: Pair, low: int, high: int) -> float:
-    """A clearance that holds on the whole interval (PHY-9), metre.
+    """Clearance that holds on the whole interval (PHY-9), metre.
 
     Along a fixed direction the axis stays within the sag of what it reaches at the ends and the middle; the direction
     is that of the shortest way at the middle.

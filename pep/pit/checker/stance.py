@@ -1,4 +1,4 @@
-"""The arm at one configuration as far as its tool goes: pose, Jacobian with its inverse, and how that bends."""
+"""Arm at one configuration as the tool needs it: pose, Jacobian with its inverse, and its bend."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class CheckerStance:
     gain: tuple[tuple[float, float], ...]
 
     def rates(self, velocity: Sequence[float]) -> Six:
-        """Joint rates at which the tool goes so."""
+        """Joint rates for this velocity of the tool."""
         return times(self.inverse, velocity)
 
     def bend(self, rates: Sequence[float]) -> Matrix:
@@ -74,7 +74,7 @@ def times(matrix: Matrix, vector: Sequence[float]) -> Six:
 
 
 def stance(robot: CheckerRobot, q: Sequence[float]) -> CheckerStance | None:
-    """The arm at `q`, or None where its Jacobian has no inverse worth the name."""
+    """The arm at `q`, or None where its Jacobian has no inverse of any use."""
     turns, origins = frames(robot, q)
     point = plus(turned(turns[JOINTS], robot.tcp.a), origins[JOINTS])
     axes = tuple((x[2], y[2], z[2]) for x, y, z in turns[1:])
@@ -87,7 +87,7 @@ def stance(robot: CheckerRobot, q: Sequence[float]) -> CheckerStance | None:
 
 
 def inverse(matrix: Matrix) -> Matrix | None:
-    """The inverse by elimination with the largest pivot of each column, or None where it is not one to rounding."""
+    """Inverse by elimination with the largest pivot of each column; None where it fails to rounding."""
     rows = [[*row, *(1.0 if k == j else 0.0 for j in range(JOINTS))] for k, row in enumerate(matrix)]
     for column in range(JOINTS):
         best = max(range(column, JOINTS), key=lambda k: abs(rows[k][column]))

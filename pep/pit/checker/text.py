@@ -21,7 +21,7 @@ NUMBER_MOST: Final = 1e6  # no length, time, mass or rate of a cell is larger in
 
 
 def canonical(value: Any) -> bytes:
-    """The one spelling of a JSON value without floats (RFC 8785; all keys of a document are ASCII).
+    """Canonical spelling of a JSON value without floats (RFC 8785; all keys of a document are ASCII).
 
     Raises:
         UnicodeEncodeError: a text with half a surrogate pair.
@@ -35,7 +35,7 @@ def sha256(text: bytes) -> str:
 
 
 def parsed(text: bytes | str, place: str, *, floats: bool) -> Any:
-    """The value that a JSON text spells; keys never repeat.
+    """Value of a JSON text; keys never repeat.
 
     Raises:
         Refusal: not JSON, or a key repeats, or a float where there may be none.
@@ -63,7 +63,7 @@ def parsed(text: bytes | str, place: str, *, floats: bool) -> Any:
 
 
 def table(value: Any, place: str, names: Collection[str], *, may: Collection[str] = ()) -> dict[str, Any]:
-    """An object with exactly these members, and perhaps some of those that it `may` have."""
+    """An object with exactly these members, and perhaps some that it `may` have."""
     need(type(value) is dict and {*names} <= value.keys() <= {*names, *may}, Code.MEMBER_WRONG, place)
     return dict(value)
 

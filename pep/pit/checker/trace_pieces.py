@@ -1,4 +1,6 @@
-"""A traced line of the tool: that pieces tile it, that their bounds hold, and that the nodes are the joints' path.
+"""Traced line of the tool: pieces that tile it, their bounds, and nodes on the joints' path.
+
+All three are checked.
 
 No step searches: middles, bounds and nodes are given, and forward kinematics with one inverse each says whether they
 are right. The pieces are chained at their common nodes, so all of it is one continuous path from where the arm stands.
@@ -33,14 +35,14 @@ PLACE: Final = "proof.course"
 
 @dataclass(frozen=True, slots=True)
 class CheckerPieceBounds:
-    """What holds on one piece.
+    """Bounds on one piece.
 
     Attributes:
-        low, high: where it is, in 1 / GRID.
+        low, high: its ends, in 1 / GRID.
         dq, ddq: the joints' derivatives in its middle.
         first, second, third: bounds on the size of the derivatives, rad per power of s.
-        stray: how far the arm may be beside the course there, rad, joint by joint.
-        hurry: by how much its joint rates may differ from the course's.
+        stray: distance of the arm beside the course there, at most, rad, joint by joint.
+        hurry: difference of its joint rates from the course's, at most.
     """
 
     low: int
@@ -71,7 +73,7 @@ class CourseRecord:
 
 
 def record_of(row: dict[str, Any]) -> CourseRecord:
-    """The record.
+    """Record of a course, read.
 
     Raises:
         Refusal: none.
@@ -100,7 +102,7 @@ def _six(value: Any, *, low: float, high: float) -> Six:
 
 
 class CheckerTracedLine:
-    """A line that was checked.
+    """Line whose trace was checked.
 
     Attributes:
         pieces: what holds on each, in order.
@@ -108,7 +110,7 @@ class CheckerTracedLine:
     """
 
     def __init__(self, robot: CheckerRobot, twist: CheckerTwist, start: Sequence[float], record: CourseRecord) -> None:
-        """Every piece and every node holds.
+        """Checks every piece and every node.
 
         Raises:
             Refusal: one that does not.
@@ -137,7 +139,7 @@ class CheckerTracedLine:
         return {key: (node.q, node.rates(self._twist.rate)) for key, node in self.nodes.items()}
 
     def _on_line(self, key: int, q: Six) -> CheckerStance:
-        """The arm at `q`, whose tool is where the line has it."""
+        """Arm at `q`, whose tool is at its place on the line."""
         here = stance(self._robot, q)
         need(here is not None, Code.NODE_OFF, f"node {key}: singular")
         assert here is not None
@@ -145,7 +147,7 @@ class CheckerTracedLine:
         return here
 
     def _bounded(self, number: int, record: CourseRecord, nodes: list[int]) -> CheckerPieceBounds:
-        """The piece's bounds hold of themselves, and all its nodes are on the one path through its middle."""
+        """Checks that the piece's bounds prove themselves, and that its nodes are on one path through its middle."""
         place, low, high = f"piece {number}", nodes[0], nodes[-1]
         a, b = record.second[number], record.third[number]
         middle = self.nodes.get((low + high) // 2)

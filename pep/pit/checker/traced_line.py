@@ -1,4 +1,4 @@
-"""A line of the tool that the joints follow, to its end or to where they cannot any more (PHY-18, PHY-47, PHY-48)."""
+"""Line of the tool that the joints follow to its end, or as far as they can (PHY-18, PHY-47, PHY-48)."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ REACHED: Final = 1e-4  # m and rad: so near, Newton's method would end there
 def followed_line(
     robot: CheckerRobot, start: Six, motion: CheckerLine, row: dict[str, Any]
 ) -> CheckerTimedCourse | FixedAnswer:
-    """A line from rest to rest, as it is recorded.
+    """Line from rest to rest, as it is recorded.
 
     Raises:
         Refusal: what is recorded is not this line's course.
@@ -74,7 +74,7 @@ def size(vector: Sequence[float]) -> float:
 
 
 def tool_at(robot: CheckerRobot, q: Six) -> Pose:
-    """Where the tool is."""
+    """Pose of the tool."""
     turns, origins = frames(robot, q)
     return plus(turned(turns[JOINTS], robot.tcp.a), origins[JOINTS]), turns[JOINTS]
 
@@ -87,7 +87,7 @@ def _pose(six: Joints) -> Pose:
 def traced_until(
     robot: CheckerRobot, twist: CheckerTwist, start: Six, row: dict[str, Any], until: int
 ) -> CheckerTracedLine:
-    """The recorded line, which is followed to this place inside all joint limits.
+    """Recorded line, followed to this place inside all joint limits.
 
     Raises:
         Refusal: it is not.
@@ -118,7 +118,7 @@ def broken_off(
     push: float,
     tool_speed: float,
 ) -> CheckerTimedCourse | FixedAnswer:
-    """A line that is followed as far as it can be: that it goes no further is tried again, then the arm comes to rest.
+    """Line that breaks off and comes to rest; its end is tried again.
 
     Raises:
         Refusal: what is recorded is not this line's course, or it can well be followed further.
@@ -165,7 +165,7 @@ def broken_off(
 
 
 def _fading(tail: Tail, width: int) -> list[CheckerPieceBounds]:
-    """The bounds of a course that comes to rest within `width`, and stays there."""
+    """Bounds of a course that comes to rest within `width`, and stays there."""
     high, fade = tail.since + width, width / GRID
     sizes = tuple(map(abs, tail.dq))
     unbounded = (UNBOUNDED,) * JOINTS
@@ -179,7 +179,7 @@ def _fading(tail: Tail, width: int) -> list[CheckerPieceBounds]:
 
 
 def _reachable(robot: CheckerRobot, twist: CheckerTwist, until: int, value: Any) -> None:
-    """Joint angles for each of the poses of the rest: none is out of reach, which would be a violation."""
+    """Checks joint angles for each of the later poses: one out of reach would be a violation."""
     place = f"{PLACE}.angles"
     since = until / GRID
     for number, each in enumerate(listed(value, place, least=ASKED_POSES, most=ASKED_POSES)):

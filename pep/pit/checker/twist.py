@@ -1,4 +1,4 @@
-"""Turns as rotation vectors, and a tool that goes straight while it turns evenly about one axis (PHY-18)."""
+"""Turns as rotation vectors, and a straight move of the tool with an even turn about one axis (PHY-18)."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def turned_by(vector: Vec) -> Mat:
 
 
 def turn_of(m: Mat) -> Vec:
-    """The rotation vector of a rotation matrix, rad; of half a turn any one that is half a turn."""
+    """Rotation vector of a rotation matrix, rad; for half a turn, either of the two."""
     x, y, z = m[2][1] - m[1][2], m[0][2] - m[2][0], m[1][0] - m[0][1]
     sine, cosine = 0.5 * length((x, y, z)), 0.5 * (m[0][0] + m[1][1] + m[2][2] - 1)
     if sine <= SMALL and cosine < 0:
@@ -42,13 +42,16 @@ Pose = tuple[Vec, Mat]
 
 
 def apart(goal: Pose, here: Pose) -> tuple[float, ...]:
-    """What is missing from `here` to `goal`: way (m) and turn (rad) in the base frame."""
+    """Difference from `here` to `goal`: way (m) and turn (rad) in the base frame."""
     return (*minus(goal[0], here[0]), *turn_of(product(goal[1], transposed(here[1]))))
 
 
 @dataclass(frozen=True, slots=True)
 class CheckerTwist:
-    """After `s` the tool is `s * line` (m) farther and turned by `s * turn` (rad, in the base frame)."""
+    """Straight and even move of the tool.
+
+    After `s` it is `s * line` (m) farther and turned by `s * turn` (rad, in the base frame).
+    """
 
     begin: Pose
     line: Vec
@@ -56,7 +59,7 @@ class CheckerTwist:
 
     @property
     def way_m(self) -> float:
-        """What the tool's speed is measured along (PHY-18)."""
+        """Length by which the tool's speed is measured (PHY-18)."""
         return max(length(self.line), TURN_LEVER_M * length(self.turn))
 
     @property
@@ -65,12 +68,12 @@ class CheckerTwist:
         return (*self.line, *self.turn)
 
     def at(self, s: float) -> Pose:
-        """The tool at `s`."""
+        """Pose of the tool at `s`."""
         x, y, z = self.turn
         return plus(self.begin[0], self.line, s), product(turned_by((s * x, s * y, s * z)), self.begin[1])
 
 
 def between(begin: Pose, goal: Pose) -> CheckerTwist:
-    """From one pose of the tool to another."""
+    """Twist from one pose of the tool to another."""
     x, y, z, u, v, w = apart(goal, begin)
     return CheckerTwist(begin, (x, y, z), (u, v, w))

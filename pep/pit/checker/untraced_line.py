@@ -1,7 +1,8 @@
-"""Why a line is not traced to its end (PHY-48): tried again here, with a little less room, on the piece that it names.
+"""Reason why a line is not traced to its end (PHY-48), tried again with a little less room.
 
 A doubt leaves the rest of a motion out of the proof, so it has to be a true one: a document may not break off a line
-that can well be followed. What the room's engine cannot follow, this cannot either: its bounds are a little tighter.
+that can well be followed. A piece that the room's engine cannot follow fails here, too: the bounds here are a little
+tighter.
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ Blocked = Literal["singular", "joint_limit"]
 
 
 def blocked(robot: CheckerRobot, twist: CheckerTwist, here: CheckerStance, low: int, high: int) -> Blocked | None:
-    """Why the line cannot be followed from `here`, at `low`, to `high`, in 1 / GRID; None where it well can."""
+    """Reason why the line cannot be followed from `here` at `low` to `high`; None where it can.
+
+    Places are in 1 / GRID.
+    """
     lever, r = Lever(robot.tcp.levers), 0.5 * (high - low) / GRID
     rate = here.rates(twist.rate)
     middle = _solved(
@@ -77,7 +81,7 @@ def _solved(robot: CheckerRobot, goal: Pose, near: Six) -> CheckerStance | None:
 
 
 def _bound(piece: Piece) -> Six | None:
-    """A bound of the second derivatives that holds of itself, or None when none of any use was found."""
+    """Bound of the second derivatives that proves itself, or None without one of any use."""
     fastest, hardest = (max(map(abs, rates)) for rates in (piece.dq, piece.ddq))
     a = tuple(abs(x) + ROOM * (fastest + hardest) for x in piece.ddq)
     for _ in range(ROUNDS):

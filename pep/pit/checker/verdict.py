@@ -1,4 +1,4 @@
-"""What the checker says of a proof document: verified, or refused with a code and the place."""
+"""Verdict on a proof document: verified, or refused with a code and a place."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class Code(StrEnum):
-    """Why a document is refused. The place beside it says where."""
+    """Reason why a document is refused, beside its place."""
 
     TOO_LARGE = "TOO_LARGE"  # more bytes, rows or pairs than any question has
     NOT_JSON = "NOT_JSON"  # not UTF-8, not JSON, nested too deeply, or a number that is none
@@ -36,7 +36,7 @@ class Code(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """Every row holds: no more than `index` can happen, as far as the question goes.
+    """Verdict that every row holds: no more than `index` can happen, as far as the question goes.
 
     Attributes:
         index: proven upper bound of the impact index, 0 to 4.
@@ -57,7 +57,7 @@ class Verified:
 
 @dataclass(frozen=True, slots=True)
 class Unverified:
-    """Nothing is verified.
+    """Verdict that nothing is verified.
 
     Attributes:
         code: why.
@@ -69,15 +69,15 @@ class Unverified:
 
 
 class Refusal(Exception):  # noqa: N818 - no error of the program: it carries a verdict to the one place that gives it
-    """Ends the check."""
+    """Exception that ends the check."""
 
     def __init__(self, code: Code, place: str) -> None:
-        """The verdict that this becomes."""
+        """Carries the verdict of the refusal."""
         super().__init__(f"{code}: {place}")
         self.verdict = Unverified(code, place)
 
 
 def need(holds: bool, code: Code, place: str) -> None:  # noqa: FBT001 - an assertion with a verdict of its own
-    """Go on only when this holds."""
+    """Refuses unless this holds."""
     if not holds:
         raise Refusal(code, place)

@@ -1,1 +1,1 @@
-"""The certified search: bounds of the impact index over a whole motion."""
+"""Certified search: bounds of the impact index over a whole motion."""

@@ -1,4 +1,4 @@
-"""What a motion asks of the arm itself, as ratios to configured limits: speeds, momentum, torque, payload.
+"""Demands of a motion on the arm itself, as ratios to configured limits: speeds, momentum, torque, payload.
 
 Speeds and momentum are proven bounds over the path. Torque is sampled at some of its places from the robot's rigid-body
 model, for every acceleration that the profile may have there; it has no proof, and the robot's own torque monitoring
@@ -47,7 +47,7 @@ class Ratio:
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
 def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
-    """Per quantity (speed of tool, elbow, momentum) and body, the part of its limit that 1 m/s takes, (3, bodies)."""
+    """Shares of each quantity's limit (speed of tool, elbow, momentum) that 1 m/s of each body takes, (3, bodies)."""
     tcp = robot.body_index("tcp")
     masses = {f"com_{j.name}": j.mass_kg for j in robot.model.joints} | {"com_tool": robot.tool.mass_kg}
     if robot.held is not None:
@@ -65,7 +65,7 @@ def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
 def body_ratios(
     robot: Robot, cell: CellParameters, speeds_m_s: Floats, *, tool_speed_m_s: float, torque: Callable[[], float]
 ) -> Iterator[Ratio]:
-    """What any motion asks of the arm's bodies, whatever its path: one after the other, as they are asked for.
+    """Demands of any motion on the arm's bodies, for every path: one after the other, as they are asked for.
 
     Args:
         robot: the arm.
@@ -83,5 +83,5 @@ def body_ratios(
 
 
 def carried_ratio(robot: Robot, cell: CellParameters) -> float:
-    """Mass of the tool and of all that is carried, by what the robot may carry."""
+    """Mass of the tool and the whole load, by the robot's payload."""
     return (robot.tool.mass_kg + payload_kg(robot, cell)) / robot.model.payload_limit_kg

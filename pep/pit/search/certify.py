@@ -1,4 +1,4 @@
-"""Branch and bound on the impact index of a whole path: a proven upper bound, and a witness that attains nearly it.
+"""Branch and bound on the impact index of a whole path: a proven bound, and a witness near it.
 
 Each row is one pair on one interval of the path. Its own proven clearance meets its own proven speed there, so a slow
 link near the table and a fast one far from it do not add up to a fast one near it. Rows that cannot raise the answer
@@ -36,7 +36,7 @@ LOWER_DEPTH: Final = 6  # halvings in the search for a lower tier: enough for 1 
 
 
 class Witness(NamedTuple):
-    """A point of the path where a pair attains an index."""
+    """Point of the path where a pair attains an index."""
 
     key: int
     pair: int
@@ -51,10 +51,10 @@ class Witness(NamedTuple):
 
 
 class Slower(NamedTuple):
-    """What a slower speed of the same motion is found by.
+    """Numbers for the search of a slower speed of the same motion.
 
     Attributes:
-        stop_delay_s, stop_deceleration_rad_s2: how the cell's arm stops.
+        stop_delay_s, stop_deceleration_rad_s2: the stop of the cell's arm.
         slowest_rad_s: a slower one is of no use.
         commanded_rad_s: the speed that was asked about.
     """
@@ -66,7 +66,10 @@ class Slower(NamedTuple):
 
 
 class Proof(NamedTuple):
-    """The certificate: rows of a pair, an interval in 1 / GRID and the index proven there, which cover the path."""
+    """Certificate: rows of a pair, an interval in 1 / GRID and its proven index.
+
+    The rows cover the path.
+    """
 
     pair: NDArray[np.intp]
     low: NDArray[np.int64]
@@ -99,7 +102,7 @@ class Certified:
 
     @property
     def proof(self) -> Proof:
-        """The certificate: for every pair its intervals cover the whole path."""
+        """Certificate of the search: for every pair its intervals cover the whole path."""
         return Proof(self.leaves.pair, self.leaves.low, self.leaves.high, self.leaf_index)
 
 
@@ -112,14 +115,14 @@ def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int =
 
 
 def cut(path: Route) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Equal intervals, so many as `cuts` says."""
+    """Equal intervals, as many as `cuts` says."""
     count = cuts(path)
     edges = np.arange(count + 1, dtype=np.int64) * (GRID // count)
     return edges[:-1], edges[1:]
 
 
 def cuts(path: Route) -> int:
-    """How many intervals the first cut has: a power of two, more for a longer way."""
+    """Number of intervals of the first cut: a power of two, more for a longer way."""
     wanted = float(np.abs(path.delta).sum()) / RADIANS_PER_CUT
     count = FIRST_CUT_LEAST
     while count < min(wanted, FIRST_CUT_MOST):
@@ -129,7 +132,10 @@ def cuts(path: Route) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """Whether an index was proven, and the leaves as far as they had to be halved; they hold for any profile."""
+    """Result of a proof with a given index: proven or not, and the leaves.
+
+    The leaves are halved as far as necessary; they hold for any profile.
+    """
 
     leaves: Leaves
     proven: bool

@@ -1,4 +1,4 @@
-"""What a course asks of the arm itself, as ratios to configured limits: the same quantities as of a straight move.
+"""Demands of a course on the arm itself, as ratios to configured limits, as of a straight move.
 
 Speeds and momentum are proven bounds. Accelerations and torque are sampled in the middle of each cell, with no proof.
 """
@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 
 
 class Effort:
-    """What a drive demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
+    """Demands of a drive: parts without its timing, computed once, and ratios for any profile."""
 
     def __init__(self, robot: Robot, drive: TimedCourse, cell: CellParameters) -> None:
-        """Torque and speed terms of every cell."""
+        """Computes torque and speed terms of every cell."""
         self._robot, self._drive, self._cell = robot, drive, cell
         cells = drive.course.cells
         self._rush = drive.course.rush(cells.low, cells.high)
@@ -37,7 +37,7 @@ class Effort:
         return np.asarray((self._rush * rate[:, None]).max(axis=0))
 
     def joint_acceleration_rad_s2(self, profile: Profile, *, stretched: float = 1.0) -> Floats:
-        """Highest acceleration of each joint in the middle of any cell, with what the profile may have there, (6,)."""
+        """Highest acceleration of each joint in the middle of any cell, under the profile, (6,)."""
         cells = self._drive.course.cells
         rate = profile.highest_rate(cells.low / GRID, cells.high / GRID)[:, None]
         met = np.abs(cells.dq) * (max(self._drive.push) * stretched**2) + np.abs(cells.ddq) * rate**2

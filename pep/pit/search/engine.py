@@ -1,4 +1,4 @@
-"""The compiled engine: what answers the dear questions of a motion, straight or curved."""
+"""Compiled engine: answers the costly questions of a motion, straight or curved."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Engine:
-    """The dear questions of motions, answered in one way. Tests put a slow twin in its place.
+    """Costly questions of motions, answered in one way. Tests put a slow twin in its place.
 
     Attributes:
         name: in every assessment and record.
@@ -47,7 +47,7 @@ class Engine:
 
 @cache
 def chosen() -> Engine:
-    """The engine. The first call compiles it, or reads what was compiled before."""
+    """The engine. Its first call compiles it, or reads earlier compilations."""
     compiled_path.compile_all()
     demands.compile_all()
     compiled_course.compile_all()

@@ -1,8 +1,8 @@
-"""Whether a contact that the cell declares and the token grants is proven to be gentle: only then it counts as meant.
+"""Proof that a declared and granted contact is gentle; only then it counts as meant.
 
 Gentle means, wherever on the way the body may be near the object: no faster than the cell's contact speed, and pressed
-no deeper than what fingers and arm err by. It is proven like the index, interval by interval; a pair of which it is not
-proven keeps the ordinary law on the whole way.
+no deeper than the error of fingers and arm. It is proven like the index, interval by interval; a pair without that
+proof keeps the ordinary law on the whole way.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def gentle_rows(
     since: int = 0,
     check_time: Callable[[], None],
 ) -> NDArray[np.intp]:
-    """The touchable pairs whose contact is proven gentle on the path from `since` (in 1 / GRID) to its end.
+    """Touchable pairs whose contact is proven gentle on the path from `since` (in 1 / GRID) to its end.
 
     Raises:
         WorkLimitError: more rows than `ROWS_MOST` were needed.

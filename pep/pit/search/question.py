@@ -1,4 +1,7 @@
-"""What every question to this room must satisfy before anything is computed: a NaN would compare as "far enough"."""
+"""Checks of every question before anything is computed.
+
+A NaN would compare as "far enough".
+"""
 
 from __future__ import annotations
 
@@ -49,7 +52,9 @@ def deadline(clock: Callable[[], float], limit_s: float) -> Callable[[], None]:
 
 
 def refuse_nonsense(robot: Robot, motion: Motion, cell: CellParameters, touch: frozenset[str]) -> None:
-    """The cell fits itself and the robot, every number of the motion is finite, every rate is above 0, six joints.
+    """Checks that the cell fits itself and the robot, and that the motion's numbers are possible.
+
+    Every number is finite, every rate above 0, and there are six joints.
 
     Raises:
         PitError: otherwise.
@@ -66,7 +71,7 @@ def refuse_nonsense(robot: Robot, motion: Motion, cell: CellParameters, touch: f
 
 
 def refuse_unreal(motion: Motion) -> None:
-    """Every number finite, every rate at least the least that a request can spell, six joints.
+    """Checks that every number is finite, every rate at least the least of a request, and joints are six.
 
     Raises:
         MotionError: otherwise.
@@ -129,7 +134,7 @@ def refuse_unreal(motion: Motion) -> None:
 
 
 def _refuse_vast(sizes: tuple[float, ...], poses: tuple[tuple[float, ...], ...]) -> None:
-    """Nothing about a tool is beyond all measure.
+    """Refuses a tool with numbers beyond all measure.
 
     Raises:
         MotionError: otherwise.
@@ -141,7 +146,7 @@ def _refuse_vast(sizes: tuple[float, ...], poses: tuple[tuple[float, ...], ...])
 
 
 def _refuse_legs(blends: tuple[float, ...]) -> None:
-    """Some legs, not too many, none of which is blended into the next.
+    """Checks that there are some legs, not too many, none of which is blended into the next.
 
     Raises:
         MotionError: otherwise.
@@ -168,14 +173,14 @@ def six_finite(row: tuple[float, ...]) -> None:
 
 
 def as_run(motion: MoveJ | SpeedJ, cell: CellParameters) -> Run:
-    """The motion as a straight run that ends where this cell's stop lets it end."""
+    """The motion as a straight run to the end of this cell's stop."""
     return run_of(motion, stop_delay_s=cell.stop_delay_s, stop_deceleration_rad_s2=cell.stop_deceleration_rad_s2)
 
 
 def view_around(
     robot: Robot, scene: Scene | None, age_s: float | None, q: Joints, cell: CellParameters, *, lag_m: float = 0.0
 ) -> View:
-    """The view for a decision about the arm at `q`, without what it holds where that is seen in its gripper.
+    """View for a decision about the arm at `q`, without the held object in its gripper.
 
     Args:
         robot: with what it holds.

@@ -1,4 +1,4 @@
-"""The highest speed of a motion that would do, where the commanded one does not."""
+"""Highest sufficient speed of a motion whose commanded one fails."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ if TYPE_CHECKING:
 
 
 def highest_speed(falls: Callable[[float], bool], *, slowest: float, fastest: float) -> float | None:
-    """The highest speed, to a step of the bisection, that `falls` proves to do, or None when not even the slowest does.
+    """Highest speed, to a step of the bisection, that `falls` proves; None when the slowest fails.
 
     This is advice: when time runs out, the best speed proven so far is named, and the answer itself stands.
 
     Args:
-        falls: whether it is proven of this speed; what does not do, does not at any higher one.
+        falls: whether it is proven of this speed; one that fails does so at any higher one.
         slowest: a slower one is of no use.
-        fastest: the commanded speed, which does not do.
+        fastest: the commanded speed, which fails.
     """
     if not fastest > slowest:
         return None

@@ -1,4 +1,4 @@
-"""Streams of joint speeds, as one move that is never slower: what an assessment of a stream is an assessment of."""
+"""Streams of joint speeds as one joint move that is never slower, for assessment."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ if TYPE_CHECKING:
     from pep.pit.scene.cell import CellParameters
 
 TOLERANCE_RAD_S: Final = 0.02  # ours
-"""An arm's measured speeds lie this near to a stream's; a hundredth of what any limit of ours is about."""
+"""Distance of an arm's measured speeds from a stream's; a hundredth of any limit of ours."""
 
 
 def moves_with(stream: SpeedJ, qd_rad_s: Sequence[float]) -> bool:
-    """Whether an arm at these joint speeds moves as the stream does while it takes up speed: at a share of it.
+    """True where an arm at these joint speeds takes up the stream's speed: at a share of it.
 
     Each joint by itself between nothing and what is asked is not enough: such an arm leaves the stream's line.
     """
@@ -31,7 +31,7 @@ def moves_with(stream: SpeedJ, qd_rad_s: Sequence[float]) -> bool:
 
 
 def stream_envelope(stream: SpeedJ, cell: CellParameters, *, under_way: bool) -> MoveJ:
-    """A joint move that goes everywhere a stream of joint speeds may go, and nowhere slower.
+    """Joint move that goes everywhere a stream of joint speeds may go, and nowhere slower.
 
     A stream runs for its duration, for the controller's patience when nobody ends it, and through its stop. It begins
     at rest, or is under way already; the move then starts as far back as it needs to be as fast here. `SpeedJ` alone is

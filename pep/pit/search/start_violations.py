@@ -1,6 +1,6 @@
-"""What is already wrong where a motion departs, and whether the motion only leads away from it.
+"""Violations at the start of a motion, and motions that only lead away from them.
 
-A stuck arm must be able to retreat: from beyond a joint limit, or from what it touches and should not.
+A stuck arm must be able to retreat: from beyond a joint limit, or from a forbidden contact.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ RETREAT_CUT: Final = 128  # equal intervals in the proof that nothing comes near
 
 @dataclass(frozen=True, slots=True)
 class JointLimits:
-    """How the move stands to the joint limits: it breaks one (and which), or it comes back from beyond one."""
+    """Relation of a move to the joint limits: it breaks one (and which), or it comes back from beyond."""
 
     broken: bool
     retreating: bool
@@ -36,7 +36,7 @@ class JointLimits:
 
 
 def joint_limits(robot: Robot, start: Iterable[float], target: Iterable[float]) -> JointLimits:
-    """How a move between these joint angles (rad) stands to the limits."""
+    """Relation of a move between these joint angles (rad) to the limits."""
     before, after = robot.beyond_rad(start), robot.beyond_rad(target)
     # From beyond one limit to beyond the other is no retreat, however the two excesses compare.
     worse = [not (abs(then) <= abs(now) and now * then >= 0) for now, then in zip(before, after, strict=True)]
@@ -45,13 +45,13 @@ def joint_limits(robot: Robot, start: Iterable[float], target: Iterable[float]) 
 
 
 def slow_enough(cell: CellParameters, *, joint_speed_rad_s: float, speed_m_s: float) -> bool:
-    """Whether a motion with these highest joint and surface speeds may be a retreat."""
+    """True where a motion with these highest joint and surface speeds may be a retreat."""
     return joint_speed_rad_s <= cell.retreat_joint_speed_rad_s and speed_m_s <= cell.retreat_speed_m_s
 
 
 @dataclass(frozen=True, slots=True)
 class Departure:
-    """What is already violated where the arm stands.
+    """Violations at the arm's place.
 
     Attributes:
         rows: pairs that the search asks about.
@@ -63,7 +63,7 @@ class Departure:
 
 
 def departure(path: Route, pairs: Pairs, cell: CellParameters, *, slow: bool, since: int = 0) -> Departure:
-    """What is violated at `since` (in 1 / GRID), and what of it a slow motion from there leads away from."""
+    """Violations at `since` (in 1 / GRID), and those that a slow motion leads away from."""
     rows = np.arange(len(pairs))
     may = rows[np.isfinite(pairs.violated_below)]
     violated = may[path.clearance_at(pairs, since, may) < pairs.violated_below[may]]
@@ -77,7 +77,7 @@ def departure(path: Route, pairs: Pairs, cell: CellParameters, *, slow: bool, si
 def _approaching(
     path: Route, pairs: Pairs, rows: NDArray[np.intp], *, tolerance_m: float, since: int
 ) -> NDArray[np.intp]:
-    """Of these violated pairs, those whose clearance is not proven never to shrink.
+    """Violated pairs whose clearance is not proven never to shrink.
 
     Proven means: on each interval the clearance stays within `tolerance_m` of the best reached before, or of the pair's
     own bound once that was reached.

@@ -1,4 +1,4 @@
-"""Streams as drives: a tool speed that is held for a while, and a servo target, each through the stop that ends it."""
+"""Streams as drives: a held tool speed and a servo target, each through the stop that ends it."""
 
 from __future__ import annotations
 
@@ -39,29 +39,29 @@ STILL_RAD_S: Final = 1e-6  # one unit of the wire (urad/s)
 
 @dataclass(frozen=True, slots=True)
 class _Ramp:
-    """A tool speed from rest, in seconds at full speed; `up` is its growth, 1/s."""
+    """Tool speed from rest, in seconds at full speed; `up` is its growth, 1/s."""
 
     up: float
 
     def way(self, until_s: float) -> float:
-        """How far it has come."""
+        """Way so far."""
         ramp = min(1 / self.up, until_s)
         return self.up * ramp * (until_s - 0.5 * ramp)
 
     def share(self, until_s: float) -> float:
-        """How much of the full speed it has."""
+        """Share of the full speed."""
         return min(1.0, self.up * until_s)
 
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Where a held speed ends on its course.
+    """Plan of a held speed's end on its course.
 
     Attributes:
         seconds: the whole course, the stop included, in seconds at full speed.
-        end: where the stop takes hold at the latest, in 1 / GRID.
-        window: how much earlier it may, by the course's own parameter.
-        stop: how far a stop takes there per unit of the fastest joint's derivative, by the course's own parameter.
+        end: latest place where the stop takes hold, in 1 / GRID.
+        window: range before it where it may do so, by the course's own parameter.
+        stop: way of a stop there per unit of the fastest joint's derivative, by the course's own parameter.
     """
 
     seconds: float
@@ -73,7 +73,9 @@ class _Plan:
 def speed_drive(
     robot: Robot, motion: SpeedL, cell: CellParameters, *, check_time: Callable[[], None]
 ) -> TimedCourse | Nowhere:
-    """A tool velocity from rest, held until its stop takes hold, and then the joints' own stop along their tangent.
+    """Drive of a tool velocity from rest, held until its stop takes hold.
+
+    After it comes the joints' own stop along their tangent.
 
     Everything is measured in seconds at full speed. The stop may take hold anywhere between the end of the hold and
     `stop_delay_s` later: what it may then leave the course by is added to the course (PHY-19).
@@ -131,13 +133,13 @@ def speed_drive(
 
 
 def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: float) -> _Plan:
-    """The course of a hold that ends `hold` seconds on, was told to at `sent`, and stops wherever that takes hold.
+    """Plan of a hold that ends after `hold` seconds, for each beginning of its stop from `sent` on.
 
     Args:
         hold: at full speed, s.
         sent: likewise.
         leading: speed of the fastest joint at the end of the hold, rad/s.
-        bending: by how much more that may be, the earlier the stop takes hold, rad/s2.
+        bending: growth of that speed with an earlier stop, rad/s2.
         stop: seconds at full speed that the stop takes per rad/s.
     """
     # From where it takes hold the arm stops within stop * speed; an earlier one ends earlier, or the course is longer.
@@ -154,20 +156,20 @@ def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: 
 
 
 def _on_grid(hold: float, travel: float) -> tuple[int, float]:
-    """Where, of `STEPS` places, a hold ends after which a stop takes `travel` s; too short a one is made longer."""
+    """Place, of `STEPS`, where a hold ends whose stop takes `travel` s; a short travel is lengthened."""
     place = math.ceil(STEPS * hold / (hold + travel))
     return (place, travel) if place < STEPS else (STEPS - 1, hold / (STEPS - 1))
 
 
 def _late(plan: _Plan) -> int:
-    """From where on the stop may take hold, in 1 / GRID."""
+    """Earliest place where the stop may take hold, in 1 / GRID."""
     return max(0, math.floor((plan.end / GRID - plan.window) * STEPS)) * (GRID // STEPS)
 
 
 def _line_and_window(
     robot: Robot, twist: Twist, start: Floats, plan: _Plan, check_time: Callable[[], None]
 ) -> LineTrace:
-    """The line until the stop takes hold, in small pieces where it may: there the bending counts most."""
+    """Line until the stop takes hold, in small pieces where it may: there the bending counts most."""
     late, fastest = _late(plan), fastest_of(robot, 1 / plan.seconds)
     cells, here = Cells.joined([]), start
     if late > 0:
@@ -189,7 +191,7 @@ def _line_and_window(
 
 
 def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> CompiledCourse | Nowhere:
-    """The line, and after it the joints' tangent; what an earlier stop leaves them by is their stray and hurry."""
+    """Line with the joints' tangent after it; an earlier stop's difference is their stray and hurry."""
     s_end, cells, dq = plan.end / GRID, line.cells, line.dq
     late = cells.high > _late(plan)
     bend = cells.second[late].max(axis=0)
@@ -209,7 +211,7 @@ def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> Compil
 
 
 def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> TimedCourse | Nowhere:
-    """Everywhere a servo target may take the arm until a stop after it has ended.
+    """Drive of a servo target: everywhere it may take the arm until a stop after it has ended.
 
     Each joint's speed lies between the measured one and what makes for the target within the lookahead; it goes on for
     the reaction, one period and the stop's delay, and then falls at the stop's deceleration (PHY-20).

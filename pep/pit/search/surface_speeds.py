@@ -1,4 +1,4 @@
-"""How closely the highest speeds of a robot's points on a straight path are proven."""
+"""Tolerances in the proof of the highest speeds of a robot's points on a straight path."""
 
 from __future__ import annotations
 

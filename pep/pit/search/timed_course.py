@@ -1,6 +1,6 @@
-"""A motion that is no straight run, as a course with its timing; and a line of the tool as one.
+"""Motion that is no straight run, as a course with its timing; and a line of the tool as one.
 
-What cannot be traced to its end is a drive as far as it was traced, with the word for why it ends there.
+A line that cannot be traced to its end is a drive as far as it was traced, with the reason of its end.
 """
 
 from __future__ import annotations
@@ -30,8 +30,11 @@ if TYPE_CHECKING:
     Check = Callable[[], None]
 
 Doubt = Literal["singular", "unreachable", "joint_limit", "half_turn", "uneven_twist"]
-"""Why a motion is not proven to its end: a joint is too fast for any bound, no joint angles were found, a joint limit
-is met, it is not known which way round the tool turns, or how speed and turning grow together."""
+"""Reason why a motion is not proven to its end.
+
+A joint is too fast for any bound, no joint angles were found, a joint limit is met, the tool's direction of turn is
+unknown, or the proportion of speed and turn is.
+"""
 
 STATED_M: Final = 0.002  # DESIGN section 6 of the reference's committed state: 2 mm
 STATED_RAD: Final = 0.002  # likewise: 2 mrad
@@ -62,12 +65,12 @@ class TimedCourse:
 
     @property
     def twist(self) -> Twist | None:
-        """The line of the tool that it follows, by the course's own parameter, or None when there is none."""
+        """Line of the tool that it follows, by the course's own parameter, or None without one."""
         return self.course.track.twist
 
     @property
     def line_until(self) -> float:
-        """As far as it does; 1 when there is none."""
+        """End of the followed line; 1 without one."""
         return 1.0 if self.course.track.twist is None else self.course.track.until
 
     def at_speed(self, speed: float) -> Profile:
@@ -83,7 +86,7 @@ class TimedCourse:
 
 @dataclass(frozen=True, slots=True)
 class Nowhere:
-    """A motion that leaves the arm where it stands, or of which nothing could be traced.
+    """Motion that leaves the arm at its place, or of which nothing could be traced.
 
     Attributes:
         doubt: why nothing was, or None when it is no motion.
@@ -93,7 +96,7 @@ class Nowhere:
 
 
 def beyond(robot: Robot, q: Floats, around: Floats | float = 0.0) -> bool:
-    """Whether a joint may be beyond its range when each is within `around` (6,) of `q` (6,), rad.
+    """True where a joint may be beyond its range when each is within `around` (6,) of `q` (6,), rad.
 
     A stuck arm comes back by a joint move, whose retreat is proven.
     """
@@ -136,12 +139,12 @@ def line_drive(
 
 
 def fastest_of(robot: Robot, highest_rate: float) -> Floats:
-    """Rates of the joints by s, at which none is of any use when s grows at `highest_rate`, 1/s."""
+    """Rates of the joints by s above which no bound is of use when s grows at `highest_rate`, 1/s."""
     return np.asarray(TOO_FAST * robot.speed_limits_rad_s / highest_rate)
 
 
 def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> TimedCourse | Nowhere:
-    """The line as a drive, or as much of it as can be proven."""
+    """Line as a drive, or its provable part."""
     fastest = fastest_of(robot, profile.peak_rad_s / profile.way_rad)
     found = chosen().trace(robot, twist, start, fastest=fastest, check_time=check_time)
     push = profile.acceleration_rad_s2 / profile.way_rad
@@ -152,7 +155,7 @@ def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_t
 
 
 def begun(robot: Robot, twist: Twist, profile: Profile, found: LineTrace, push: float) -> TimedCourse | Nowhere:
-    """What was proven of a line that gets stuck; from there the course comes to rest within one finest piece."""
+    """Proven part of a line that gets stuck; there the course comes to rest within one finest piece."""
     assert found.stuck is not None
     doubt: Doubt = found.stuck
     if found.stuck == "singular" and not chosen().pose_exists(robot, twist, found.reached):
@@ -174,5 +177,5 @@ def begun(robot: Robot, twist: Twist, profile: Profile, found: LineTrace, push: 
 
 
 def unbounded(cells: Cells) -> Floats:
-    """Third derivatives of cells where the second jumps at their ends: only the second says anything there."""
+    """Vacuous bounds on the third derivative, for cells where the second jumps at their ends."""
     return np.full_like(cells.third, UNBOUNDED)

@@ -1,4 +1,4 @@
-"""The torque of every joint at some places of a path, by the rigid-body model: sampled, with no proof.
+"""Torque of every joint at some places of a path, by the rigid-body model: sampled, with no proof.
 
 What holds the arm, what s'' asks and what s' squared asks are computed once; any timing of the path is a sum of these.
 """
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
 
 
 def carried_kg(robot: Robot, cell: CellParameters) -> float:
-    """Mass at the tool point that is no body of the robot: what the cell says is always carried."""
+    """Mass at the tool point that is no body of the robot: the cell's constant load."""
     return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
 def _loaded(robot: Robot, carried: float) -> Any:
-    """Pinocchio's model with what is carried."""
+    """Pinocchio's model with the load."""
     if not carried > 0:
         return robot.pinocchio
     model = pinocchio.Model(robot.pinocchio)
@@ -43,10 +43,13 @@ def masses_with(robot: Robot, carried: float) -> Any:
 
 
 class Torques:
-    """The torques of every joint at some places of a path, with what is carried, for any timing of it."""
+    """Torques of every joint at some places of a path, with the load, for any timing."""
 
     def __init__(self, robot: Robot, cell: CellParameters, q: Floats, dq: Floats, ddq: Floats) -> None:
-        """At configurations `q` (n, 6), rad, with their derivatives by the path parameter `dq` and `ddq` (n, 6)."""
+        """Computes them at configurations `q` (n, 6), rad.
+
+        `dq` and `ddq` (n, 6) are the derivatives by the path parameter.
+        """
         carried = carried_kg(robot, cell)
         # Rows that lie apart in memory would be another type, compiled when the first question has it.
         rows = map(np.ascontiguousarray, (q, dq, ddq))

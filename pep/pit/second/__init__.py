@@ -1,1 +1,1 @@
-"""The second engine: pinocchio and coal check the certified answer."""
+"""Second engine: pinocchio and coal check the certified answer."""

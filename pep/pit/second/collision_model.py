@@ -1,4 +1,4 @@
-"""The arm and what is around it as pinocchio's and coal's geometry, built once for so many things of these kinds."""
+"""Arm and surroundings as pinocchio's and coal's geometry, built once for a number of things of these kinds."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Stage:
-    """Coal's bodies and pairs for one robot and so many things of these kinds; where the things are changes.
+    """Coal's bodies and pairs for one robot and a number of things of these kinds; their poses change.
 
     Attributes:
         geometry, found: pinocchio's geometry model and its data.
@@ -63,7 +63,7 @@ class Stage:
 
     @cached_property
     def blocks(self) -> tuple[Floats, NDArray[np.int64], Floats, NDArray[np.int64]]:
-        """All bodies' and the arm's own pairs' numbers, as `pep.pit.second.compiled_sight` has their columns."""
+        """Numbers of all bodies and of the arm's own pairs, in the columns of `pep.pit.second.compiled_sight`."""
         bodies, pairs = len(self.link), len(self.own_radius)
         return (
             np.column_stack([self.ends.reshape(bodies, -1), self.radius, self.half]),
@@ -73,7 +73,7 @@ class Stage:
         )
 
     def put(self, cores: Sequence[Core]) -> None:
-        """These things stand there; what stood there before is not touched."""
+        """Puts these things into the scene, without touching the earlier ones."""
         if self.placed == [*cores]:  # each is itself alone
             return
         for k, core in enumerate(cores):
@@ -84,7 +84,9 @@ class Stage:
 
 
 def _in_one(parts: Sequence[Floats]) -> Floats:
-    """What lies in memory at equal distances, as one array: no copy, so that it is always what the parts are.
+    """One array over parts that lie in memory at equal distances.
+
+    No copy, so that it always has the parts' values.
 
     Raises:
         ValueError: the parts lie otherwise.
@@ -149,7 +151,7 @@ def _built(robot: Robot, kinds: tuple[Kind, ...]) -> Stage:
 
 
 class _Stages(threading.local):
-    """One set of stages per thread: a stage is changed by each question."""
+    """Set of stages for one thread: a stage is changed by each question."""
 
     def __init__(self) -> None:
         self.of = lru_cache(maxsize=16)(_built)  # people come and go: a handful of kinds in a cell

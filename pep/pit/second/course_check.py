@@ -1,4 +1,4 @@
-"""The second engine's opinion of a course, as `pep.pit.second.straight_check` of a path, and of the inverse.
+"""Second engine's check of a course, like `pep.pit.second.straight_check` of a path, and of the inverse.
 
 On a line pinocchio has to find the tool where the line says, going as the line says, at joint angles that the kernel
 found: so the inverse is confirmed without being computed twice.
@@ -40,7 +40,7 @@ def drive_check(
     rows: NDArray[np.intp],
     seed: bytes,
 ) -> Agreement | Disagreement:
-    """Ask pinocchio and coal about every pair at the witnesses and at the seeded places, as `cross_check` does."""
+    """Asks pinocchio and coal about every pair at the witnesses and at the seeded places, as `cross_check` does."""
     course, profile = drive.course, drive.profile
     world = SecondWorld(course.robot, scene, pairs)
     every = np.arange(len(pairs))
@@ -70,14 +70,14 @@ def drive_check(
 
 
 class _Line:
-    """A line of the tool as pinocchio sees it."""
+    """Line of the tool as pinocchio sees it."""
 
     def __init__(self, robot: Robot, twist: Twist) -> None:
         self._robot, self._twist, self._scratch = robot, twist, robot.pinocchio.createData()
         self._wide = RATE_TOLERANCE * (1 + float(np.abs(twist.rate).max()))
 
     def holds(self, s: float, q: Floats, dq: Floats) -> bool:
-        """Whether pinocchio finds the tool where the line is at `s`, and going along it."""
+        """True where pinocchio finds the tool on the line at `s`, and going along it."""
         model, scratch, twist = self._robot.pinocchio, self._scratch, self._twist
         last = len(self._robot.model.joints)
         pinocchio.forwardKinematics(model, scratch, q)

@@ -1,4 +1,4 @@
-"""The robot and its scene as pinocchio and coal see them.
+"""Robot and scene as pinocchio and coal see them.
 
 Cores have radius 0 here, and meeting cores count as 0 apart: penetration depth differs between engines.
 
@@ -41,12 +41,12 @@ _CROSS: Final = np.array(  # of w, the matrix by which a row p becomes that of w
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sight:
-    """What the second engine sees at some places.
+    """View of the second engine at some places.
 
     Attributes:
         q: joint angles of the places, (places, 6), rad.
         measured: how many of the places coal measured, the first ones.
-        near: signed clearances, (places, pairs); where nobody measured, what they are at least.
+        near: signed clearances, (places, pairs); where nothing was measured, a lower bound.
         speed: surface speeds, (places, bodies).
         agrees: whether the first engine found the same clearances where coal measured.
         open: rows of (place, pair) that may be violated for all that this says, or count more: where coal measured than
@@ -62,7 +62,7 @@ class Sight:
 
 
 class Doubted(NamedTuple):
-    """Of pairs at some clearances: where the index is above the certified one, and violations that were not found."""
+    """Doubts about pairs at some clearances: an index above the certified one, or a violation that was not found."""
 
     above: NDArray[np.bool_]
     below: NDArray[np.bool_]
@@ -78,7 +78,7 @@ def doubted(
     upper: float | Floats,
     violated: Container[PairKind],
 ) -> Doubted:
-    """What speaks against an answer: of a clearance that is at least so much, no less does.
+    """Doubts about an answer at these clearances; a lower bound of a clearance raises no fewer.
 
     Args:
         pairs: of them the laws.
@@ -130,7 +130,7 @@ class SecondWorld:
         return np.fromiter(map(_LEAST, stage.distances), float, len(stage.distances))
 
     def measure(self, sight: Sight, doubts: NDArray[np.intp]) -> None:
-        """Of these rows of (place, pair) the clearances become coal's own, where they are not yet."""
+        """Measures the clearances of these rows of (place, pair) by coal, where that is not done yet."""
         stage, of = self.stage, pinocchio.computeDistance
         place, pair = doubts[(doubts[:, 0] >= sight.measured) & (doubts[:, 1] < len(self.radius))].T
         placed, distances = -1, []
@@ -144,13 +144,13 @@ class SecondWorld:
         sight.near[place, pair] = np.maximum(distances, 0.0) - self.radius[pair]
 
     def _unmeasured(self, ends: Floats) -> Floats:
-        """Room for the clearances of all pairs, those from the faces of the room already there."""
+        """Array for the clearances of all pairs, filled for the faces of the room."""
         near = np.empty((len(ends), len(self.pairs)))
         near[:, len(self.radius) :] = self._faces(ends)
         return near
 
     def _measure(self, near: Floats, q: Floats) -> None:
-        """Coal's clearances of all pairs of cores stand in `near`, (pairs,)."""
+        """Writes coal's clearances of all pairs of cores into `near`, (pairs,)."""
         found = self.distances(q)
         near[: len(found)] = np.maximum(found, 0.0) - self.radius
 
@@ -166,10 +166,10 @@ class SecondWorld:
         return np.concatenate([room[:, :, axis] - radius for axis in range(3) for room in (high, low)], axis=1)
 
     def _motion(self, q: Floats, qd: Floats) -> tuple[Floats, Floats, Floats, Floats]:
-        """Where all bodies' ends are, how the links are turned and where, and surface speeds relative to references.
+        """Ends of all bodies, turns and origins of the links, and surface speeds relative to references.
 
-        Pinocchio's Jacobian has a column per joint: the turning, and the speed of what is at the base's origin, that it
-        gives all links behind it.
+        Pinocchio's Jacobian has a column per joint: its turn, and the speed of a point at the base's origin that moves
+        with the links behind the joint.
         """
         model, stage = self.robot.pinocchio, self.stage
         count, links = len(q), len(stage.turns)

@@ -1,4 +1,4 @@
-"""The second engine: pinocchio moves the arm, coal measures, and the certified answer has to hold for what they say.
+"""Second engine: pinocchio moves the arm, coal measures, and the certified answer has to hold there.
 
 It shares with the kernel the model file, the scene and the laws of an index, and nothing else: not the kinematics, not
 the distances, not the speeds, not the profile's form. All pairs are asked at the witness and at a few configurations
@@ -32,7 +32,7 @@ SEED_BYTES: Final = 8  # per configuration
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """What the second engine found that cannot be if the first is right."""
+    """Finding of the second engine that contradicts the first."""
 
     what: str
 
@@ -55,7 +55,7 @@ def cross_check(
     rows: NDArray[np.intp],
     seed: bytes,
 ) -> Agreement | Disagreement:
-    """Ask pinocchio and coal about every pair at the witnesses and at the seeded configurations.
+    """Asks pinocchio and coal about every pair at the witnesses and at the seeded configurations.
 
     Args:
         path: the joint path.
@@ -89,7 +89,7 @@ def cross_check(
 def look(
     world: SecondWorld, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> Sight:
-    """What is seen at these places; coal measures at the first ones.
+    """Sight of these places; coal measures at the first ones.
 
     Args:
         world: the second engine.
@@ -106,7 +106,7 @@ def look(
 def judged_where_near(
     world: SecondWorld, sight: Sight, *, stop: Stopping, certified: Certified, rows: NDArray[np.intp]
 ) -> Agreement | Disagreement:
-    """As `judged`, where only what the balls around both bodies do not settle needs a distance, and gets it.
+    """Judgement as of `judged`, with distances only where the balls around both bodies do not settle it.
 
     Args:
         world: the second engine.
@@ -130,7 +130,7 @@ def judged_where_near(
 def judged(
     pairs: Pairs, stop: Stopping, certified: Certified, rows: NDArray[np.intp], *, clearance: Floats, speed: Floats
 ) -> Agreement | Disagreement:
-    """Whether the certified answer holds for what was measured of `rows`, both of shape (places, rows)."""
+    """Judgement of the certified answer by the measurements of `rows`, both of shape (places, rows)."""
     asked, upper, violated = np.tile(rows, len(clearance)), certified.upper, certified.violated
     found = doubted(pairs, stop, asked, clearance.ravel(), speed.ravel(), upper=upper, violated=violated)
     return _told(found, len(clearance))
@@ -145,7 +145,7 @@ def _told(found: Doubted, places: int) -> Agreement | Disagreement:
 
 
 def cross_check_rest(path: Path, pairs: Pairs, scene: Scene, clearance: Floats) -> Agreement | Disagreement:
-    """Ask coal about every pair at the start of the path, where the kernel found `clearance`."""
+    """Asks coal about every pair at the start of the path, where the kernel found `clearance`."""
     found, _ = SecondWorld(path.robot, scene, pairs).ask(path.q(0.0), np.zeros_like(path.delta))
     if not (np.abs(found - clearance) <= DISTANCE_TOLERANCE_M).all():
         return Disagreement("clearance at rest")
