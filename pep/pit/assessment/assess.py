@@ -63,7 +63,7 @@ def assess(
         return _assess(robot, scene, motion, cell, age_s=perception_age_s, touch=touch, seed=seed, clock=clock)
     except PitError as error:
         return ImpactFault(error.reason, error.detail)
-    except Exception as error:  # noqa: BLE001 - whatever breaks in here must end in a denial, not in the caller
+    except Exception as error:  # noqa: BLE001 - any failure in here must end in a denial, not in the caller
         frames = traceback.extract_tb(error.__traceback__)
         return ImpactFault("PHYSICS_FAULT", f"{type(error).__name__} in {frames[-1].name}")
 

@@ -102,7 +102,7 @@ def remaining(
         return answer  # noqa: TRY300 - the check above belongs to the answer
     except PitError as error:
         return ImpactFault(error.reason, error.detail)
-    except Exception as error:  # noqa: BLE001 - whatever breaks in here must stop the arm, not the watch
+    except Exception as error:  # noqa: BLE001 - any failure in here must stop the arm, not the watch
         frames = traceback.extract_tb(error.__traceback__)
         return ImpactFault("PHYSICS_FAULT", f"{type(error).__name__} in {frames[-1].name}")
 

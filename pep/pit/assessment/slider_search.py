@@ -35,7 +35,7 @@ def paced(left: RemainingMotion, cell: CellParameters, running: float, *, spare:
         spare: raises `WorkLimitError` once there is no time left to look for more: the best proven so far is told.
     """
     now = left.at(running)
-    # Whoever waits for a no is about to stop the arm: what is looked for from here on may not cost much.
+    # A caller that waits for a no is about to stop the arm: the search from here on may not cost much.
     left.check_time = spare
     if now.holds:
         return replace(now, pace=_higher(left, cell, Pace(running, now.index_milli)))

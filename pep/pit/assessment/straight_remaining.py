@@ -171,7 +171,7 @@ class RemainingRun:
         if self.limits.broken:
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=JOINT_LIMIT)
         self.demands = engine.demands(path, cell)
-        # 2. The view, without what the arm holds, wherever that was seen to be on the way here: at whatever speed.
+        # 2. The view, without the held object, wherever it was seen on the way here, at any speed.
         speeds = self.demands.surface_speed_m_s(profile)
         self.look_around(scene, age_s, touch, speeds)
         return None
@@ -233,7 +233,7 @@ class RemainingRun:
         floors = [*floors, (view.floor, PERCEPTION)]
         if retreating or here.retreating.size:
             floors.append((RETREAT, RETREATS))
-        # 4. What holds whatever is near.
+        # 4. Floors that hold for all surroundings.
         floor, cause = max(floors)
         if not milli(floor) <= self.authorised_milli:
             return Remaining(holds=False, index_milli=milli(floor), cause=cause)

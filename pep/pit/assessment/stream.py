@@ -158,7 +158,7 @@ class Stream:
         """
         try:
             return self._step(motion, authorised_milli, seed)
-        except Exception as error:  # noqa: BLE001 - whatever breaks in here must end in a denial, not in the caller
+        except Exception as error:  # noqa: BLE001 - any failure in here must end in a denial, not in the caller
             return _fault_of(error)
 
     def _looked_at(self, scene: Scene | None, age_s: float | None, at_rad: Joints | None) -> _View:

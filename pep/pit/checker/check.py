@@ -51,7 +51,7 @@ def verify(text: bytes) -> Verified | Unverified:
         return _verified(text)
     except Refusal as refusal:
         return refusal.verdict
-    except Exception as error:  # noqa: BLE001 - whatever breaks in here verifies nothing
+    except Exception as error:  # noqa: BLE001 - any failure in here verifies nothing
         return Unverified(Code.CHECKER_FAILED, type(error).__name__)
 
 

@@ -38,7 +38,7 @@ unknown, or the proportion of speed and turn is.
 
 STATED_M: Final = 0.002  # DESIGN section 6 of the reference's committed state: 2 mm
 STATED_RAD: Final = 0.002  # likewise: 2 mrad
-TOO_FAST: Final = 4.0  # times a joint's limit: index 4 whatever else is proven (PHY-7), so nothing more is
+TOO_FAST: Final = 4.0  # times a joint's limit: index 4 in any case (PHY-7), so nothing more is proven
 UNBOUNDED: Final = 1e30  # rad per s^3: more than any other bound allows, and no infinity, which times 0 is none
 
 

@@ -1,7 +1,7 @@
-"""The second engine's arithmetic: what follows from where pinocchio puts the links and how coal measures the cores.
+"""Arithmetic of the second engine, on the links' frames of pinocchio and the core distances of coal.
 
-It takes pinocchio's frames and Jacobians, and of the searches the law of an index, by which it settles what nobody has
-measured; whatever else is wrong with these is not wrong here as well.
+It takes pinocchio's frames and Jacobians. Of the searches it takes the law of an index, by which it settles pairs
+without a measured distance; no other error of the searches can enter here.
 """
 
 from __future__ import annotations
@@ -55,7 +55,9 @@ def _norm(x: float, y: float, z: float) -> float:
 def _moved(
     turns: Floats, origins: Floats, jacobian: Floats, rates: Floats, numbers: Floats, whole: Whole, out: Floats
 ) -> Floats:
-    """Surface speed of every body relative to its reference link in `out`, (bodies,), and both ends, (bodies, 2, 3).
+    """Writes the surface speed of every body relative to its reference link to `out`, (bodies,).
+
+    It returns both ends, (bodies, 2, 3).
 
     Pinocchio's Jacobian has a column per joint: the speed of what is at the base's origin, and the turning, that it
     gives all links behind it.
@@ -96,7 +98,7 @@ def _balls(
     moving: int,
     near: Floats,
 ) -> None:
-    """Clearance of the balls around all bodies' and things' cores, which is at most their own, in `near`."""
+    """Writes to `near` the clearance of the balls around all bodies' and things' cores, a bound of their own."""
     for body in range(moving):
         x = 0.5 * (ends[body, 0, 0] + ends[body, 1, 0])
         y = 0.5 * (ends[body, 0, 1] + ends[body, 1, 1])
@@ -122,7 +124,7 @@ def _balls(
 
 @lent
 def _faces(ends: Floats, numbers: Floats, room: Floats, moving: int, first: int, near: Floats) -> None:
-    """Clearance from each face of the room, highest and lowest of each axis, in `near` from `first` on."""
+    """Writes to `near` from `first` on the clearance from each face of the room, highest and lowest of each axis."""
     for axis in range(AXES):
         for body in range(moving):
             a, b, radius = ends[body, 0, axis], ends[body, 1, axis], numbers[body, RADIUS]
@@ -152,7 +154,7 @@ def confirmed(
     since: int,
     upper: float,
 ) -> tuple[Floats, Floats, bool, Whole]:
-    """What the second engine says of all pairs at some places, and what of it is to be judged.
+    """Clearances and speeds of all pairs at some places, with the pairs that stay open.
 
     Args:
         turns, origins: pinocchio's frames, (places, links, 3, 3) and (places, links, 3).
@@ -165,11 +167,11 @@ def confirmed(
         measured: coal's distances of cores at the first places, (measured, pairs of bodies).
         kernel: the first engine's clearances there, (measured, pairs).
         pair_numbers, pair_whole: the pairs' laws, kinds and bodies (`rows.Field`), and of it nothing else.
-        stop: how the motion ends, and what is granted (`STANDS_OFF` and so on).
-        law: how it ends, and the common bands (`columns.REACTION` and so on).
-        moving: how many bodies move in the world; they stand first.
-        since: the first place of which what is open counts.
-        upper: the index that what was not measured may not exceed.
+        stop: the motion's end, and the granted limits (`STANDS_OFF` and so on).
+        law: its end, and the common bands (`columns.REACTION` and so on).
+        moving: number of bodies that move in the world; they stand first.
+        since: the first place of which open pairs count.
+        upper: the index that a pair without measured distance may not exceed.
 
     Returns:
         As the last four of `pep.pit.second.second_engine.Sight`.
@@ -215,7 +217,7 @@ def confirmed(
 def sight(
     world: SecondWorld, q: Floats, qd: Floats, kernel: Floats, *, stop: Stopping, since: int, upper: float
 ) -> tuple[Floats, Floats, bool, Whole]:
-    """As `pep.pit.second.straight_check.look`: the last four of its `Sight`."""
+    """Sight as of `pep.pit.second.straight_check.look`: the last four of its members."""
     model, stage, pairs = world.robot.pinocchio, world.stage, world.pairs
     count, links = len(q), len(stage.turns)
     turns, origins = np.empty((count, links, AXES, AXES)), np.empty((count, links, AXES))
@@ -252,7 +254,7 @@ def sight(
 
 
 def compile_all() -> None:
-    """Every entry is compiled, or read from where it was kept."""
+    """Compiles every entry, or reads it from disk."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     scene, still = cell.surveyed, np.zeros((1, len(robot.model.joints)))
     pairs = pairs_of(robot, scene, cell, grown_m=0.0)

@@ -1,7 +1,7 @@
-"""The broad phase of a search: which pairs may count on which span of the first cut, by the balls around their cores.
+"""Broad phase of a search: the pairs that may count on each span of the first cut, by balls.
 
-Most pairs are far apart on the whole path. So what is asked of all of them lies side by side, in `Field.balls`, and is
-asked of all spans at once.
+Most pairs are far apart on the whole path. So the balls around all cores lie side by side, in `Field.balls`, and are
+compared on all spans at once.
 """
 
 from __future__ import annotations
@@ -80,7 +80,7 @@ _FRAME: Final = 12 * FIRST  # numbers of a link's frame on all spans; as many of
 
 @compiled
 def swept(nodes: Nodes, first: int, cut: int, arm: Arm, bodies: Whole) -> Floats:
-    """Where these bodies are in the middles of the first cut, and their speed, swerve and spin: see the columns.
+    """Bodies in the middles of the first cut, with speed, swerve and spin: see the columns.
 
     The same as `arm.put`, and with the spans side by side, so that the processor does some of them at once.
 
@@ -160,7 +160,7 @@ def swept(nodes: Nodes, first: int, cut: int, arm: Arm, bodies: Whole) -> Floats
 
 @lent
 def _reaching(swept: Floats, cut: int, bodies: Whole, rates: Floats, table: Floats, law: Floats) -> None:
-    """The columns of the first cut's spans as wholes stand in the place of those of their middles."""
+    """Replaces the columns of the middles of the first cut's spans by those of whole spans."""
     approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE])
     for body in bodies:
         for i in range(cut):
@@ -176,7 +176,7 @@ def _reaching(swept: Floats, cut: int, bodies: Whole, rates: Floats, table: Floa
 
 @lent
 def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, spans: Whole) -> int:
-    """How many of these pairs are not far apart everywhere: they stand in `near`, on which spans, as bits, in `spans`.
+    """Counts the pairs that are near anywhere, writes them to `near`, and their spans, as bits, to `spans`.
 
     A pair that is far apart counts no more than any motion there, and hides no violation.
     """
@@ -199,7 +199,7 @@ def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, spa
 def first_rows(
     tree: Tree, way: StraightPath, table: Floats, field: Field, pairs: Whole, law: Floats, rows: SearchRows
 ) -> None:
-    """The rows of the first cut, but for those far apart, each known by its balls; there is room for all."""
+    """Rows of the first cut but those far apart, each known by its balls; `rows` has room for all."""
     count, numbers, whole, balls = pairs.shape[0], field.numbers, field.whole, field.balls
     spans, rates, nodes = tree.spans, tree.rates, tree.nodes
     moved, cut = np.zeros(table.shape[0], np.bool_), tree.counts[SPANS]

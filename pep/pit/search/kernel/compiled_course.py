@@ -1,4 +1,4 @@
-"""The compiled engine for curved motions as the rest of the room calls it: a trace, a course, the searches on it."""
+"""Compiled engine for curved motions as the rest of the room calls it: trace, course, searches."""
 
 from __future__ import annotations
 
@@ -98,7 +98,7 @@ def trace(
 
 
 def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
-    """Whether some joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
+    """True where some joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
     poses = [twist.at(float(s)) for s in np.linspace(since / GRID, 1, ASKED_POSES)]
     positions, rotations = np.array([p for p, _ in poses]), np.array([r for _, r in poses])
     return bool(reachable(_tool_of(robot).wrist, positions, rotations, search_starts()))
@@ -129,7 +129,7 @@ class CompiledCourse(Course):
         return self._packed[1]
 
     def _keep(self, held: course_poses.CurveConfigurations) -> None:
-        """The configurations known by now.
+        """Keeps the configurations known by now.
 
         Raises:
             MotionError: `PHYSICS_FAULT`, a proven line was not found again.
@@ -247,7 +247,7 @@ def _witnesses(found: course_search.CurveMet) -> list[Witness]:
 
 
 def compile_all() -> None:
-    """Every entry for curved motions is compiled, or read from where it was kept."""
+    """Compiles every entry for curved motions, or reads it from disk."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     start = np.array((0.0, -1.5, 1.5, -1.5, -1.5, 0.0))
     position, rotation = tool_pose(robot, start)
@@ -270,4 +270,4 @@ def compile_all() -> None:
 
 
 def _no_limit() -> None:
-    """The time is not counted."""
+    """Ends at no time: the time is not counted."""

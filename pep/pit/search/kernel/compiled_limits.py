@@ -1,4 +1,4 @@
-"""The compiled engine's answer to what a straight joint move asks of the arm."""
+"""Compiled engine's answer to the demands of a straight joint move on the arm."""
 
 from __future__ import annotations
 
@@ -49,10 +49,10 @@ def _edges(count: int) -> NDArray[np.int64]:
 
 
 class Demands:
-    """What a move demands: the parts that do not depend on its timing, computed once, then ratios for any profile."""
+    """Demands of a move: parts without its timing, computed once, and ratios for any profile."""
 
     def __init__(self, path: Path, cell: CellParameters) -> None:
-        """Torque and speed terms at the path's nodes."""
+        """Computes torque and speed terms at the path's nodes."""
         robot, asked = path.robot, np.concatenate([path.start, path.delta])
         arm, edges = blocks(robot), _edges(FINER * cuts(path))
         found = laid_out(*arm, masses_with(robot, carried_kg(robot, cell)), asked, edges)
@@ -75,7 +75,7 @@ class Demands:
         return tuple(map(Ratio, QUANTITIES, self._found(profile)[1].tolist()))
 
     def at_most(self, profile: Profile, index: float) -> bool:
-        """Whether no ratio has a higher index."""
+        """True where no ratio has a higher index."""
         return all(ratio.index <= index for ratio in self.ratios(profile))
 
     def fastest(self, move: Run, index: float, *, slowest: float, check_time: Callable[[], None]) -> float | None:
@@ -110,7 +110,7 @@ def _timing(profile: Profile) -> Floats:
 
 
 def compile_all() -> None:
-    """Every entry is compiled, or read from where it was kept."""
+    """Compiles every entry, or reads it from disk."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     start = (0.0, -1.5, 1.5, -1.5, -1.5, 0.0)
     run = Run(start, (0.4, *start[1:]), 0.5, 1.4, 1.4)
@@ -124,4 +124,4 @@ def compile_all() -> None:
 
 
 def _no_limit() -> None:
-    """The time is not counted."""
+    """Ends at no time: the time is not counted."""

@@ -1,4 +1,4 @@
-"""The compiled engine as the rest of the room calls it: a path, and the searches on it."""
+"""Compiled engine as the rest of the room calls it: a path, and the searches on it."""
 
 from __future__ import annotations
 
@@ -86,7 +86,7 @@ def blocks(robot: Robot) -> tuple[Floats, NDArray[np.int64]]:
 
 
 class _Rooms(threading.local):
-    """What searches of one thread work in."""
+    """Memory for the searches of one thread."""
 
     def __init__(self) -> None:
         self._by_bodies: dict[int, tuple[int, Room]] = {}
@@ -111,7 +111,7 @@ class _Packs(threading.local):
         self._last: deque[tuple[Pairs, Field, int]] = deque(maxlen=PACKS_KEPT)
 
     def of(self, pairs: Pairs) -> tuple[Field, int]:
-        """The pairs as the kernel's arrays, and how many groups of them there are."""
+        """Pairs as the kernel's arrays, and the number of their groups."""
         for known, field, groups in self._last:
             if known is pairs:
                 return field, groups
@@ -127,7 +127,7 @@ class CompiledPath(Path):
     """A path whose questions the kernel answers."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
-        """A path that holds no configuration yet."""
+        """Makes a path that holds no configuration yet."""
         super().__init__(robot, move)
         self._arm = arm_of(robot)
 
@@ -225,7 +225,7 @@ class CompiledPath(Path):
         index: float,
         check_time: Callable[[], None],
     ) -> Fit:
-        """Whether it is proven that no row exceeds `index` at this profile.
+        """True, in the result, where no row is proven to exceed `index` at this profile.
 
         "Not proven" may also mean that `LOWER_DEPTH` halvings did not suffice to prove it: the caller then names a
         slower speed, never a faster.
@@ -250,7 +250,7 @@ class CompiledPath(Path):
         *,
         check_time: Callable[[], None],
     ) -> float:
-        """Proven: no body region that the arm could meet is met at more than this share of its limit speed (PHY-4)."""
+        """Proven share of its limit speed that no body region the arm could meet exceeds (PHY-4)."""
         check_time()
         people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
         if not people.size:
@@ -270,7 +270,7 @@ class CompiledPath(Path):
 
 
 def compile_all() -> None:
-    """Every entry into the kernel is compiled, or read from where it was kept: 100 s of one core the first time."""
+    """Compiles every entry into the kernel, or reads it from disk: 100 s of one core the first time."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     move = MoveJ((0.0, -1.5, 1.5, -1.5, -1.5, 0.0), (0.4, -1.5, 1.5, -1.5, -1.5, 0.0), 0.5, 1.4)
     profile = profile_of(move)
@@ -291,11 +291,11 @@ def compile_all() -> None:
 
 
 def _no_limit() -> None:
-    """The time is not counted."""
+    """Ends at no time: the time is not counted."""
 
 
 def field_of(pairs: Pairs) -> Field:
-    """As `packed`; of pairs that this thread asked about lately the same arrays."""
+    """Pairs as of `packed`; for pairs of this thread's last questions the same arrays."""
     return _PACKS.of(pairs)[0]
 
 
@@ -322,7 +322,7 @@ def packed(pairs: Pairs) -> Field:
 
 
 def _with_polytopes(numbers: Floats, solids: Solids) -> Floats:
-    """The numbers of all pairs, and behind them the rows of each polytope, of which its pairs know where they are."""
+    """Numbers of all pairs, followed by the rows of each polytope, whose places its pairs hold."""
     if not solids.hulls:
         return numbers
     parts, first = [numbers.copy()], len(numbers)
@@ -348,7 +348,7 @@ def timing_of(profile: Profile) -> tuple[float, ...]:
 
 
 def law_of(pairs: Pairs, stop: Stopping) -> tuple[float, ...]:
-    """How the motion ends and the bands of all pairs in the columns of the kernel."""
+    """Law of the motion's end and the bands of all pairs, in the columns of the kernel."""
     return (
         stop.reaction_s,
         stop.brake_s,

@@ -1,6 +1,8 @@
-"""What a span proves of a pair's index when clearance and speed are taken at the same place: of the second order.
+"""Index of a pair on a span with clearance and speed taken at the same place.
 
-Each at its own worst place of the span, which `search` asks first, they are off by what they change on it.
+It is exact to the second order.
+
+`search` asks first for each at its own worst place of the span, which is off by their change over it.
 """
 
 from __future__ import annotations
@@ -46,7 +48,7 @@ def in_step_index(
     profile: Floats,
     law: Floats,
 ) -> float:
-    """An index that the pair nowhere exceeds on the span [low, high], its clearance and speed taken place by place.
+    """Index that the pair nowhere exceeds on the span [low, high], with clearance and speed place by place.
 
     On each half clearance and speed are no worse than somewhere on the line from what is returned of one node to what
     is of the other: distances along one direction and node speeds have chords, the rate has a tangent, and where speed
@@ -80,9 +82,9 @@ def in_step_index(
 
 @lent
 def lowered(bound: float, in_step: float, best: float) -> float:
-    """The lower of two bounds; of one that settles its row as much as that may leave open.
+    """Lower of two bounds, but not below the roof under which a row counts as settled.
 
-    So whoever asks about a part of the way with the plainer bound alone is left as much room.
+    So a question about a part of the way with the plainer bound alone has as much room.
     """
     roof = max(best, min(best + RESOLUTION, math.ceil(best - TIE)))
     return min(bound, max(in_step, roof))

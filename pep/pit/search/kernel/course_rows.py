@@ -1,4 +1,4 @@
-"""Rows of (interval, pair) on a course: what is proven there, what is met, and the halving of what is not settled."""
+"""Rows of (interval, pair) on a course: proven bounds, attained values, and halving of open rows."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ if TYPE_CHECKING:
 
 @compiled
 def met_near(gap: float, shape: int, stray: float) -> float:
-    """What the arm may meet beside the course counts as met: the gap would not close however short the interval."""
+    """Clearance that the arm may meet beside the course, which counts as met at every width."""
     near = gap - stray
     return near if shape == PLANE else max(near, 0.0)
 
@@ -79,7 +79,7 @@ def proven_rush(
 
 @compiled
 def _intervals(asked: Whole) -> int:
-    """How many intervals these rows have at most."""
+    """Number of intervals that these rows have at most."""
     count = 0
     for row in range(asked.shape[0]):
         if row == 0 or asked[row, LOW] != asked[row - 1, LOW] or asked[row, HIGH] != asked[row - 1, HIGH]:
@@ -123,7 +123,7 @@ def examined(known: CurveConfigurations, curve: Curve, field: Field, asked: Whol
 def fits(
     known: CurveConfigurations, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
 ) -> tuple[CurveConfigurations, bool, Rows]:
-    """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
+    """True where no row is proven to exceed `index` (see `CompiledPath.fits`), and the rows as far as halved."""
     kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
         count = leaves.whole.shape[0]
@@ -132,7 +132,7 @@ def fits(
             leaves.whole, leaves.numbers, kept.whole, kept.numbers, used, kinds, laws, profile, law, index, over
         )
         if over_used == 0 or hopeless or depth == LOWER_DEPTH:
-            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, whatever was told of it
+            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, proven or not
         known, leaves = examined(known, curve, field, halves(leaves.whole, over, over_used))
     return known, False, kept
 

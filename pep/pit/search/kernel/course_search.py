@@ -54,7 +54,7 @@ SPARE: Final = 256  # leaves beyond the first cut for which there is room at fir
 
 
 class CurveMet(NamedTuple):
-    """Places that were met, one per group of pairs or per kind; `pair` is -1 where none was.
+    """Places that were met, one per group of pairs or per kind; `pair` is -1 for none.
 
     Attributes:
         impact: the index there; clearance, speed: of the place; key: its path parameter in 1 / GRID; pair: which pair.
@@ -68,7 +68,7 @@ class CurveMet(NamedTuple):
 
 
 class CurveOutcome(NamedTuple):
-    """The outcome: `ANSWERED` or `TOO_MANY`, the proven and the attained index, witnesses, violations, leaves."""
+    """Outcome: `ANSWERED` or `TOO_MANY`, the proven and the attained index, witnesses, violations, leaves."""
 
     status: int
     upper: float
@@ -95,7 +95,7 @@ class Level(NamedTuple):
 
 
 class Sought(NamedTuple):
-    """What is asked: the pairs' numbers, timing and law, and room."""
+    """Question of a search: the pairs' numbers, timing and law, and room."""
 
     numbers: Floats
     whole: Whole
@@ -113,7 +113,7 @@ def _none_found(count: int) -> CurveMet:
 
 @compiled
 def _note(found: CurveMet, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
-    """The place stands there when it is higher than what stands, or as high and nearer."""
+    """Notes the place when it is higher than the noted one, or as high and nearer."""
     if found.pair[at] >= 0:
         known = found.impact[at]
         if index < known or (index == known and clearance >= found.clearance[at]):
@@ -148,7 +148,10 @@ def _at_rest(known: CurveConfigurations, curve: Curve, pairs: Whole, sought: Sou
 def _first_level(
     known: CurveConfigurations, curve: Curve, pairs: Whole, first: int, sought: Sought, leaves: Rows
 ) -> tuple[Level, int]:
-    """The first cut without the pairs that are far apart, which are leaves. The tight loop: plain numbers, no views."""
+    """First cut without the pairs that are far apart, which are leaves.
+
+    The tight loop: plain numbers, no views.
+    """
     count, step, arm = pairs.shape[0], GRID // first, curve.arm
     numbers, whole, law = sought.numbers, sought.whole, sought.law
     bodies = arm.link.shape[0]
@@ -197,7 +200,7 @@ def _first_level(
 
 @compiled
 def _probe(known: CurveConfigurations, curve: Curve, level: Level, sought: Sought, witnesses: CurveMet) -> float:
-    """The highest index that is met where, on each interval, something of each obstacle comes nearest by its balls.
+    """Highest index that is met at the nearest body to each obstacle, by balls, on each interval.
 
     So every obstacle has a witness, and there is a good guess of the answer before anything is proven.
     """
@@ -244,9 +247,9 @@ def _middles(
     leaves: Rows,
     done: int,
 ) -> tuple[float, int]:
-    """What the middles attain. A row that its balls prove to be no higher than `best` is a leaf at once.
+    """Attained values of the middles.
 
-    The others' gaps stand in the level.
+    A row that its balls prove to be no higher than `best` is a leaf at once. The gaps of the others stand in the level.
     """
     numbers, whole, law, arm = sought.numbers, sought.whole, sought.law, curve.arm
     leaf_whole, leaf_numbers, pairs, gaps, settled = (
@@ -312,7 +315,7 @@ def _proofs(
     done: int,
     last: bool,
 ) -> tuple[Whole, Whole, float, int]:
-    """What is proven of the rows that were seen: leaves, their highest index, and the rows to be looked at closer.
+    """Proven bounds of the rows: leaves, their highest index, and the rows that stay open.
 
     Returns:
         The pairs that stay open, their stretch per interval, the highest index proven here, how many leaves there are.

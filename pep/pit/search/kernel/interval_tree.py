@@ -1,4 +1,4 @@
-"""The intervals of one path as a tree: each is halved once, whoever asks, and each configuration is computed once."""
+"""Intervals of one path as a tree: each is halved once for all callers, each configuration computed once."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Tree(NamedTuple):
 
 @lent
 def plant(tree: Tree, way: StraightPath, profile: Floats) -> None:
-    """The tree is the first cut, in equal spans; the arm stands in their middles."""
+    """Makes the tree the first cut, in equal spans, with the arm in their middles."""
     tree.counts[NODES] = 0
     step, spans, rates = GRID // FIRST, tree.spans, tree.rates
     for k in range(FIRST + 1):
@@ -85,7 +85,7 @@ def plant(tree: Tree, way: StraightPath, profile: Floats) -> None:
 
 @lent
 def _node_at(tree: Tree, key: int) -> int:
-    """Where the configuration at `key`, a new one, will stand; there is room for it."""
+    """Place of the new configuration at `key`; there is room for it."""
     used = tree.counts[NODES]
     tree.key[used], tree.posed[used] = key, False
     tree.counts[NODES] = used + 1
@@ -94,7 +94,7 @@ def _node_at(tree: Tree, key: int) -> int:
 
 @lent
 def stand(tree: Tree, way: StraightPath, node: int) -> None:
-    """The links stand there; no body is placed yet."""
+    """Places the links there, and no body yet."""
     s = tree.key[node] / GRID
     for joint in range(tree.q.shape[0]):
         tree.q[joint] = way.start[joint] + s * way.delta[joint]
@@ -104,7 +104,7 @@ def stand(tree: Tree, way: StraightPath, node: int) -> None:
 
 @lent
 def rate(spans: Whole, rates: Floats, span: int, profile: Floats) -> None:
-    """The span's rates are this profile's."""
+    """Sets the span's rates to this profile's."""
     low, high = spans[span, LOW], spans[span, HIGH]
     rates[span, HIGHEST_RATE] = highest_rate(low / GRID, high / GRID, profile)
     rates[span, MIDDLE_RATE] = rate_at((low + high) // 2 / GRID, profile)
@@ -128,7 +128,7 @@ def with_room(tree: Tree) -> Tree:
 
 @lent
 def is_full(tree: Tree) -> bool:
-    """Whether there is no room for another span's halves."""
+    """True where there is no room for another span's halves."""
     return tree.counts[NODES] + 2 > tree.nodes.speed.shape[0] or tree.counts[SPANS] + 2 > tree.spans.shape[0]
 
 

@@ -60,7 +60,7 @@ def _sum(share: Floats, speeds: Floats) -> float:
 
 @lent
 def _slack(shares: Floats, most: Floats, met: Floats, slack: Floats) -> None:
-    """By how much each body's bound may exceed what is met (PHY-7)."""
+    """Slack of each body's bound over the attained value (PHY-7)."""
     slack[:] = math.inf
     for quantity in range(SHARES):
         share = shares[quantity]
@@ -84,7 +84,7 @@ def _raise(most: Floats, rush: Floats, rate: float) -> None:
 
 @lent
 def _calm(shares: Floats, most: Floats) -> bool:
-    """Whether no quantity comes near its limit."""
+    """True where no quantity comes near its limit."""
     calm = True
     for quantity in range(SHARES):
         calm = calm and not _sum(shares[quantity], most) > CALM_RATIO
@@ -201,7 +201,7 @@ def _ratios(
 
 @lent
 def _at_most(ratios: Floats, index: float) -> bool:
-    """Whether no ratio's index is above this."""
+    """True where no ratio's index is above this."""
     falls = True
     for quantity in range(ratios.shape[0]):
         falls = falls and ratio_index(ratios[quantity]) <= index
@@ -212,7 +212,7 @@ def _at_most(ratios: Floats, index: float) -> bool:
 def laid_out(
     arm_numbers: Floats, arm_whole: Whole, masses: Masses, asked: Floats, edges: Whole
 ) -> tuple[Floats, Floats]:
-    """What does not depend on the timing.
+    """Part of the demands that does not depend on the timing.
 
     Args:
         arm_numbers, arm_whole: the arm (`arm.blocks_of`).
@@ -260,7 +260,7 @@ def under(
     slowest: float,
     index: float,
 ) -> tuple[Floats, Floats, float]:
-    """What one timing asks of the arm, and at what slower speed it asks for no more than this index.
+    """Demands of one timing on the arm, and a slower speed whose demands stay at this index.
 
     Args:
         arm_numbers, arm_whole, asked: as `laid_out` has them.

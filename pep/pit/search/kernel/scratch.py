@@ -1,7 +1,7 @@
-"""What a search works in: kept from one to the next, since fresh memory costs more than the search.
+"""Memory of a search, kept from one to the next, since fresh memory costs more than the search.
 
-It is three blocks, whatever lies in them: of each array that is handed over, Python counts references and numba reads
-the shape, and that costs as much as ten rows.
+It is three blocks, for all contents: for each array that is handed over, Python counts references and numba reads the
+shape, and that costs as much as ten rows.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a search knows: rows of a pair on a span, places that were met, and what holds of a body on the whole path."""
+"""Columns of a search: rows of a pair on a span, met places, and bounds of each body."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ LEVEL_LOWEST: Final = 12  # spans of 1 / 4096 of the path: enough for 1 % of the
 
 
 class SearchRows(NamedTuple):
-    """Rows, of which the first `used[0]` are in use; those in doubt about a violation, of which `used[1]` are."""
+    """Rows, of which the first `used[0]` are in use, and rows with a possible violation, of which `used[1]` are."""
 
     whole: Whole
     numbers: Floats
@@ -110,7 +110,7 @@ def with_room(rows: SearchRows, room: int) -> SearchRows:
 
 
 class Met(NamedTuple):
-    """Places that were met, by group and by kind; per group the rows to look at."""
+    """Places that were met, by group and by kind, and the rows to look at per group."""
 
     witnesses: Floats
     violated: Floats
@@ -127,7 +127,7 @@ def none_met(count: int) -> Floats:
 
 @lent
 def note(met: Floats, at: int, index: float, clearance: float, speed: float, key: int, pair: int) -> None:
-    """The place stands there when it is higher than what stands, or as high and nearer."""
+    """Notes the place when it is higher than the noted one, or as high and nearer."""
     if met[at, MET_PAIR] != NOBODY:
         known = met[at, MET_INDEX]
         if index < known or (index == known and clearance >= met[at, MET_CLEARANCE]):
@@ -138,13 +138,13 @@ def note(met: Floats, at: int, index: float, clearance: float, speed: float, key
 
 @lent
 def settled(bound: float, best: float) -> bool:
-    """Whether a bound cannot raise the answer by more than the resolution, nor its tier."""
+    """True where a bound cannot raise the answer by more than the resolution, nor its tier."""
     return bound <= best or (bound <= best + RESOLUTION and math.ceil(bound - TIE) <= math.ceil(best - TIE))
 
 
 @compiled
 def table_of(arm: Arm, bends: Bends) -> Floats:
-    """What holds of each body on the whole path, side by side: shape (bodies, TABLE)."""
+    """Bounds of each body on the whole path, side by side: shape (bodies, TABLE)."""
     table, radius, half = np.empty((arm.link.shape[0], TABLE)), arm.radius, arm.half
     first, second, third = bends.first, bends.second, bends.third
     spin, spin_first, spin_second = bends.spin, bends.spin_first, bends.spin_second
@@ -158,13 +158,13 @@ def table_of(arm: Arm, bends: Bends) -> Floats:
 
 @lent
 def rough(speed: float, swerve: float, spin: float, table: Floats, body: int, width: float) -> tuple[float, float]:
-    """What a span of that width proves by its middle alone, where the body has this speed, swerve and spin.
+    """Bounds of a span of that width from its middle alone, where the body has this speed, swerve and spin.
 
-    The second derivative is no more than its bound on the whole path, nor than that in the middle and what the third
-    adds to it (Taylor).
+    The second derivative is no more than its bound on the whole path, nor than its value in the middle and the third's
+    part (Taylor).
 
     Returns:
-        How far any part of the body's axis is at most from where it is in the middle, metre. The sag is added, so that
+        Distance of any part of the body's axis from its place in the middle, at most, metre. The sag is added, so that
         no clearance found from this is above what `interval_gap` proves.
         Its surface speed per unit of ds/dt at most, metre; no less than what all three nodes prove.
     """
@@ -179,7 +179,7 @@ def rough(speed: float, swerve: float, spin: float, table: Floats, body: int, wi
 
 @compiled
 def ranked(met: Floats) -> Floats:
-    """The places that were met, highest first; among equals the nearest, then the earliest."""
+    """Places that were met, highest first; among equals the nearest, then the earliest."""
     some = np.flatnonzero(met[:, MET_PAIR] != NOBODY)
     for last in range(1, some.shape[0]):  # few, and nearly in order
         one, at = some[last], last

@@ -1,4 +1,4 @@
-"""What `kernel.steps` wants to know of a robot, its cell and a view, as arrays."""
+"""Robot, cell and view as arrays for `kernel.steps`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ def _joints(robot: Robot) -> Floats:
 
 
 def ready_of(robot: Robot, pairs: Pairs, cell: CellParameters, *, sighted_s: float) -> Ready:
-    """Robot, cell and view as the kernel wants them.
+    """Robot, cell and view in the kernel's form.
 
     Args:
         robot: the arm with its tool and what that holds.

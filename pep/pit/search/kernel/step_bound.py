@@ -1,10 +1,10 @@
-"""One step of a stream at one look: all that it lets follow, as one interval with three configurations.
+"""Bound of one step of a stream at one look: all that it allows, as one interval.
 
-On the whole of an envelope each body's clearance and speed have the bounds of any interval
-(`pep.pit.geometry.clearance`, `pep.pit.path.course`); with the fastest that the joints may go they bound each pair's
-index.
+The interval has three configurations. On the whole of an envelope each body's clearance and speed have the bounds of
+any interval (`pep.pit.geometry.clearance`, `pep.pit.path.course`); with the fastest that the joints may go they bound
+each pair's index.
 
-Whatever is no number, out of its range, or not proven is left open: then somebody else has to say what it is.
+A value that is no number, out of its range, or not proven leaves the step open: then another judgement is needed.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ ROUNDING: Final = 1.0 + 1e-12  # of ratios and speeds: far above what sums of a 
 
 
 class Settled(NamedTuple):
-    """What was proven of a step.
+    """Bounds proven for a step.
 
     Attributes:
         proven: whether anything was; otherwise no other number says anything.
@@ -97,7 +97,7 @@ class Settled(NamedTuple):
 
 
 class Swept(NamedTuple):
-    """The bodies on the whole of an envelope.
+    """Bodies on the whole of an envelope.
 
     Attributes:
         ends: (NODES, bodies, 2, 3): at its nodes, m.
@@ -125,7 +125,7 @@ def _open() -> Settled:
 
 @compiled
 def _arm_asks(ready: Ready, way: Envelope) -> tuple[bool, float, float]:
-    """Whether all joints stay in their range; the fastest joint's speed, rad/s; the worst ratio of one joint alone."""
+    """(all joints stay in range, speed of the fastest, worst ratio of one joint); the speed is in rad/s."""
     joints, hardest = ready.joints, ready.rules[HARDEST]
     q, delta, stray, rate = way.q, way.delta, way.stray, way.rate
     leading = ratio = 0.0
@@ -142,7 +142,7 @@ def _arm_asks(ready: Ready, way: Envelope) -> tuple[bool, float, float]:
 
 @compiled
 def _bends(ready: Ready, way: Envelope) -> Floats:
-    """How strongly each body can leave a chord of the envelope, or the envelope: (BENDS, bodies)."""
+    """Bends of each body off a chord of the envelope, or off the envelope, at most: (BENDS, bodies)."""
     held = np.zeros((1, bending.HELD, JOINTS))
     for k in range(JOINTS):
         held[0, bending.ONE, k] = abs(way.delta[k])
@@ -152,7 +152,7 @@ def _bends(ready: Ready, way: Envelope) -> Floats:
 
 @compiled
 def _swept(ready: Ready, way: Envelope, bends: Floats) -> Swept:
-    """Where the bodies are at the nodes, and what holds of them in between."""
+    """Bodies at the nodes, with their bounds in between."""
     arm, q, delta, rate = ready.arm, way.q, way.delta, way.rate
     bodies = arm.link.shape[0]
     nodes, there = no_nodes(NODES, bodies), np.empty(JOINTS)
@@ -181,7 +181,7 @@ def _swept(ready: Ready, way: Envelope, bends: Floats) -> Swept:
 
 @compiled
 def _law(ready: Ready, reaction: float, leading: float) -> Floats:
-    """How the step ends, as the laws of pairs want it."""
+    """Law of the step's end, as the laws of pairs need it."""
     rules, law = ready.rules, np.empty(CONTACT_SPEED + 1)
     braking = leading / rules[DECELERATION]
     law[REACTION], law[BRAKE], law[TRAVEL] = reaction, rules[DELAY] + braking, rules[DELAY] + 0.5 * braking
@@ -194,7 +194,7 @@ def _law(ready: Ready, reaction: float, leading: float) -> Floats:
 def _pairs(
     ready: Ready, swept: Swept, law: Floats, grown: float, index: float, limit: float
 ) -> tuple[bool, float, float]:
-    """Whether no pair is above `limit` or violated; the highest index of any, or `index`; and of a contact."""
+    """(no pair is above `limit` or violated, highest index of any pair, or `index`, and that of a contact)."""
     numbers, whole, touchable = ready.field.numbers, ready.field.whole, ready.touchable
     ends, centers, speeds, strays, sags = swept.ends, swept.centers, swept.speeds, swept.strays, swept.sags
     depth, gentle, warned = ready.rules[DEPTH], law[CONTACT_SPEED], law[WARN_BAND]
@@ -238,7 +238,7 @@ def _pairs(
 
 @entry
 def settle(ready: Ready, form: int, step: Floats, age: float, limit: float) -> Settled:
-    """Whether a step is proven to stay at or below an index, and to violate nothing.
+    """Bounds of a step that is proven to stay at or below an index, and to violate nothing.
 
     Args:
         ready: robot, cell and view.
@@ -278,7 +278,7 @@ def settle(ready: Ready, form: int, step: Floats, age: float, limit: float) -> S
     # 4. Every pair.
     grown = rules[WALKING] * age if stale else 0.0
     proven, index, contact = _pairs(ready, swept, _law(ready, reaction, leading), grown, index, limit)
-    # 5. As much above as a search leaves open inside one tier: whoever asks in full is told no more.
+    # 5. As much above as a search leaves open inside one tier: the whole question would tell no more.
     if index > MOVING:
         index = max(index, min(index + RESOLUTION, math.ceil(index - TIE)))
     # The highest is for what breaks a limit or is none: the whole question says which.

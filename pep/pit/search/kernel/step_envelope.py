@@ -1,7 +1,7 @@
-"""The steps of a stream as the kernel has them: numbers of robot, cell and view, and the envelope of one step.
+"""Steps of a stream in the kernel: numbers of robot, cell and view, and the envelope of one step.
 
-An envelope is a straight way of the joints with what may stray from it: everywhere that a step may take the arm until a
-stop after it has ended, and how fast.
+An envelope is a straight way of the joints with an allowed stray: everywhere that a step may take the arm until a stop
+after it has ended, and how fast.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ LOWEST, FURTHEST, FASTEST, STRONGEST, TURNING = range(5)
 
 
 class Ready(NamedTuple):
-    """All that is the same for every step in one view.
+    """Part of the question that is the same for every step in one view.
 
     Attributes:
         arm, bodies, masses: the robot, all its bodies by number, and what is carried with it.
@@ -62,7 +62,7 @@ class Ready(NamedTuple):
 
 
 class Envelope(NamedTuple):
-    """All that a step lets follow.
+    """All motion that a step allows.
 
     Attributes:
         q, delta: (6,): its straight way.
@@ -80,7 +80,7 @@ class Envelope(NamedTuple):
 
 @compiled
 def servo_envelope(ready: Ready, step: Floats, reaction: float) -> tuple[bool, Envelope]:
-    """Envelope of a servo target (law: `pep.pit.search.stream_course.servo_drive`), and whether an arm can follow."""
+    """Envelope of a servo target (law: `pep.pit.search.stream_course.servo_drive`); true where an arm can follow it."""
     rules, joints = ready.rules, ready.joints
     period, lookahead = step[TIMES, 0], max(step[TIMES, 1], LOOKAHEAD_LEAST_S)
     q, delta, stray = np.empty(JOINTS), np.empty(JOINTS), np.empty(JOINTS)
@@ -103,7 +103,10 @@ def servo_envelope(ready: Ready, step: Floats, reaction: float) -> tuple[bool, E
 
 @compiled
 def speed_envelope(ready: Ready, step: Floats) -> tuple[bool, Envelope]:
-    """Envelope of joint speeds under way (`pep.pit.search.speed_envelope.stream_envelope`), and whether they can be."""
+    """Envelope of joint speeds under way; true where they are possible.
+
+    Law: `pep.pit.search.speed_envelope.stream_envelope`.
+    """
     rules = ready.rules
     acceleration, duration = step[TIMES, 0], step[TIMES, 1]
     q, delta, stray = np.empty(JOINTS), np.empty(JOINTS), np.zeros(JOINTS)

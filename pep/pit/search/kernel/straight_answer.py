@@ -1,4 +1,4 @@
-"""What the kernel proved, in its own arrays; what only some ask for is made of them when somebody does."""
+"""Answer of the kernel in its own arrays, with derived members made at their first use."""
 
 from __future__ import annotations
 
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 
 class StraightFindings(NamedTuple):
-    """What `kernel.straight.certify` found, and what it was asked about.
+    """Findings of `kernel.straight.certify`, with their question.
 
     Attributes:
         pairs, rows: all pairs, and those in question.
-        told, broken: how many witnesses and violations there are.
+        told, broken: numbers of witnesses and violations.
         found: those, in `MET` columns, then leaves, in `LEAF` columns.
     """
 
@@ -39,10 +39,13 @@ class StraightFindings(NamedTuple):
 
 
 class StraightCertified(Certified):
-    """As `Certified`; only what was looked at row by row is a leaf, the rest of the proof is known to be far apart."""
+    """Answer as of `Certified`, with leaves for rows that were looked at one by one only.
+
+    The rest of the proof is known to be far apart.
+    """
 
     def __init__(self, found: StraightFindings, *, upper: float, attained: float, slower: float | None) -> None:
-        """Nothing is made of the arrays yet."""
+        """Keeps the arrays; nothing is made of them yet."""
         vars(self).update(_found=found, upper=upper, attained=attained, slower=slower)
 
     _found: StraightFindings

@@ -1,4 +1,4 @@
-"""The proven index of a straight joint path, and the speed at which it would be a tier lower: what Python calls."""
+"""Entries for Python: the proven index of a straight joint path, and the speed for a lower tier."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def _slower(
     met: Met,
     target: float,
 ) -> float:
-    """The highest speed, to a step of the bisection, whose index is proven to be at most `target`; else -1.
+    """Highest speed, to a step of the bisection, whose index is proven to be at most `target`; else -1.
 
     What counts no more at the commanded speed counts no more at a lower one: only the other rows are asked again. The
     rows and what was met are spent.

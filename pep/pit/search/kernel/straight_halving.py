@@ -1,4 +1,4 @@
-"""Rows that are halved until something is proven of them: lower speeds, blows, and the path's own questions.
+"""Halving of rows until they are proven: lower speeds, blows, and the path's own questions.
 
 Here intervals come in any order, so configurations are found by their key, in a small table with open addresses.
 """
@@ -55,7 +55,7 @@ FREE: Final = -1
 
 
 class StraightConfigurations(NamedTuple):
-    """The configurations that were computed: their nodes, and by key which row. At most half of the places are used."""
+    """Configurations computed so far: their nodes, and the row of each key. At most half of the places are used."""
 
     nodes: Nodes
     key: Whole
@@ -73,7 +73,7 @@ def nothing_known(bodies: int) -> StraightConfigurations:
 
 @lent
 def _place_of(table: Whole, key: int) -> int:
-    """Where the key stands or would stand."""
+    """Place of the key in the table, taken or free."""
     at = ((key >> 2) * SPREAD >> 8) & (table.shape[0] - 1)
     while table[at] != FREE and table[at] != key:
         at = (at + 1) & (table.shape[0] - 1)
@@ -129,7 +129,7 @@ def fits(
     law: Floats,
     index: float,
 ) -> tuple[StraightConfigurations, bool, Rows]:
-    """Whether it is proven that no row exceeds `index` (see `CompiledPath.fits`), and the rows as far as halved."""
+    """True where no row is proven to exceed `index` (see `CompiledPath.fits`), and the rows as far as halved."""
     kept, used, laws, kinds = room_for(2 * leaves.whole.shape[0]), 0, field.numbers, field.whole
     for depth in range(LOWER_DEPTH + 1):
         count = leaves.whole.shape[0]
@@ -138,7 +138,7 @@ def fits(
             leaves.whole, leaves.numbers, kept.whole, kept.numbers, used, kinds, laws, profile, law, index, over
         )
         if over_used == 0 or hopeless or depth == LOWER_DEPTH:
-            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, whatever was told of it
+            return known, over_used == 0, with_all(kept, begun, leaves)  # all of this level, proven or not
         known, leaves = examined(known, way, field, halves(leaves.whole, over, over_used))
     return known, False, kept
 

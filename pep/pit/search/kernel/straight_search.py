@@ -1,4 +1,4 @@
-"""Branch and bound on the index of a whole path, the most doubtful row first: what `pep.pit.search.certify` tells of.
+"""Branch and bound on the index of a whole path, the most doubtful row first (see `pep.pit.search.certify`).
 
 A row is a pair on a span of the path. At first all that is known of it is how far apart the balls around both cores
 are; most rows are settled by that. What may still raise the answer is looked at closer, the highest bound first: the
@@ -134,16 +134,10 @@ def explored(
     deepest: int,
     looks: int,
 ) -> tuple[bool, float]:
-    """Whether all rows are settled, or more room is needed; and the highest index that was met.
+    """(all rows are settled, highest attained index); where the first is false, more room is needed.
 
-    One function, however long: whatever is called with arrays counts a reference to each, and these calls would cost
-    more than all the rest.
-
-    Args:
-        best: a known index, above which the answer is sought.
-        ceiling: once a higher one is met, nothing more is looked for.
-        deepest: the level of spans that are not halved.
-        looks: how often each group that does not decide the answer is looked at where it would raise it most.
+    One function, however long: a call with arrays counts a reference to each, and these calls would cost more than all
+    the rest.
     """
     whole, numbers, doubts, used = rows.whole, rows.numbers, rows.doubts, rows.used
     keys, key_rows, key_count = heap.key, heap.row, heap.used
@@ -293,7 +287,7 @@ def explored(
 
 @lent
 def _hides(row: int, whole: Whole, numbers: Floats, laws: Floats, kinds: Whole, violated: Floats) -> bool:
-    """Whether the row may hide a violation of a kind that was not met yet."""
+    """True where the row may hide a violation of a kind that was not met yet."""
     pair = whole[row, PAIR]
     short = VIOLATION_RESOLUTION_M if whole[row, STAGE] >= NODES else 0.0
     if numbers[row, CLEAR] >= laws[pair, VIOLATED_BELOW] - short:
@@ -303,7 +297,7 @@ def _hides(row: int, whole: Whole, numbers: Floats, laws: Floats, kinds: Whole, 
 
 @lent
 def _tops(whole: Whole, numbers: Floats, kinds: Whole, top: Whole, count: int, looks: int) -> None:
-    """Per group the rows that may raise it most, of those of which no distance is known; -1 where there are no more."""
+    """Rows without a known distance that may raise each group most; -1 where there are no more."""
     top[:] = -1
     for row in range(count):
         bound = numbers[row, BOUND]
@@ -349,7 +343,7 @@ def _at_rest(tree: Tree, way: StraightPath, field: Field, rows: SearchRows, viol
 
 @lent
 def leaf_count(rows: SearchRows) -> int:
-    """How many rows were not halved."""
+    """Number of rows that were not halved."""
     whole, count = rows.whole, 0
     for row in range(rows.used[0]):
         count += whole[row, STAGE] != HALVED
@@ -358,7 +352,7 @@ def leaf_count(rows: SearchRows) -> int:
 
 @lent
 def leaves_of(tree: Tree, rows: SearchRows, leaves: Floats, since: int) -> float:
-    """The rows that were not halved stand in `leaves` from `since` on; the highest index of those."""
+    """Writes the rows that were not halved to `leaves` from `since` on; their highest index."""
     whole, numbers, spans, upper, at = rows.whole, rows.numbers, tree.spans, 0.0, since
     for row in range(rows.used[0]):
         if whole[row, STAGE] != HALVED:
@@ -387,7 +381,7 @@ def searched(
     looks: int,
     met: Met,
 ) -> tuple[Tree, SearchRows, Heap, int, float]:
-    """The rows of these pairs on this path, settled; there is room for those of the first cut.
+    """Rows of these pairs on this path, settled; there is room for those of the first cut.
 
     Returns:
         The tree, rows and heap, the status, and the highest index that was met.

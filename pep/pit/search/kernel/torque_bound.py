@@ -1,4 +1,4 @@
-"""The greatest torque by limit that any timing of a step's envelope asks for, from one configuration and a bound.
+"""Greatest torque by limit under any timing of a step's envelope, from one configuration and a bound.
 
 The configuration is that in the middle. With w the joints' ways, S their sum up to a joint and r the
 levers of a mass m: J_j = z_j x (c - o_j) has |J_j| <= r_j and |J_j'| <= r_j S_(j-1) + sum_(k >= j) r_k w_k, and the
@@ -27,7 +27,7 @@ SPUN: Final = 6.0  # turning inertia: the third derivative's terms come to 5.9 o
 
 @compiled
 def torque_bound(ready: Ready, way: Envelope, bends: Floats) -> float:
-    """The greatest torque by limit that any timing of the way asks for."""
+    """Greatest torque by limit under any timing of the way."""
     joints, mass, reach, link, delta = ready.joints, ready.mass, ready.arm.reach, ready.arm.link, way.delta
     q, dq, ddq = np.empty((1, JOINTS)), np.empty((1, JOINTS)), np.zeros((1, JOINTS))
     sums = np.zeros(JOINTS + 1)

@@ -1,4 +1,6 @@
-"""Bends of each body off a chord of a course, or the course, per cell (laws: `pep.pit.path.course`), per interval.
+"""Bends of each body off a chord of a course, or the course, per cell and per interval.
+
+Laws: `pep.pit.path.course`.
 
 One row per cell and quantity; the columns of quantities are named here once.
 """
@@ -47,7 +49,7 @@ HELD: Final = 8
 
 @entry
 def bends_of(arm: Arm, cells: Floats) -> Floats:
-    """Bounds per cell, quantity and body, (cells, BENDS, bodies), from what holds of the joints, (cells, HELD, 6)."""
+    """Bounds per cell, quantity and body, (cells, BENDS, bodies), from bounds of the joints, (cells, HELD, 6)."""
     link, reference, reach = arm.link, arm.reference, arm.reach
     bends = np.zeros((cells.shape[0], BENDS, link.shape[0]))
     for cell in range(cells.shape[0]):
@@ -74,7 +76,7 @@ def bends_of(arm: Arm, cells: Floats) -> Floats:
 
 @compiled
 def first_at_least(values: Whole, key: float) -> int:
-    """How many of the rising values are below `key`."""
+    """Number of the rising values that are below `key`."""
     low, high = 0, values.shape[0]
     while low < high:
         mid = (low + high) // 2
@@ -104,13 +106,16 @@ def worst_on(bends: Floats, cell_low: Whole, cell_high: Whole, low: int, high: i
 
 @compiled
 def sag_on(worst: Floats, body: int, width: float) -> float:
-    """How far the body's axis can leave the chord between neighbouring ones of three nodes, with what strays, metre."""
+    """Distance of the body's axis from the chord between neighbours of three nodes, at most, metre.
+
+    The stray is added.
+    """
     return worst[SECOND, body] * width * width / CHORD + worst[STRAY, body]
 
 
 @compiled
 def _rises(worst: Floats, body: int, width: float) -> tuple[float, float]:
-    """By how much speed and spin may exceed those of the nodes, without what hurries.
+    """Excess of speed and spin over those of the nodes, at most, without the hurry.
 
     Between nodes by the chord lemma, or by the next node, which is at most a quarter away: whichever proves more.
     """
@@ -121,20 +126,20 @@ def _rises(worst: Floats, body: int, width: float) -> tuple[float, float]:
 
 @compiled
 def rush_on(worst: Floats, body: int, width: float, speed: float, spin: float, radius: float) -> float:
-    """Bound on the body's surface speed per unit of ds/dt where its nodes have at most this speed and spin."""
+    """Bound on the body's surface speed per unit of ds/dt, from the speed and spin at its nodes."""
     rise, spin_rise = _rises(worst, body, width)
     return speed + rise + worst[HURRY, body] + radius * (spin + spin_rise + worst[SPIN_HURRY, body])
 
 
 @compiled
 def rough_rush(worst: Floats, body: int, width: float, radius: float) -> float:
-    """A bound on `rush_on` that needs no configuration."""
+    """Bound on `rush_on` that needs no configuration."""
     return rush_on(worst, body, width, worst[FIRST, body], worst[SPIN, body], radius)
 
 
 @compiled
 def rough_stray(worst: Floats, body: int, width: float) -> float:
-    """How far any part of the body's axis is from where it is in the middle of an interval of that width, metre.
+    """Distance of any part of the body's axis from its place in the interval's middle, at most, metre.
 
     Its levers bound the way in half the interval. The sag is added, so that no clearance found from this is above what
     `interval_gap` proves.

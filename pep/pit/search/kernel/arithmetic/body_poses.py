@@ -1,4 +1,4 @@
-"""Where the links and bodies are and how fast they go, one configuration at a time."""
+"""Places and speeds of links and bodies, one configuration at a time."""
 
 from __future__ import annotations
 
@@ -41,13 +41,16 @@ class Arm(NamedTuple):
 
 
 def blocks_of(arm: Arm) -> tuple[Floats, Whole]:
-    """The arm's numbers, and its whole numbers, each as one array: a call from Python pays for each that it hands."""
+    """Numbers of the arm, and its whole numbers, each as one array.
+
+    A call from Python pays for each array that it hands over.
+    """
     return np.concatenate([np.ravel(part) for part in arm[2:]]), np.concatenate(arm[:2])
 
 
 @compiled
 def arm_in(numbers: Floats, whole: Whole) -> Arm:
-    """The arm that these are the blocks of."""
+    """Arm that these blocks describe."""
     bodies, joints = whole.shape[0] // 2, LINKS - 1
     ends, at = numbers[: 6 * bodies].reshape((bodies, 2, 3)), 6 * bodies
     radius, at = numbers[at : at + bodies], at + bodies
@@ -59,7 +62,10 @@ def arm_in(numbers: Floats, whole: Whole) -> Arm:
 
 
 class Bends(NamedTuple):
-    """Per body, over the whole path: bounds on its ends' first, second and third derivative, on its spin and that's."""
+    """Bounds of each body over the whole path: of its ends' first three derivatives, and of its spin.
+
+    Of the spin also the first two derivatives.
+    """
 
     first: Floats
     second: Floats
@@ -70,7 +76,7 @@ class Bends(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """Configurations of one path, and the bodies that were placed there so far.
+    """Configurations of one path, and the bodies placed there so far.
 
     Attributes:
         frames: shape (n, 7, 3, 4): rotation and origin of every link.
@@ -122,7 +128,7 @@ def more_nodes(nodes: Nodes) -> Nodes:
 
 @entry
 def bends_of(arm: Arm, delta: Floats) -> Bends:
-    """How strongly each body can move and leave a chord of the path (derivation: `pep.pit.robot.kinematics`)."""
+    """Bounds on each body's motion and its bend off a chord of the path (derivation: `pep.pit.robot.kinematics`)."""
     links, references, reaches = arm.link, arm.reference, arm.reach
     bodies = links.shape[0]
     first, second, third = np.zeros(bodies), np.zeros(bodies), np.zeros(bodies)
@@ -145,7 +151,7 @@ def bends_of(arm: Arm, delta: Floats) -> Bends:
 
 @lent
 def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
-    """The link frames at `q` stand in row `at`; no body is placed there yet."""
+    """Writes the link frames at `q` to row `at`; no body is placed there yet."""
     frames, turning, known = nodes.frames, nodes.turning, nodes.known
     rotations, offsets = arm.rotations, arm.offsets
     for body in range(known.shape[1]):
@@ -193,7 +199,7 @@ def pose(nodes: Nodes, at: int, arm: Arm, q: Floats, delta: Floats) -> None:
 
 @lent
 def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
-    """The body stands in row `at`, in its reference link's frame, with its speed and spin."""
+    """Places the body in row `at`, in its reference link's frame, with its speed and spin."""
     if not nodes.known[at, body]:
         put(
             nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.swerve, nodes.spin, nodes.known,
@@ -203,7 +209,7 @@ def place(nodes: Nodes, at: int, arm: Arm, body: int) -> None:
 
 @lent
 def place_all(nodes: Nodes, at: int, arm: Arm, bodies: Whole) -> None:
-    """All these bodies stand there."""
+    """Places all these bodies there."""
     frames, turning, ends, speed, swerve = nodes.frames, nodes.turning, nodes.ends, nodes.speed, nodes.swerve
     spin, known, link, reference, own = nodes.spin, nodes.known, arm.link, arm.reference, arm.ends
     for each in range(bodies.shape[0]):
@@ -266,7 +272,7 @@ def put(
     at: int,
     body: int,
 ) -> None:
-    """The same for who has the arrays at hand; the body is not there yet."""
+    """Places a body as `place` does, for a caller with the arrays at hand; it is not there yet."""
     known[at, body] = True
     k, r = link[body], reference[body]
     # Of the reference link, then of the body's own beyond that: turning, its moment, and both their derivatives.

@@ -1,4 +1,4 @@
-"""A digest of all that the machine code of a function is made from: its instructions, and what they name.
+"""Digest of the sources of a function's machine code: its instructions, and the values they name.
 
 Prose, line numbers and code that is not called play no part, so machine code outlives their changes.
 """
@@ -16,7 +16,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 OURS = "pep."
-"""How modules are called whose members count; of others only their names do, since numba keeps its own version."""
+"""Prefix of modules whose members count.
+
+Of others only the names do, since numba keeps its own version.
+"""
 
 
 def digest_of(function: FunctionType) -> str:
@@ -27,7 +30,7 @@ def digest_of(function: FunctionType) -> str:
 
 
 def _parts(function: FunctionType, seen: dict[int, str], options: object = None) -> Iterator[tuple[str, str]]:
-    """Each function by name, with what it consists of."""
+    """Content of each function, by name."""
     seen[id(function)] = name = f"{function.__module__}.{function.__qualname__}"
     told: list[str] = [repr(options), repr(function.__defaults__)]
     names: set[str] = set()
@@ -50,7 +53,7 @@ def _parts(function: FunctionType, seen: dict[int, str], options: object = None)
 
 
 def _codes(code: CodeType, doc: str | None, told: list[str]) -> Iterator[CodeType]:
-    """The code and all code inside of it; what each consists of is added to `told`."""
+    """The code and all code inside of it; the content of each is added to `told`."""
     consts = code.co_consts[1:] if doc is not None and code.co_consts[:1] == (doc,) else code.co_consts
     plain = [const for const in consts if not isinstance(const, CodeType)]
     told += [code.co_code.hex(), repr(code.co_names), repr(code.co_varnames), repr(plain), code.co_exceptiontable.hex()]

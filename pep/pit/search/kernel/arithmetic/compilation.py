@@ -1,4 +1,4 @@
-"""The ways to compile, for the whole kernel."""
+"""Forms of compilation for the whole kernel."""
 
 from __future__ import annotations
 
@@ -22,20 +22,20 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 NAMED: Final = 16  # characters of a digest in the name of a file
 LANES: Final = 8
-"""Places that a loop goes through side by side, which a processor then takes several of at once.
+"""Places that a loop goes through side by side, several of which a processor takes at once.
 
 Such a loop ends at a number that is known only when it runs, or it would be written out instead. It works on flat
 arrays in rows of `LANES`: who compiles has to know how far apart they are to know that none is written over another.
 """
 
 ENTRIES: Final[list[Any]] = []
-"""All that Python calls, as numba's dispatchers."""
+"""All entries for Python, as numba's dispatchers."""
 
 _made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
 
 
 class _Files(IndexDataCacheFile):
-    """Index and machine code of one function; an index of types that are gone is as none, and compiled anew."""
+    """Index and machine code of one function; an index of lost types counts as none, and is compiled anew."""
 
     def _load_index(self) -> Any:
         try:
@@ -46,7 +46,7 @@ class _Files(IndexDataCacheFile):
 
 
 class _Kept(FunctionCache):
-    """Machine code on disk, found by what it was made from.
+    """Machine code on disk, found by the digest of its sources.
 
     Numba itself would look at the file of the one function, and run machine code of laws that have changed since.
     """
@@ -61,23 +61,23 @@ class _Kept(FunctionCache):
 
     @_cache_file.setter
     def _cache_file(self, by_line: Any) -> None:
-        """Numba's own is not used."""
+        """File of numba's own cache, which is not used."""
 
 
 def compiled(function: F) -> F:
-    """The function as machine code for other compiled functions, and made anew with whatever calls it.
+    """The function as machine code for other compiled functions, made anew with each caller.
 
-    What was kept on disk could not be merged into its callers, who would pay more for the call than for what it does.
+    Machine code from disk could not be merged into its callers, who would pay more for the call than for its work.
 
-    Loops that are hot take the arrays out of their named tuples first: each access to one counts references, which
-    costs more than what is done with a number of it. Division by zero gives what IEEE 754 says, as in numpy. No
-    fast-math: the bounds rest on the order of operations.
+    Hot loops take the arrays out of their named tuples first: each access to one counts references, which costs more
+    than the work on one of its numbers. Division by zero follows IEEE 754, as in numpy. No fast-math: the bounds rest
+    on the order of operations.
     """
     return cast("F", _made(no_cpython_wrapper=True)(function))
 
 
 def lent(function: F) -> F:
-    """The same for what only uses the arrays that it is given, and neither makes nor returns one.
+    """The same for a function that only uses its array arguments, and neither makes nor returns one.
 
     It counts no references, which its callers hold: around a call that computes one distance they would cost more than
     the distance. Numba refuses to compile it when it makes an array.
@@ -86,12 +86,12 @@ def lent(function: F) -> F:
 
 
 def merged(function: F) -> F:
-    """The same again, written out where it is called: for what is called with many arrays, since all are copied."""
+    """The same again, written out at each call, for functions with many arrays, since all are copied."""
     return cast("F", _made(no_cpython_wrapper=True, _nrt=False, inline="always")(function))
 
 
 def entry(function: F) -> F:
-    """The same for what Python calls, kept on disk where there is a place for it.
+    """The same for a function that Python calls, kept on disk where there is a place for it.
 
     It runs without the interpreter's lock.
     """

@@ -44,7 +44,7 @@ def _clip(x: float, low: float, high: float) -> float:
 
 @lent
 def _directed(x: float, y: float, z: float) -> Gap:
-    """The gap between two points that are this vector apart."""
+    """Gap between two points that are this vector apart."""
     distance = math.sqrt(x * x + y * y + z * z)
     if not distance > APART_M:
         return distance, 0.0, 0.0, 0.0
@@ -56,7 +56,7 @@ def _nearest(
     px: float, py: float, pz: float, ux: float, uy: float, uz: float,
     cx: float, cy: float, cz: float, vx: float, vy: float, vz: float,
 ) -> tuple[float, float, float]:  # fmt: skip
-    """The shortest way from the segment that begins at c and goes v to the one that begins at p and goes u."""
+    """Shortest way between two segments, from the one at c along v to the one at p along u."""
     wx, wy, wz = px - cx, py - cy, pz - cz
     a, e = ux * ux + uy * uy + uz * uz, vx * vx + vy * vy + vz * vz
     g, f = ux * wx + uy * wy + uz * wz, vx * wx + vy * wy + vz * wz
@@ -89,7 +89,7 @@ def _segment(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Ga
 
 @lent
 def _out(x: float, half: float) -> float:
-    """How far outside of [-half, half]."""
+    """Distance outside of [-half, half], with its sign."""
     return x - half if x > half else (x + half if x < -half else 0.0)
 
 
@@ -172,7 +172,7 @@ def _reach(numbers: Floats, pair: int, x: float, y: float, z: float) -> float:
 
 @lent
 def _pierces(numbers: Floats, pair: int, px: float, py: float, pz: float, qx: float, qy: float, qz: float) -> bool:
-    """Whether a part of the segment is behind all faces of the polytope."""
+    """True where a part of the segment is behind all faces of the polytope."""
     first, low, high = int(numbers[pair, FIRST_ROW]), 0.0, 1.0
     for row in range(first, first + int(numbers[pair, FACES])):
         start = _along(numbers, row, NORMAL, px, py, pz) - numbers[row, BEHIND]
@@ -200,7 +200,7 @@ def _above(numbers: Floats, row: int, x: float, y: float, z: float) -> float:
 
 @lent
 def _polytope(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
-    """Gap between the axis and an obstacle's polytope (`pep.pit.geometry.clearance.segment_hull` says why)."""
+    """Gap between the axis and an obstacle's polytope (derivation: `pep.pit.geometry.clearance.segment_hull`)."""
     px, py, pz = ends[at, body, 0, 0], ends[at, body, 0, 1], ends[at, body, 0, 2]
     qx, qy, qz = ends[at, body, 1, 0], ends[at, body, 1, 1], ends[at, body, 1, 2]
     if _pierces(numbers, pair, px, py, pz, qx, qy, qz):
@@ -271,7 +271,7 @@ def interval_gap(
     gap: Gap,
     sag: float,
 ) -> float:
-    """A clearance that holds on the whole interval (proof: `pep.pit.geometry.clearance.interval_clearance`).
+    """Clearance that holds on the whole interval (proof: `pep.pit.geometry.clearance.interval_clearance`).
 
     Args:
         ends: bodies as placed; low, mid, high: the rows of the interval's three nodes.

@@ -1,4 +1,7 @@
-"""A course, and its configurations: each computed once, found again by its key in a small table with open addresses."""
+"""Course and its configurations, each computed once.
+
+Keys find them in a small table with open addresses.
+"""
 
 from __future__ import annotations
 
@@ -29,7 +32,7 @@ LOST: Final = 1  # of the counts: those that Newton's method did not find again
 
 
 class KernelTrack(NamedTuple):
-    """As `pep.pit.path.course_angles.Track`; `until` is below 0 where there is no line."""
+    """Track as `pep.pit.path.course_angles.Track`; `until` is below 0 where there is no line."""
 
     line: KernelTwist
     until: float
@@ -59,7 +62,7 @@ class Curve(NamedTuple):
 
 
 class CurveConfigurations(NamedTuple):
-    """The configurations that were computed: by key which row. At most half of the places are used.
+    """Configurations computed so far: the row of each key. At most half of the places are used.
 
     Attributes:
         nodes: link frames and bodies.
@@ -91,7 +94,7 @@ def nothing_known(bodies: int) -> CurveConfigurations:
 
 @compiled
 def _place_of(table: Whole, key: int) -> int:
-    """Where the key stands or would stand."""
+    """Place of the key in the table, taken or free."""
     at = ((key >> 2) * SPREAD >> 8) & (table.shape[0] - 1)
     while table[at] != FREE and table[at] != key:
         at = (at + 1) & (table.shape[0] - 1)
@@ -120,7 +123,10 @@ def with_room(known: CurveConfigurations, count: int) -> CurveConfigurations:
 
 @compiled
 def _go_to(curve: Curve, key: float, known: CurveConfigurations, q: Floats, dq: Floats) -> None:
-    """`q` and `dq` (6,) are the joint angles at `key` and their derivative by s; no numbers where they are lost."""
+    """Writes the joint angles at `key` to `q` and their derivative by s to `dq`, (6,).
+
+    Both are NaN where the angles are lost.
+    """
     track, s = curve.track, key / GRID
     if not s <= track.until:
         on = min(s - max(track.until, 0.0), track.fade)
@@ -150,7 +156,7 @@ def _go_to(curve: Curve, key: float, known: CurveConfigurations, q: Floats, dq: 
 
 @compiled
 def row_of(known: CurveConfigurations, key: int, curve: Curve) -> int:
-    """Which row the configuration at `key` has; it is computed where it is not known, and there is room for it."""
+    """Row of the configuration at `key`, computed where it is new; there is room for it."""
     at = _place_of(known.key, key)
     if known.key[at] == key:
         return known.row[at]
@@ -165,11 +171,11 @@ def row_of(known: CurveConfigurations, key: int, curve: Curve) -> int:
 
 @compiled
 def rows_of(known: CurveConfigurations, low: int, high: int, curve: Curve) -> tuple[int, int, int]:
-    """Which rows the configurations at both ends and in the middle have; there is room for them."""
+    """Rows of the configurations at both ends and in the middle; there is room for them."""
     return row_of(known, low, curve), row_of(known, (low + high) // 2, curve), row_of(known, high, curve)
 
 
 @entry
 def placed(known: CurveConfigurations, curve: Curve, s: float, q: Floats, dq: Floats) -> None:
-    """`q` and `dq` (6,) are the joint angles at any `s` and their derivative by s; no row is kept."""
+    """Writes to `q` and `dq`, (6,), the joint angles at any `s` and their derivative; keeps no row."""
     _go_to(curve, s * GRID, known, q, dq)

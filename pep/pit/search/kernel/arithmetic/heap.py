@@ -1,4 +1,4 @@
-"""A heap of rows by a key, the highest first."""
+"""Heap of rows by a key, the highest first."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def with_room(heap: Heap, room: int) -> Heap:
 
 @lent
 def push(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: float, row: int) -> None:
-    """The row is in the heap; there is room for it."""
+    """Adds the row to the heap; there is room for it."""
     at = count[0]
     count[0] = at + 1
     while at > 0:
@@ -49,7 +49,7 @@ def push(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: f
 
 @lent
 def heaped(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], first: Floats) -> None:
-    """The rows 0, 1 ... with these keys are the heap; there is room for them."""
+    """Makes the rows 0, 1 ... with these keys the heap; there is room for them."""
     count[0] = first.shape[0]
     for row in range(first.shape[0]):
         keys[row], rows[row] = first[row], row
@@ -59,13 +59,13 @@ def heaped(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], firs
 
 @lent
 def lower(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64], key: float) -> None:
-    """The first row has this key from now on, no higher than before."""
+    """Sets the key of the first row to `key`, which is no higher than before."""
     _sift(keys, rows, count[0], 0, key, rows[0])
 
 
 @lent
 def pop(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64]) -> None:
-    """The first row is no longer in the heap, which is not empty."""
+    """Takes the first row from the heap, which is not empty."""
     last = count[0] - 1
     count[0] = last
     _sift(keys, rows, last, 0, keys[last], rows[last])
@@ -73,7 +73,7 @@ def pop(keys: Floats, rows: NDArray[np.int64], count: NDArray[np.int64]) -> None
 
 @lent
 def _sift(keys: Floats, rows: NDArray[np.int64], count: int, at: int, key: float, row: int) -> None:
-    """The row stands at `at` or below, and what is above it there is higher."""
+    """Sinks the row from `at` to its place below higher ones."""
     while True:
         below = 2 * at + 1
         if below >= count:

@@ -82,7 +82,7 @@ def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: f
 
 @lent
 def ratio_index(ratio: float) -> float:
-    """As `pep.pit.base.tier.ratio_index`; of what is no number, the highest."""
+    """Index as of `pep.pit.base.tier.ratio_index`; for NaN, the highest."""
     if not ratio <= 1.0:
         return HIGHEST
     if ratio > BUSY_RATIO:
@@ -94,7 +94,7 @@ def ratio_index(ratio: float) -> float:
 
 @lent
 def calm_beyond(kind: int, numbers: Floats, pair: int, speed: float, law: Floats) -> float:
-    """Clearance (m) from which on the pair's index is no more than that of any motion, at up to this speed."""
+    """Clearance (m) beyond which the pair's index is that of any motion, at up to this speed."""
     if kind == PERSON:
         approach = law[PERSON_SPEED] * (law[REACTION] + law[BRAKE])
         return numbers[pair, CALM] + approach + speed * (law[REACTION] + law[TRAVEL])
@@ -119,7 +119,10 @@ def rate_at(s: float, profile: Floats) -> float:
 
 @lent
 def tangent(s: float, profile: Floats) -> tuple[float, float]:
-    """ds/dt at `s`, 0 < s < 1, and its slope there, 1/s each: the rate is concave, so nowhere above that line."""
+    """ds/dt at `s`, 0 < s < 1, and its slope there, 1/s each.
+
+    The rate is concave, so it is nowhere above that line.
+    """
     way, peak, up_most, down_most = profile[WAY], profile[PEAK], profile[ACCELERATION], profile[BRAKING]
     up, down = 2.0 * up_most * way * s, 2.0 * down_most * way * (1.0 - s)
     if peak * peak <= min(up, down):

@@ -1,4 +1,4 @@
-"""Torques of every joint at many configurations: the recursion of Newton and Euler, some configurations side by side.
+"""Torques of every joint at many configurations: the recursion of Newton and Euler, several places at once.
 
 Out along the arm go angular velocity w, its derivative, and the acceleration of each joint's origin; back come the
 force and the moment that each link needs and passes on (Luh, Walker, Paul 1980). Torque is linear in gravity, in the
@@ -30,7 +30,7 @@ _LIFT, _PUSH_GROWTH, _PUSH, _SPIN, _GROWTH, _ORIGIN, _STATES = 0, 3, 6, 9, 12, 1
 
 
 class Masses(NamedTuple):
-    """The links as rigid bodies, each in the frame of the joint that carries it.
+    """Links as rigid bodies, each in the frame of the joint that carries it.
 
     Attributes:
         mass: (6,), kg, with all that is fixed to the link.
@@ -49,7 +49,7 @@ class Masses(NamedTuple):
 
 
 def masses_of(model: Any) -> Masses:
-    """The links of a pinocchio model of six joints that each turn about their own z axis."""
+    """Links of a pinocchio model of six joints that each turn about their own z axis."""
     bodies = [model.inertias[k + 1] for k in range(JOINTS)]  # number 0 is the base
     placed = [model.jointPlacements[k + 1] for k in range(JOINTS)]
     return Masses(
@@ -69,7 +69,7 @@ def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[
 
 @merged
 def _back_into(here: Floats, n: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the frame before, in that of the joint."""
+    """Vector of the previous frame, in that of the joint."""
     return (
         here[n] * x + here[3 * LANES + n] * y + here[6 * LANES + n] * z,
         here[LANES + n] * x + here[4 * LANES + n] * y + here[7 * LANES + n] * z,
@@ -79,7 +79,7 @@ def _back_into(here: Floats, n: int, x: float, y: float, z: float) -> tuple[floa
 
 @merged
 def _out_of(here: Floats, n: int, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """A vector of the joint's frame, in the one before."""
+    """Vector of the joint's frame, in the previous one."""
     return (
         here[n] * x + here[LANES + n] * y + here[2 * LANES + n] * z,
         here[3 * LANES + n] * x + here[4 * LANES + n] * y + here[5 * LANES + n] * z,
@@ -94,7 +94,7 @@ def _three(rows: Floats, row: int, n: int) -> tuple[float, float, float]:
 
 @lent
 def _turned(rotation: Floats, cosines: Floats, sines: Floats, wide: int, here: Floats) -> None:
-    """How the joint's frame is turned in the one before."""
+    """Rotation of the joint's frame in the previous one."""
     for i in range(3):
         x, y, z, row = rotation[i, 0], rotation[i, 1], rotation[i, 2], 3 * i * LANES
         for n in range(wide):
@@ -104,7 +104,7 @@ def _turned(rotation: Floats, cosines: Floats, sines: Floats, wide: int, here: F
 
 @lent
 def _held(mass: float, com: Floats, wide: int, here: Floats, out: Floats) -> None:
-    """What holds the link: nothing moves, so that nothing but the lift is passed on."""
+    """Forces that hold the link at rest, when only the lift is passed on."""
     a, b, c = com[0], com[1], com[2]
     for n in range(wide):
         x, y, z = _three(out, _LIFT, n)
@@ -119,7 +119,7 @@ def _held(mass: float, com: Floats, wide: int, here: Floats, out: Floats) -> Non
 
 @lent
 def _pushed(mass: float, com: Floats, inertia: Floats, offset: Floats, wide: int, here: Floats, out: Floats) -> None:
-    """What the link needs when all rates are 0 and begin to change: nothing turns yet."""
+    """Forces on the link for unit changes of rates that are still 0."""
     a, b, c, d, e, f = com[0], com[1], com[2], offset[0], offset[1], offset[2]
     xx, xy, xz, yx, yy, yz = inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 0], inertia[1, 1], inertia[1, 2]
     zx, zy, zz = inertia[2, 0], inertia[2, 1], inertia[2, 2]
@@ -145,7 +145,7 @@ def _pushed(mass: float, com: Floats, inertia: Floats, offset: Floats, wide: int
 
 @lent
 def _swung(mass: float, com: Floats, inertia: Floats, offset: Floats, wide: int, here: Floats, out: Floats) -> None:
-    """What the link needs for what turns and what that changes by."""
+    """Forces on the link for its rotation and the change of that."""
     a, b, c, d, e, f = com[0], com[1], com[2], offset[0], offset[1], offset[2]
     xx, xy, xz, yx, yy, yz = inertia[0, 0], inertia[0, 1], inertia[0, 2], inertia[1, 0], inertia[1, 1], inertia[1, 2]
     zx, zy, zz = inertia[2, 0], inertia[2, 1], inertia[2, 2]
@@ -182,7 +182,7 @@ def _swung(mass: float, com: Floats, inertia: Floats, offset: Floats, wide: int,
 
 @lent
 def _passed_on(offset: Floats, wide: int, here: Floats, before: Floats) -> None:
-    """Forces and moments that the joint passes on to the link before."""
+    """Adds the forces and moments that the joint passes on to the previous link."""
     d, e, f = offset[0], offset[1], offset[2]
     for run in range(_HELD, _ROWS, 2 * _MOMENT):
         force, moment = run * LANES, (run + _MOMENT) * LANES
@@ -204,7 +204,7 @@ def _passed_on(offset: Floats, wide: int, here: Floats, before: Floats) -> None:
 def bears(
     masses: Masses, cosines: Floats, sines: Floats, step: int, dq: Floats, ddq: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """As `torques`, at places whose joints' angles have these cosines and sines, (6, nodes): at each `step`-th node."""
+    """Torques as of `torques`, at each `step`-th node of places with these cosines and sines, (6, nodes)."""
     rotations, offsets, coms, mass = masses.rotations, masses.offsets, masses.com, masses.mass
     inertia, lift, count = masses.inertia, masses.lift, dq.shape[0]
     hold, push, swing = np.empty((count, JOINTS)), np.empty((count, JOINTS)), np.empty((count, JOINTS))
@@ -235,7 +235,9 @@ def bears(
 
 @entry
 def torques(masses: Masses, q: Floats, dq: Floats, ddq: Floats) -> tuple[Floats, Floats, Floats]:
-    """Torques along a path, each (n, 6), N m: to hold the arm, per unit of s'', and per s' squared.
+    """Torques along a path, each (n, 6), N m.
+
+    They hold the arm, per unit of s'', and per s' squared.
 
     Args:
         masses: the links.

@@ -1,4 +1,4 @@
-"""One piece of a line of the tool: bounds on the joints' path, proven (proof: `pep.pit.path.line_trace`)."""
+"""One piece of a line of the tool: proven bounds on the joints' path (proof: `pep.pit.path.line_trace`)."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
 
 
 class PieceBounds(NamedTuple):
-    """What is known of a piece: derivatives in its middle, and what bounds them on the whole of it, each (6,).
+    """Values of a piece: derivatives in its middle, and their bounds on the whole of it, each (6,).
 
     Attributes:
         dq, ddq: in the middle, rad per power of s.
         first, second, third: bounds of the derivatives.
-        gain: (6, 2): how far a linear and an angular deviation go in each joint.
+        gain: (6, 2): growth of a linear and an angular deviation in each joint.
         mixed: (6, 6): |G J'|.
         room: (4, 6).
     """
@@ -39,7 +39,7 @@ class PieceBounds(NamedTuple):
 
 @compiled
 def no_bounds() -> PieceBounds:
-    """Room, and nothing known."""
+    """Room for the bounds of a piece, still empty."""
     return PieceBounds(
         np.empty(JOINTS),
         np.empty(JOINTS),
@@ -54,7 +54,7 @@ def no_bounds() -> PieceBounds:
 
 @compiled
 def gain_of(inverse: Floats, gain: Floats) -> None:
-    """`gain` (6, 2) is how far a linear and an angular deviation can go in each joint."""
+    """Writes to `gain` (6, 2) the growth of a linear and an angular deviation in each joint."""
     for i in range(JOINTS):
         x, y, z = inverse[i, 0], inverse[i, 1], inverse[i, 2]
         a, b, c = inverse[i, 3], inverse[i, 4], inverse[i, 5]
@@ -63,7 +63,7 @@ def gain_of(inverse: Floats, gain: Floats) -> None:
 
 @compiled
 def lever_first(reach: Floats, w: Floats, v: Floats) -> tuple[float, float]:
-    """|sum_k J_k' v_k| at most, for joint rates of at most w: of its linear and of its angular part."""
+    """Bound of |sum_k J_k' v_k|, linear and angular, for joint rates of at most w."""
     s = t = linear = angular = 0.0
     for k in range(JOINTS):
         before, until = s, t
@@ -75,7 +75,7 @@ def lever_first(reach: Floats, w: Floats, v: Floats) -> tuple[float, float]:
 
 @compiled
 def lever_second(reach: Floats, w: Floats, a: Floats, v: Floats) -> tuple[float, float]:
-    """|sum_k J_k'' v_k| at most, for rates of at most w that change by at most a."""
+    """Bound of |sum_k J_k'' v_k|, for rates of at most w that change by at most a."""
     linear, angular = lever_first(reach, a, v)
     s = t = 0.0
     for k in range(JOINTS):
@@ -88,7 +88,10 @@ def lever_second(reach: Floats, w: Floats, a: Floats, v: Floats) -> tuple[float,
 
 @compiled
 def _off(reach: Floats, w: Floats, gain: Floats, mixed: Floats, r: float, a: Floats, x: Floats, out: Floats) -> None:
-    """`out` is at least |G (J - J(m))| x within `r`, for |q'| <= `w` and |q''| <= `a`."""
+    """Writes to `out` a bound of |G (J - J(m))| x within `r`.
+
+    It holds for |q'| <= `w` and |q''| <= `a`.
+    """
     linear, angular = lever_second(reach, w, a, x)
     for i in range(JOINTS):
         straight = 0.0
@@ -109,7 +112,7 @@ def _follows(
     w: Floats,
     need: Floats,
 ) -> None:
-    """`need` is the bound of |q''| that follows from the bound `a`; `w` is that of |q'| then."""
+    """Writes to `need` the bound of |q''| that follows from the bound `a`, and to `w` that of |q'|."""
     for i in range(JOINTS):
         w[i] = abs(dq[i]) + r * a[i]
     linear, angular = lever_second(reach, w, a, w)
@@ -123,7 +126,7 @@ def _follows(
 
 @compiled
 def prove_derivatives(reach: Floats, bounds: PieceBounds, r: float, fastest: float, hardest: float) -> bool:
-    """The first three derivatives are bounded within `r` of the middle; False where nothing is proven.
+    """Bounds the first three derivatives within `r` of the middle; False where nothing is proven.
 
     Args:
         reach: of the tool point about each joint's axis, (6,), m.
@@ -184,7 +187,9 @@ def prove_derivatives(reach: Floats, bounds: PieceBounds, r: float, fastest: flo
 def on_path(
     reach: Floats, q: Floats, inverse: Floats, near: Floats, within: Floats, gain: Floats, room: Floats
 ) -> bool:
-    """Whether `q` (6,) is within `within` (6,) of `near` (6,), and the only configuration there with its tool's pose.
+    """True where `q` (6,) is the only configuration near `near` with its tool's pose.
+
+    It is within `within` of it; all are (6,).
 
     Two of them differ by at most twice that, joint by joint; on so small a box Newton's map from `q` contracts.
 
@@ -192,8 +197,8 @@ def on_path(
         reach: of the tool point about each joint's axis, (6,), m.
         q: the configuration.
         inverse: of its Jacobian, (6, 6).
-        near: where it should be.
-        within: how near.
+        near: its expected place.
+        within: allowed distance from it.
         gain: room, (6, 2).
         room: likewise, (2, 6).
     """

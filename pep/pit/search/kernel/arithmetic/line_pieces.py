@@ -1,4 +1,4 @@
-"""The joints' path under a line of the tool, piece by piece (proof: `pep.pit.path.line_trace`)."""
+"""Path of the joints under a line of the tool, piece by piece (proof: `pep.pit.path.line_trace`)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ FIRST: Final = 128  # room for pieces at first; most lines need some dozens
 
 
 class TracedArm(NamedTuple):
-    """What a trace needs of the arm.
+    """Arm as a trace needs it.
 
     Attributes:
         wrist: its joints and tool point.
@@ -109,7 +109,7 @@ def _piece(
     tool: TracedArm, line: KernelTwist, rate: Floats, here: Stand, back: Floats, low: int, high: int, ahead: Stand,
     on: Floats, desk: _Desk, row: Floats,
 ) -> int:  # fmt: skip
-    """The piece [low, high] is proven: `row` is what holds on it, `ahead` the arm at its end with its inverse `on`.
+    """Proves the piece [low, high]: writes its bounds to `row`, its end to `ahead`, that one's inverse to `on`.
 
     Args:
         tool: the arm.
@@ -191,7 +191,7 @@ def _rate_of(line: KernelTwist) -> Floats:
 def traced(
     tool: TracedArm, line: KernelTwist, start: Floats, since: int, until: int, pieces: int, fastest: Floats
 ) -> TracedLine:
-    """The joints' path under the line from `since` to `until` as far as it can be proven."""
+    """Path of the joints under the line from `since` to `until`, as far as it can be proven."""
     rate = _rate_of(line)
     desk = _Desk(
         no_stand(), np.empty((6, 6)), np.empty((6, 6)), no_bounds(), np.empty((8, 6)), np.empty(6), np.empty(6),

@@ -1,4 +1,4 @@
-"""Rows of (interval, pair) and what is proven there; the loops that fill them."""
+"""Rows of (interval, pair) with their proven bounds, and the loops that fill them."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 
 class StraightPath(NamedTuple):
-    """A straight joint path of one arm: where it starts and where to, rad, and how strongly its bodies bend."""
+    """Straight joint path of one arm: start and target, rad, and its bodies' bends."""
 
     arm: Arm
     start: Floats
@@ -108,7 +108,7 @@ def balls_of(numbers: Floats, whole: Whole, warn_band: float) -> Floats:
 
 @lent
 def rush_at_most(way: StraightPath, body: int, width: float) -> float:
-    """A bound on the body's surface speed per unit of ds/dt on such an interval that needs no configuration."""
+    """Bound on the body's surface speed per unit of ds/dt on such an interval, without any configuration."""
     bend = width * width / CHORD
     speed = way.bends.first[body] + way.bends.third[body] * bend
     return speed + way.arm.radius[body] * (way.bends.spin[body] + way.bends.spin_second[body] * bend)
@@ -116,7 +116,7 @@ def rush_at_most(way: StraightPath, body: int, width: float) -> float:
 
 @lent
 def strays_at_most(way: StraightPath, body: int, width: float) -> float:
-    """How far any part of the body's axis is from where it is in the middle of an interval of that width, metre.
+    """Distance of any part of the body's axis from its place in the interval's middle, at most, metre.
 
     Its levers bound the way in half the interval. The sag is added, so that no clearance found from this is above what
     `interval_gap` proves.
@@ -126,7 +126,10 @@ def strays_at_most(way: StraightPath, body: int, width: float) -> float:
 
 @lent
 def ball_gap(ends: Floats, at: int, body: int, half: Floats, numbers: Floats, pair: int) -> float:
-    """Clearance of the balls around both cores, radii taken off; the body is placed at `at`. Nothing for planes."""
+    """Clearance of the balls around both cores, radii taken off; the body is placed at `at`.
+
+    Not for planes.
+    """
     x = 0.5 * (ends[at, body, 0, 0] + ends[at, body, 1, 0]) - numbers[pair, CENTER]
     y = 0.5 * (ends[at, body, 0, 1] + ends[at, body, 1, 1]) - numbers[pair, CENTER + 1]
     z = 0.5 * (ends[at, body, 0, 2] + ends[at, body, 1, 2]) - numbers[pair, CENTER + 2]
@@ -135,13 +138,13 @@ def ball_gap(ends: Floats, at: int, body: int, half: Floats, numbers: Floats, pa
 
 @compiled
 def examine(nodes: Nodes, way: StraightPath, field: Field, asked: Whole, stand: Whole) -> Rows:
-    """What is proven on each row's interval and attained in its middle.
+    """Bounds proven on each row's interval, and values attained in its middle.
 
     Args:
         nodes: holds the configurations of every interval.
         way, field: the path and all pairs.
         asked: the rows (LOW, HIGH, PAIR), intervals in 1 / GRID.
-        stand: where each interval's three configurations stand in `nodes`, (n, 3).
+        stand: rows of each interval's three configurations in `nodes`, (n, 3).
     """
     rows = room_for(asked.shape[0])
     ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin

@@ -1,4 +1,4 @@
-"""How far pairs are apart at one place of a straight path, for who asks once: nothing is kept of it."""
+"""Distances of pairs at one place of a straight path, for a single question: nothing is kept."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joint angles for tool poses, from fixed starts: as `pep.pit.robot.inverse_kinematics.reaching` finds them."""
+"""Joint angles for tool poses, from fixed starts, as of `pep.pit.robot.inverse_kinematics.reaching`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @compiled
 def _found(wrist: Wrist, position: Floats, rotation: Floats, stand: Stand, error: Floats, matrix: Floats) -> bool:
-    """Whether damped steps lead from the joint angles in `stand` to the pose."""
+    """True where damped steps lead from the joint angles in `stand` to the pose."""
     q, jacobian = stand.q, stand.jacobian
     for _ in range(SEARCH_STEPS):
         stand_at(wrist, stand)
@@ -47,7 +47,9 @@ def _found(wrist: Wrist, position: Floats, rotation: Floats, stand: Stand, error
 
 @entry
 def reachable(wrist: Wrist, positions: Floats, rotations: Floats, starts: Floats) -> bool:
-    """Whether for each of these poses, (n, 3) and (n, 3, 3), some joint angles were found from `starts` (m, 6).
+    """True where some joint angles were found for each pose from `starts` (m, 6).
+
+    Poses are (n, 3) and (n, 3, 3).
 
     The last pose is asked first: of a line that leaves the arm's reach it is the farthest out.
     """

@@ -1,4 +1,4 @@
-"""Rows of (interval, pair) with what is proven there, as two tables; and those of which an index is not proven yet."""
+"""Rows of (interval, pair) with their proven bounds, as two tables; and rows still to be proven."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def sorted_out(
     index: float,
     over: Whole,
 ) -> tuple[int, int, bool]:
-    """The rows of which `index` is proven are kept, from `used` on; the numbers of the others stand in `over`.
+    """Keeps the rows with a proven `index`, from `used` on, and writes the numbers of the others to `over`.
 
     Args:
         whole, numbers: the rows.

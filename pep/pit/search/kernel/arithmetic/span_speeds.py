@@ -1,6 +1,6 @@
-"""How fast the surfaces of all bodies go on intervals of a straight path, for who asks for all bodies at once.
+"""Surface speeds of all bodies at once on intervals of a straight path.
 
-Places are gone through side by side. What is computed of each is to the last bit what `arm.pose` and `arm.put` say.
+Places are gone through side by side. Each result is to the last bit that of `arm.pose` and `arm.put`.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ _LINK: Final = 18
 def _carried(
     rotation: Floats, offset: Floats, rate: float, cosines: Floats, sines: Floats, wide: int, last: Floats, link: Floats
 ) -> None:
-    """Of the link behind a joint, from the link before, what `arm.pose` says of it but for second derivatives."""
+    """Motion of the link behind a joint, from the previous link, as of `arm.pose` but without second derivatives."""
     px, py, pz = offset[0], offset[1], offset[2]
     ra, rb, rc, sa, sb, sc = (
         rotation[0, 0],
@@ -84,7 +84,7 @@ def _turning(wide: int, link: Floats, spin: Floats) -> None:
 
 @lent
 def _faster(end: Floats, wide: int, link: Floats, square: Floats) -> None:
-    """The squares are at least those of the speed of this end of a body on the link."""
+    """Raises the squares to at least those of the speed of this end of a body on the link."""
     px, py, pz = end[0], end[1], end[2]
     for n in range(wide):
         x = link[3 * LANES + n] + link[n] * px + link[LANES + n] * py + link[2 * LANES + n] * pz

@@ -1,7 +1,7 @@
-"""The arm as far as its tool is concerned, one configuration at a time: pose, Jacobian, and Newton's method for a pose.
+"""Arm as its tool needs it, one configuration at a time: pose, Jacobian, Newton's method.
 
-The same as `pep.pit.robot.inverse_kinematics` and `pep.pit.robot.twist`, number by number. Like there nothing here
-proves anything.
+The same as `pep.pit.robot.inverse_kinematics` and `pep.pit.robot.twist`, number by number. As there, nothing here is a
+proof.
 """
 
 from __future__ import annotations
@@ -22,7 +22,10 @@ JOINTS: Final = 6
 
 
 class Wrist(NamedTuple):
-    """Joint frames at angle 0, (6, 3, 3) and (6, 3), and the tool point in the last one, (3,), m."""
+    """Joint frames at angle 0, (6, 3, 3) and (6, 3), and the tool point, (3,), m.
+
+    The tool point is in the last frame.
+    """
 
     rotations: Floats
     offsets: Floats
@@ -30,7 +33,7 @@ class Wrist(NamedTuple):
 
 
 class KernelTwist(NamedTuple):
-    """A constant twist, as `pep.pit.robot.twist.Twist`: where it begins and its rates by s."""
+    """Constant twist, as `pep.pit.robot.twist.Twist`: its start and its rates by s."""
 
     position: Floats
     rotation: Floats
@@ -60,7 +63,7 @@ class Stand(NamedTuple):
 
 @compiled
 def no_stand() -> Stand:
-    """Room, and nothing in it."""
+    """Room for one configuration, still empty."""
     return Stand(
         np.empty(JOINTS),
         np.empty(3),
@@ -74,7 +77,7 @@ def no_stand() -> Stand:
 
 @compiled
 def stand_at(wrist: Wrist, stand: Stand) -> None:
-    """All of `stand` is that of its `q`."""
+    """Computes all of `stand` from its `q`."""
     rotations, offsets, q = wrist.rotations, wrist.offsets, stand.q
     axes, origins, rotation, jacobian = stand.axes, stand.origins, stand.rotation, stand.jacobian
     for i in range(3):
@@ -109,7 +112,7 @@ def stand_at(wrist: Wrist, stand: Stand) -> None:
 
 @compiled
 def bend_of(stand: Stand, dq: Floats, bend: Floats) -> None:
-    """`bend` (6, 6) is the Jacobian's derivative by s while the joints turn at `dq`."""
+    """Writes to `bend` (6, 6) the Jacobian's derivative by s while the joints turn at `dq`."""
     axes, origins, position = stand.axes, stand.origins, stand.position
     px, py, pz = position[0], position[1], position[2]
     vx = vy = vz = 0.0  # of the tool: the Jacobian's linear part
@@ -137,7 +140,7 @@ def bend_of(stand: Stand, dq: Floats, bend: Floats) -> None:
 
 @compiled
 def turn_by(x: float, y: float, z: float, turn: Floats) -> None:
-    """`turn` (3, 3) is the rotation by the vector (x, y, z), rad."""
+    """Writes to `turn` (3, 3) the rotation by the vector (x, y, z), rad."""
     angle = math.sqrt(x * x + y * y + z * z)
     first, second = 1.0, 0.0
     if angle >= SMALL:
@@ -155,7 +158,7 @@ def turn_by(x: float, y: float, z: float, turn: Floats) -> None:
 
 @compiled
 def turn_between(goal: Floats, here: Floats, error: Floats) -> None:
-    """`error[3:]` is the rotation vector that turns `here` (3, 3) into `goal` (3, 3), at most half a turn."""
+    """Writes to `error[3:]` the rotation vector, at most half a turn, that turns `here` into `goal`, both (3, 3)."""
     xx = yy = zz = zy = yz = xz = zx = yx = xy = 0.0
     for j in range(3):
         xx, yy, zz = xx + goal[0, j] * here[0, j], yy + goal[1, j] * here[1, j], zz + goal[2, j] * here[2, j]
@@ -185,7 +188,7 @@ def turn_between(goal: Floats, here: Floats, error: Floats) -> None:
 
 @compiled
 def goal_at(line: KernelTwist, s: float, position: Floats, rotation: Floats, room: Floats) -> None:
-    """The line's pose at `s` stands in `position` (3,) and `rotation` (3, 3); `room` is (3, 3)."""
+    """Writes the line's pose at `s` to `position` (3,) and `rotation` (3, 3); `room` is (3, 3)."""
     turn_by(s * line.turn[0], s * line.turn[1], s * line.turn[2], room)
     for i in range(3):
         position[i] = line.position[i] + s * line.line[i]
@@ -197,7 +200,10 @@ def goal_at(line: KernelTwist, s: float, position: Floats, rotation: Floats, roo
 
 @compiled
 def pivot_of(matrix: Floats, k: int) -> int:
-    """The row from `k` on with the largest entry in column `k` of `matrix` (6, 6); -1 where there is none but 0."""
+    """Row from `k` on with the largest entry in column `k` of `matrix` (6, 6).
+
+    -1 where all are 0.
+    """
     best, pivot = abs(matrix[k, k]), k
     for i in range(k + 1, JOINTS):
         if abs(matrix[i, k]) > best:
@@ -207,7 +213,7 @@ def pivot_of(matrix: Floats, k: int) -> int:
 
 @compiled
 def divided(matrix: Floats, right: Floats) -> bool:
-    """`right` (6,) is the solution of `matrix` (6, 6), which is used up; False where there is none."""
+    """Writes to `right` (6,) the solution of `matrix` (6, 6), which is used up; False where there is none."""
     for k in range(JOINTS):
         pivot = pivot_of(matrix, k)
         if pivot < 0:
@@ -232,7 +238,7 @@ def divided(matrix: Floats, right: Floats) -> bool:
 
 @compiled
 def inverted(matrix: Floats, inverse: Floats, room: Floats) -> bool:
-    """`inverse` (6, 6) is that of `matrix` (6, 6); False where there is none. `room` is (6, 6)."""
+    """Writes to `inverse` (6, 6) that of `matrix` (6, 6); False where there is none. `room` is (6, 6)."""
     for i in range(JOINTS):
         for j in range(JOINTS):
             room[i, j], inverse[i, j] = matrix[i, j], 1.0 if i == j else 0.0
@@ -259,12 +265,12 @@ def inverted(matrix: Floats, inverse: Floats, room: Floats) -> bool:
 
 @compiled
 def solved(wrist: Wrist, line: KernelTwist, s: float, stand: Stand, room: Floats) -> bool:
-    """`stand` is the arm with its tool where `line` is at `s`, reached from its joint angles; False when it is not.
+    """Moves `stand` by Newton's method to the pose of `line` at `s`; False where it does not arrive.
 
     Args:
         wrist: the arm.
         line: the tool's.
-        s: where on it.
+        s: place on it.
         stand: holds joint angles nearby.
         room: (8, 6) at least.
     """
