@@ -1,4 +1,4 @@
-"""People lend authority to agents that move a robot; `leased` is what a program of such an agent needs of it."""
+"""Command line and embedded cell of ZTPM, and `leased`, by which a program takes the motion lease."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["LeaseError", "leased"]
 
 
 def __getattr__(name: str) -> Any:
-    """The public names, loaded when they are asked for: most of this package needs no robot's interface."""
+    """Public names, loaded at their first use: most of this package needs no robot's interface."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     from ztpm import lease_process

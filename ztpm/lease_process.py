@@ -1,4 +1,4 @@
-"""A robot's lease for the time of a block: `with ztpm.leased(agent, token) as host:`.
+"""Motion lease of a robot for the time of a block: `with ztpm.leased(agent, token) as host:`.
 
 A process of its own carries the lease, as `ztpm rtde connect` does: the constructors of ur_rtde hold Python's
 interpreter while they wait for the robot's ports, so those ports cannot be served by the program's own process. The two
@@ -122,7 +122,7 @@ def leased(
 
 
 def _begun(said: IO[bytes]) -> None:
-    """The child serves the ports.
+    """Waits until the child serves the ports.
 
     Raises:
         LeaseError: it does not.
@@ -134,7 +134,10 @@ def _begun(said: IO[bytes]) -> None:
 
 
 def _hear(said: IO[bytes], told: Callable[[str], None]) -> None:
-    """Tells what the child tells, until it has ended. A callback that breaks is shown, and given the next one."""
+    """Passes the child's messages on until it has ended.
+
+    A callback that breaks is shown, and given the next one.
+    """
     for line in said:
         try:
             told(json.loads(line)["told"])
@@ -151,7 +154,7 @@ def _say(**members: object) -> None:
 
 
 def _end_with_input() -> None:
-    """Whoever asked for the lease wants it no more, or is gone."""
+    """Ends the process when its parent closes the input: the lease is given up, or the parent is gone."""
     sys.stdin.buffer.read()
     os.kill(os.getpid(), signal.SIGTERM)
 

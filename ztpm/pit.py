@@ -1,4 +1,4 @@
-"""A question to the physics room out of files, and its answer for people and machines."""
+"""Question to the physics room out of files, and its answer for people and machines."""
 
 from __future__ import annotations
 
@@ -33,21 +33,24 @@ if TYPE_CHECKING:
 
 URDF: Final = ".urdf"
 PATIENCE_S: Final = 600.0
-"""How long an answer out of files may take where the file states no limit: they do not grow old, and no arm waits."""
+"""Longest time for an answer out of files without a limit of their own.
+
+They do not grow old, and no arm waits.
+"""
 MICRO: Final = 1e6
 MILLI: Final = 1e3
 
 
 @dataclass(frozen=True, slots=True)
 class Asked:
-    """One question: this robot, with what it holds, in this situation, and what would be sent."""
+    """One question: this robot with its held object, this situation, this motion."""
 
     robot: Robot
     situation: Situation
     motion: Motion
 
     def answer(self) -> Assessment | ImpactFault:
-        """What the room says."""
+        """Answer of the physics room."""
         return assess(
             self.robot,
             self.situation.scene,
@@ -76,7 +79,7 @@ class Asked:
 
     @property
     def digest(self) -> str:
-        """What a proof of an answer to this question calls it.
+        """Name of the question in a proof of its answer.
 
         Raises:
             PitError: a question that has no proof.
@@ -106,11 +109,11 @@ class Asked:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Which robot is meant.
+    """Robot of a question.
 
     Attributes:
         stated: a shipped model's name, a model file (`.toml`) or a URDF (`.urdf`).
-        outfit: with a URDF: what it leaves open.
+        outfit: with a URDF: the person's outfit of it.
         calibration: the arm's own kinematics, as its maker's tool wrote them.
     """
 
@@ -175,12 +178,12 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
 
 
 def effect(said: Assessment) -> TierRule:
-    """What the table of tiers asks for; a violation is refused whatever its tier."""
+    """Rule of the table of tiers for the answer; a violation is refused at every tier."""
     return TierRule.REFUSE if said.violations else RULES[said.tier]
 
 
 def advice(said: Assessment, motion: Motion) -> str:
-    """What would lower the tier, in one sentence."""
+    """Advice that would lower the tier, in one sentence."""
     if said.violations:
         return f"Denied at any speed and by anyone: {', '.join(said.violations)}."
     if said.lower_tier_speed is not None:
@@ -197,14 +200,14 @@ def advice(said: Assessment, motion: Motion) -> str:
 
 @dataclass(frozen=True, slots=True)
 class SpeedUnit:
-    """The unit of a motion's speed, and what goes at it."""
+    """Unit of a motion's speed, and the thing that moves at it."""
 
     word: str
     of: str
 
 
 def unit_of(motion: Motion) -> SpeedUnit:
-    """In what the speed of a motion is told."""
+    """Unit in which the speed of a motion is told."""
     match motion:
         case MoveJ() | SpeedJ() | ServoJ() | JointPath():
             return SpeedUnit("rad/s", "the leading joint")
@@ -274,7 +277,7 @@ def contribution_to_plain(told: Contribution) -> dict[str, Any]:
 
 
 def certificate_to_plain(said: Assessment, proof: bytes | PitError) -> dict[str, Any]:
-    """What proves the answer, and what the independent checker says of it."""
+    """Proof of the answer, with the independent checker's verdict."""
     parts = said.certificate.legs if isinstance(said.certificate, LegsCertificate) else (said.certificate,)
     rows = sum(len(part.pair) for part in parts)
     if isinstance(proof, PitError):

@@ -28,7 +28,7 @@ class Preparing:
         self._last_s: float | None = None
 
     def tell(self, progress: object) -> None:
-        """The progress is shown; not on a terminal, only once in `EACH_S` seconds."""
+        """Shows the progress; not on a terminal, only once in `EACH_S` seconds."""
         now = self._clock()
         if self._stream.isatty():
             self._write(f"{WIPED}{progress}")
@@ -39,7 +39,7 @@ class Preparing:
         self._last_s = now
 
     def over(self) -> None:
-        """Nothing more is told, and a terminal's line is free again."""
+        """Ends the display, and frees a terminal's line."""
         if self._last_s is not None and self._stream.isatty():
             self._write(WIPED)
         self._last_s = None
@@ -51,7 +51,7 @@ class Preparing:
 
 
 def prepare_physics() -> None:
-    """The kernel of the physics is compiled, as minutes pass the very first time, and else a second."""
+    """Compiles the kernel of the physics: minutes the very first time, later a second."""
     from pep.pit.assessment.readiness import compile_telling
 
     shown = Preparing()

@@ -1,4 +1,4 @@
-"""Running a cell from its directory until it is told to end: what `ztpm up` does between its first and last word."""
+"""Running a cell from its directory until the end: the body of `ztpm up`."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class Up:
 
 
 def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses], policy: str) -> Addresses:
-    """The directory is a cell's, and the passphrase opens its keys. An empty directory becomes a cell.
+    """Prepares the directory as a cell's, with its passphrase checked. An empty directory becomes a cell.
 
     Args:
         layout: of an existing directory whose lock is held.
@@ -103,7 +103,7 @@ def run(
     ended: threading.Event,
     ready: Callable[[Up], None],
 ) -> None:
-    """The cell has run until `ended` was set, and every process of it has ended, the arm standing still.
+    """Runs the cell until `ended` is set and every process of it has ended, with the arm standing still.
 
     Args:
         layout: prepared.
@@ -170,7 +170,7 @@ def _failure(error: Exception) -> UpError:
 
 
 def _await_addresses(addresses: Addresses, ended: threading.Event) -> None:
-    """Nobody listens where the cell will.
+    """Waits until nothing listens on the cell's addresses.
 
     Raises:
         UpError: `ADDRESS_IN_USE`.
@@ -201,7 +201,7 @@ def _enrol(cell: Cell, trust: TrustBundle) -> tuple[Differing, ...]:
 
 
 def as_json(up: Up, layout: Layout, *, pid: int) -> dict[str, Any]:
-    """What is told to machines when the cell is ready."""
+    """Message for machines when the cell is ready."""
     return {
         "ready": True,
         "pid": pid,

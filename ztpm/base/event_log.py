@@ -1,4 +1,7 @@
-"""What the keeper of a cell did and saw, as JSON lines. It is no audit: that is the journal and the ledger."""
+"""Log of a cell's keeper, as JSON lines.
+
+It is no audit: that is the journal and the ledger.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +39,7 @@ class EventLog:
             return
 
     def note(self, event: str, sentence: str, **facts: object) -> None:
-        """The event is told, and on file.
+        """Tells the event and writes it to the file.
 
         Args:
             event: its name, for programs.

@@ -1,4 +1,4 @@
-"""What goes wrong beside requests, told on standard error: nobody waits for an answer that could say so."""
+"""Incidents beside requests, told on standard error, since no caller waits for an answer about them."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
 
 TOLD_EACH_MS: Final = 60_000
-"""What goes wrong again and again is told once in so long for each kind."""
+"""Period in which a repeated incident of one kind is told once."""
 _LOG: Final = logging.getLogger("ztpm.point.enforcement_point")
 
 
 class Incidents:
-    """What went wrong, once a minute for each kind.
+    """Incidents, each kind told once a minute.
 
     Args:
-        clock: by which a minute passes.
+        clock: clock for the minute.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -31,7 +31,7 @@ class Incidents:
         self._tasks: set[asyncio.Task[object]] = set()
 
     def watched(self, what: str, work: Coroutine[Any, Any, object]) -> asyncio.Task[object]:
-        """A task that does it from here on, and is kept until it ends; why it failed is told."""
+        """Task that does the work from here on, kept until it ends; its failure is told."""
         task = asyncio.get_running_loop().create_task(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
@@ -39,7 +39,7 @@ class Incidents:
         return task
 
     def tell(self, what: str, error: BaseException | None) -> None:
-        """What went wrong, and where, unless it has a code of ours; None: nothing did."""
+        """Tells an incident, with its traceback unless it has a code of ours; None is no incident."""
         if error is None:
             return
         kind, where = (error.code, None) if isinstance(error, PepError) else (type(error).__name__, error)
@@ -47,7 +47,7 @@ class Incidents:
             _LOG.warning("%s: %s", what, error, exc_info=where)
 
     def first(self, what: str, kind: str) -> bool:
-        """Whether nothing of this kind was told lately. It has been, from now on."""
+        """True where no incident of this kind was told lately, and from now on one was."""
         now = self._clock.monotonic_ms()
         if now - self._told.get((what, kind), now - TOLD_EACH_MS) < TOLD_EACH_MS:
             return False

@@ -1,4 +1,4 @@
-"""Where a cell keeps its files: one directory; private keys are encrypted and readable by their owner alone."""
+"""Layout of a cell's files: one directory; private keys are encrypted and readable by their owner alone."""
 
 from __future__ import annotations
 
@@ -66,12 +66,12 @@ class Layout:
 
     @property
     def gateway_state(self) -> Path:
-        """What the gateway keeps over restarts."""
+        """Directory of the gateway's state over restarts."""
         return self.root / "gateway" / "state"
 
     @property
     def cell_file(self) -> Path:
-        """What stands in the cell, signed by `SURVEYOR`."""
+        """File of the cell's surveyed objects, signed by `SURVEYOR`."""
         return self.root / "cell" / "cell.jws"
 
     @property
@@ -81,7 +81,7 @@ class Layout:
 
     @property
     def state(self) -> Path:
-        """What the PEP keeps over restarts."""
+        """Directory of the PEP's state over restarts."""
         return self.root / "cell" / "state"
 
     @property
@@ -111,7 +111,7 @@ class Layout:
 
     @property
     def scene(self) -> Path:
-        """What the simulated sensor is to see: the object that it takes as a command, when there is one."""
+        """File of the simulated sensor's scene: the object that it takes as a command, where there is one."""
         return self.root / "cell" / "scene.json"
 
     @property
@@ -121,12 +121,12 @@ class Layout:
 
     @property
     def log(self) -> Path:
-        """What `ztpm up` did and saw, as JSON lines."""
+        """Log of `ztpm up`, as JSON lines."""
         return self.root / "up.log"
 
     @property
     def key_ring(self) -> Path:
-        """Which keys the identity provider has, and which of them sign."""
+        """File of the identity provider's keys, with the ones that sign."""
         return self.root / "idp" / "keys.json"
 
     def idp_key(self, id_: str) -> Path:
@@ -143,7 +143,7 @@ class Layout:
 
 
 def write_private(path: Path, content: bytes) -> None:
-    """The file exists, new, with mode 0600 from its first instant, and is on disk.
+    """Writes a new file with mode 0600 from its first instant, synced to disk.
 
     Raises:
         LayoutError: when it exists already; a key is never overwritten.
@@ -160,7 +160,7 @@ def write_private(path: Path, content: bytes) -> None:
 
 
 def replace_private(path: Path, content: bytes) -> None:
-    """The file has this content with mode 0600, and had the old content until it had all of the new one.
+    """Replaces the file's content whole, with mode 0600.
 
     Raises:
         OSError: when it cannot be written; it is as it was then.

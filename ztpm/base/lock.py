@@ -16,7 +16,7 @@ UNKNOWN: Final = 0
 
 
 class LockedError(RuntimeError):
-    """Somebody else holds the lock.
+    """The lock is held by another process.
 
     Attributes:
         pid: of the holder, or `UNKNOWN`.
@@ -40,7 +40,7 @@ class DirectoryLock:
 
     @classmethod
     def take(cls, path: Path) -> DirectoryLock:
-        """The lock, held by this process from now on. Children do not inherit it.
+        """Takes the lock for this process. Children do not inherit it.
 
         Args:
             path: of the lock file; made when missing, never removed, so that two processes never lock two files.
@@ -64,7 +64,7 @@ class DirectoryLock:
         return cls(descriptor, stale_pid)
 
     def give_back(self) -> None:
-        """The lock is free, and nothing in the file says otherwise."""
+        """Frees the lock, and empties the file."""
         os.ftruncate(self._fd, 0)
         # A child that was just started has the file open until the kernel closes it: the lock is ended, not left.
         fcntl.flock(self._fd, fcntl.LOCK_UN)

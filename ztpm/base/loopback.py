@@ -1,4 +1,7 @@
-"""Addresses of this machine alone: a robot's ports are fixed, so whoever serves them has an address of its own."""
+"""Addresses of this machine alone.
+
+A robot's ports are fixed, so each program that serves them needs an address of its own.
+"""
 
 from __future__ import annotations
 
@@ -31,7 +34,7 @@ def free_host(seed: bytes, free: Callable[[str], bool]) -> str:
 
 
 def is_free(host: str, port: int) -> bool:
-    """Whether nobody listens there now."""
+    """True where no program listens there now."""
     with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:

@@ -1,4 +1,4 @@
-"""A module whose process ends with its parent's: `python -m ztpm.base.parent_watch PARENT MODULE ARGUMENTS...`.
+"""Main program whose process ends with its parent's: `python -m ztpm.base.parent_watch PARENT MODULE ARGUMENTS...`.
 
 However the parent dies, kill -9 included, the kernel sends SIGTERM here, and the module ends as it does when it is
 asked to. So no child of a cell outlives the cell. The kernel counts the *thread* that started the child as its parent:
@@ -24,11 +24,14 @@ PR_SET_PDEATHSIG: Final = 1  # include/uapi/linux/prctl.h
 
 LOOK_S: Final = 0.5
 END_S: Final = 12.0
-"""Longest wait for the module's own end: the arm's stop takes 5 s at most, and its connections as long again."""
+"""Longest wait for the module's own end.
+
+The arm's stop takes 5 s at most, and its connections as long again.
+"""
 
 
 def ends_with_parent() -> Callable[[], None]:
-    """For a child to call before it becomes its program: when its parent dies, the kernel sends it SIGTERM."""
+    """Asks the kernel for SIGTERM at the parent's death; for a child before it becomes its program."""
     libc = ctypes.CDLL(None)  # loaded here: between fork and exec nothing may be
 
     def tie() -> None:
@@ -38,7 +41,7 @@ def ends_with_parent() -> Callable[[], None]:
 
 
 def _follow(parent: int) -> None:
-    """The process has ended soon after its parent, whatever the module makes of a signal."""
+    """Ends the process soon after its parent, in spite of the module's own signal handling."""
     while os.getppid() == parent:
         time.sleep(LOOK_S)
     os.kill(os.getpid(), signal.SIGTERM)
@@ -47,7 +50,7 @@ def _follow(parent: int) -> None:
 
 
 def main() -> None:
-    """The module runs as the main program. Exit status 1 when the parent is gone already."""
+    """Runs the module as the main program. Exit status 1 when the parent is gone already."""
     parent, module = int(sys.argv[1]), sys.argv[2]
     if ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0) != 0:
         sys.exit("ztpm.base.parent_watch: the kernel refuses PR_SET_PDEATHSIG")

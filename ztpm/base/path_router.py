@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 
 class PathRouter:
-    """The app of a request's path.
+    """Router to the app of a request's path.
 
     Args:
         app: for every path that is not named; it alone hears of the server's beginning and end.

@@ -1,4 +1,4 @@
-"""The user whose process is at the other end of a connection on this machine, by the kernel's table of sockets."""
+"""User of the process at a connection's other end on this machine, by the kernel's table of sockets."""
 
 from __future__ import annotations
 

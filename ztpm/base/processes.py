@@ -1,4 +1,4 @@
-"""Child processes that say when they are ready: started, watched and ended with deadlines, their output kept.
+"""Child processes that report readiness: started, watched and ended with deadlines, their output kept.
 
 They end with this process, however it ends (ztpm/base/parent_watch.py), and some of them answer questions on their
 standard input.
@@ -32,9 +32,9 @@ KEPT_LINES: Final = 200
 POLL_S: Final = 0.2
 """Longest time for which an end of the wait goes unnoticed."""
 ANSWER: Final = '{"answer":'
-"""How a line begins that answers a question; it is no output."""
+"""Beginning of a line that answers a question; it is no output."""
 PREPARING: Final = '{"preparing":'
-"""How a line begins that says what is being prepared; likewise."""
+"""Beginning of a line that tells of preparation; likewise no output."""
 
 
 class ChildError(RuntimeError):
@@ -82,7 +82,7 @@ class Child:
         ended: Callable[[], bool] = lambda: False,
         preparing: Preparing | None = None,
     ) -> Child:
-        """A child running `python -m module arguments`, ready. It ends when the calling thread does.
+        """Starts a child running `python -m module arguments`, ready. It ends when the calling thread does.
 
         Args:
             name: for messages.
@@ -157,11 +157,11 @@ class Child:
 
     @property
     def alive(self) -> bool:
-        """Whether it has not ended."""
+        """True until the child has ended."""
         return self.popen.poll() is None
 
     def tell(self, command: object) -> None:
-        """One JSON line on the child's standard input."""
+        """Sends one JSON line to the child's standard input."""
         assert self.popen.stdin is not None
         self.popen.stdin.write(json.dumps(command).encode() + b"\n")
         self.popen.stdin.flush()
@@ -194,20 +194,23 @@ class Child:
             return answer
 
     def pause(self) -> None:
-        """The process stands still (SIGSTOP), as an unreachable machine would."""
+        """Suspends the process (SIGSTOP), so that it looks like an unreachable machine."""
         self.popen.send_signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        """The process goes on."""
+        """Resumes the process."""
         self.popen.send_signal(signal.SIGCONT)
 
     def kill(self) -> None:
-        """The process is gone at once (SIGKILL), as in a power cut."""
+        """Kills the process at once (SIGKILL), as in a power cut."""
         self.popen.kill()
         self.popen.wait(STOP_S)
 
     def stop(self) -> int:
-        """The process has ended; its exit code. Asked first (SIGTERM), killed after `STOP_S` seconds."""
+        """Ends the process; its exit code.
+
+        Asked first (SIGTERM), killed after `STOP_S` seconds.
+        """
         if self.popen.poll() is None:
             self.popen.send_signal(signal.SIGCONT)
             self.popen.terminate()

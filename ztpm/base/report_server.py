@@ -1,7 +1,9 @@
-"""What an enforcement point tells the process that started it, when asked: at least how old its revocation view is.
+"""Report of an enforcement point to the process that started it, on request.
 
-The question `{"report": true}` comes as a line on standard input, and the answer goes to standard output. That pipe is
-nobody else's, so joint angles are told here that the server keeps from strangers on its HTTP port.
+It has at least the age of the revocation view.
+
+The question `{"report": true}` comes as a line on standard input, and the answer goes to standard output. The pipe
+belongs to that process alone, so joint angles are told here that the server keeps from strangers on its HTTP port.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ if TYPE_CHECKING:
 
 
 async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> None:
-    """Every question on standard input is answered, until it ends.
+    """Answers every question on standard input, until the input ends.
 
     Args:
         report: makes an answer; plain JSON.

@@ -31,7 +31,7 @@ PROCESSES: Final = {
 
 @dataclass
 class Cell:
-    """A cell's processes. Each can be started again; what it was before has then ended.
+    """Processes of a cell. Each can be started again; the earlier one has then ended.
 
     Attributes:
         layout: its directory.
@@ -65,7 +65,7 @@ class Cell:
         joints: tuple[float, ...],
         start: Callable[..., Child] | None = None,
     ) -> Cell:
-        """Identity provider, controller and sensor run; the others come with `start_enforcement`, after `register`.
+        """Starts identity provider, controller and sensor; `start_enforcement` starts the others, after `register`.
 
         Args:
             layout: made by `ztpm.cell.setup.initialise`.
@@ -92,18 +92,21 @@ class Cell:
 
     @property
     def children(self) -> dict[str, Child]:
-        """The processes that were started, by attribute, in the order of `PROCESSES`."""
+        """Processes that were started, by attribute, in the order of `PROCESSES`."""
         return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
 
     def start_idp(self) -> None:
-        """The identity provider runs."""
+        """Starts the identity provider."""
         self.end("idp")
         self.idp = self.start_child(
             PROCESSES["idp"], "ztpm_idp", "--config", str(self.layout.idp_config), environment=self._secret
         )
 
     def start_robot(self) -> None:
-        """The controller runs, its arm standing at `joints`. Whoever was connected to an earlier one is not to this."""
+        """Starts the controller with its arm at `joints`.
+
+        Connections to an earlier controller are lost.
+        """
         self.end("robot")
         pose = ",".join(repr(angle) for angle in self.joints)
         self.robot = self.start_child(
@@ -113,7 +116,7 @@ class Cell:
 
     @staticmethod
     def _installed() -> tuple[str, str]:
-        """The controller's installation has the gripper's tool point and weight, as a person would have set it up."""
+        """Installation of the controller: the gripper's tool point and weight, as a person would set them up."""
         from pep.pit import Robot
         from pep.rtde.robot.gripper import DRIVEN
         from ztpm.point.cell_config import ROBOT_MODEL
@@ -124,7 +127,7 @@ class Cell:
         return f"--tcp={tcp}", f"--payload={payload}"
 
     def start_sensor(self, *options: str) -> None:
-        """The sensor runs and sees an empty scene.
+        """Starts the sensor, which sees an empty scene.
 
         Args:
             options: further ones of its command line.
@@ -138,7 +141,7 @@ class Cell:
         )  # fmt: skip
 
     def start_gateway(self, *options: str) -> None:
-        """The robot's gateway runs, and the tools have the arm.
+        """Starts the robot's gateway, and waits until the tools have the arm.
 
         Args:
             options: further ones of its command line.
@@ -150,7 +153,7 @@ class Cell:
         )  # fmt: skip
 
     def start_tools(self) -> None:
-        """The tool server runs."""
+        """Starts the tool server."""
         self.end("tools")
         self.tools = self.start_child(
             PROCESSES["tools"],
@@ -161,7 +164,7 @@ class Cell:
         )
 
     def start_enforcement(self) -> None:
-        """Every enforcement point runs: agents can call the tools, programs can open a lease."""
+        """Starts every enforcement point: agents can call the tools, programs can open a lease."""
         self.start_gateway()
         self.start_tools()
 
@@ -170,13 +173,13 @@ class Cell:
         return {PASSPHRASE_VARIABLE: self.passphrase.decode()}
 
     def end(self, name: str) -> None:
-        """The process of that attribute has ended, if it was running."""
+        """Ends the process of that attribute, if it is running."""
         child = vars(self).pop(name, None)
         if child is not None:
             child.stop()
 
     def register(self, admin: Operator) -> None:
-        """The PEPs, the sensor and the reviewed tool definitions are registered by a person."""
+        """Registers the PEPs, the sensor and the reviewed tool definitions, by a person."""
         self.register_peps(admin)
         self.register_sensor(admin)
         self.register_tools(admin)
@@ -188,7 +191,7 @@ class Cell:
         return {name: keys.public_raw(read_key(file, self.passphrase)) for name, file in files.items()}
 
     def register_peps(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
-        """The enforcement points are registered.
+        """Registers the enforcement points.
 
         Args:
             admin: who registers.
@@ -199,7 +202,7 @@ class Cell:
                 admin.register_pep(name, key, [self.addresses.audience])
 
     def register_sensor(self, admin: Operator) -> None:
-        """The sensor is registered."""
+        """Registers the sensor."""
         admin.register_sensor(
             SENSOR_ID,
             keys.public_raw(read_key(self.layout.sensor_key, self.passphrase)),
@@ -209,10 +212,10 @@ class Cell:
         )
 
     def register_tools(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
-        """The tools are registered as they are defined now; whoever calls this has reviewed them.
+        """Registers the tools as they are defined now; the caller has reviewed them.
 
         Args:
-            admin: who registers.
+            admin: the person who registers.
             only: names, or None for all.
         """
         from pep.mcp.arm_server import tool_definitions
@@ -228,7 +231,7 @@ class Cell:
                 )
 
     def stop(self) -> None:
-        """Every process has ended, those that use others first."""
+        """Ends every process, those that use others first."""
         for child in reversed(self.children.values()):
             child.stop()
 

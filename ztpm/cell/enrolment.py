@@ -1,7 +1,7 @@
-"""What the identity provider knows of a cell: read from its signed registry, compared with what the cell has now.
+"""Enrolment of a cell: its signed registry, compared with the cell's present keys and tools.
 
-What was registered once is never registered again behind a person's back: a tool whose definition changed stays refused
-until somebody has looked at it.
+A registered part is never registered again without a person: a tool whose definition changed stays refused until a
+person has looked at it.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ TIMEOUT_S: Final = 5.0
 
 
 class EnrolmentError(RuntimeError):
-    """The registry cannot be had, or not be believed."""
+    """Registry that cannot be fetched, or not be believed."""
 
 
 class Kind(StrEnum):
-    """What can differ."""
+    """Kind of a part that can differ."""
 
     PEP = "enforcement point"
     SENSOR = "sensor"
@@ -42,7 +42,7 @@ class Kind(StrEnum):
 
 
 class Difference(StrEnum):
-    """How it differs."""
+    """Way in which a part differs."""
 
     MISSING = "not registered"
     CHANGED = "registered differently"
@@ -51,7 +51,7 @@ class Difference(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Differing:
-    """One thing that the registry says differently from what the cell has now."""
+    """One part that the registry states differently from the cell's present one."""
 
     kind: Kind
     name: str
@@ -88,7 +88,7 @@ def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapsh
 
 
 def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
-    """What the registry says differently from what the cell has now: its enforcement points, its sensor, its tools.
+    """Differences between the registry and the cell's present enforcement points, sensor and tools.
 
     Args:
         cell: whose keys count.
@@ -109,7 +109,7 @@ def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]
 
 
 def tool_differences(snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
-    """What the registry says differently from the tools as they are defined now.
+    """Differences between the registry and the tools as they are defined now.
 
     Args:
         snapshot: as registered.
@@ -131,7 +131,7 @@ def tool_differences(snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
 
 
 def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, ...]:
-    """The cell is registered, the first time; what differs from its registration, every other time.
+    """Registers the cell the first time; every other time, its differences from the registration.
 
     A first time that was cut short goes on where it was cut: only what is missing is registered then.
 

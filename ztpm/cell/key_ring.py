@@ -1,4 +1,4 @@
-"""Steps of a rotation on a cell's directory: the ring, the private keys beside it and the trust bundle, in safe order.
+"""Steps of a rotation on a cell's directory: ring, private keys and trust bundle, in safe order.
 
 The private key is on disk before the ring names it, and the ring before the bundle that it makes. A step that was cut
 off half way leaves a private key that nobody names, or an old bundle, which the next step writes anew.
@@ -25,7 +25,7 @@ class RotationStep(Protocol):
     """A step of `capabilities.rotation.rotation` on one key."""
 
     def __call__(self, ring: KeyRing, id_: str, *, at: int) -> KeyRing | RotationRefused:
-        """The ring after it."""
+        """Ring after the step."""
         ...
 
 
@@ -48,7 +48,7 @@ def read(layout: Layout) -> KeyRing:
 def prepare(
     layout: Layout, role: Role, algorithm: keys.Algorithm, *, passphrase: bytes, at: int
 ) -> KeyRing | RotationRefused:
-    """A further key of a role is made, encrypted under the passphrase that opens the key that signs now.
+    """Makes a further key of a role, encrypted under the passphrase that opens the present signing key.
 
     Args:
         layout: of the cell.
@@ -79,7 +79,9 @@ def prepare(
 
 
 def step(layout: Layout, verb: RotationStep, id_: str, *, at: int) -> KeyRing | RotationRefused:
-    """A key is activated, tainted or revoked. What is revoked loses no file: the operator may want to show it.
+    """Activates, taints or revokes a key.
+
+    A revoked key keeps its file: the operator may want to show it.
 
     Raises:
         LayoutError, capabilities.values.errors.BadKeyError: as `read`.
@@ -89,7 +91,7 @@ def step(layout: Layout, verb: RotationStep, id_: str, *, at: int) -> KeyRing | 
 
 
 def renew(layout: Layout, *, at: int) -> KeyRing | RotationRefused:
-    """The trust bundle of the same keys holds for its whole life from now on.
+    """Renews the trust bundle of the same keys for its whole life from now on.
 
     Raises:
         LayoutError, capabilities.values.errors.BadKeyError: as `read`.

@@ -1,4 +1,4 @@
-"""Making a cell's directory: keys, trust bundle, configurations, first operators. What `ztpm init` does."""
+"""Making of a cell's directory: keys, trust bundle, configurations, first operators. Body of `ztpm init`."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ SENSOR_TRANSIT_MS: Final = 20
 
 @dataclass(frozen=True, slots=True)
 class Addresses:
-    """Where a cell listens: a loopback address of its own, since a robot's ports are fixed and cells must not meet.
+    """Addresses of a cell: a loopback address of its own, since a robot's ports are fixed.
 
     Attributes:
         host: an address in 127.0.0.0/8.
@@ -56,7 +56,7 @@ class Addresses:
 
     @property
     def gateway_host(self) -> str:
-        """The robot's gateway has the next address: its ports are as fixed as the robot's.
+        """Address of the robot's gateway, the next one: its ports are as fixed as the robot's.
 
         Raises:
             SetupError: `host` is no IPv4 address, or the last one.
@@ -78,7 +78,7 @@ class Addresses:
 
     @property
     def taken(self) -> tuple[int, ...]:
-        """The ports that somebody listens on now."""
+        """Ports of the cell that are taken now."""
         own = (port for port in self.ports if not is_free(self.host, port))
         return (*own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
 
@@ -94,7 +94,7 @@ class Addresses:
 
     @property
     def well_known(self) -> str:
-        """Where the cell's MCP server says whose tokens it takes, to anybody (RFC 9728)."""
+        """URL at which the cell's MCP server names its token issuer to all callers (RFC 9728)."""
         from pep.mcp.dpop import WELL_KNOWN
 
         return f"http://{self.host}:{self.tools_port}{WELL_KNOWN}/mcp"
@@ -131,13 +131,14 @@ class SetupError(ValueError):
 
 
 def read_addresses(layout: Layout) -> Addresses:
-    """Where the cell in a directory listens, by all its configurations.
+    """Addresses of the cell in a directory, by all its configurations.
 
     Args:
         layout: made by `initialise`.
 
     Raises:
-        SetupError: naming what is missing, refused, or not the same in all; an embedded cell has one loopback host.
+        SetupError: naming a setting that is missing, refused or not the same in all; an embedded cell has one
+            loopback host.
     """
     from pep.base.errors import ConfigError
     from ztpm.point.gateway_config import read_gateway_config
@@ -179,7 +180,7 @@ def read_addresses(layout: Layout) -> Addresses:
 
 
 def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
-    """Every file of a new cell exists, and its three operators are known to the identity provider; or no file does.
+    """Makes every file of a new cell and its three operators, or no file.
 
     Args:
         layout: an empty or missing directory; the lock of a `ztpm up` does not count.
@@ -210,7 +211,7 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
 
 
 def is_empty(layout: Layout) -> bool:
-    """Whether nothing is in the directory but the lock of a `ztpm up`."""
+    """True where nothing is in the directory but the lock of a `ztpm up`."""
     return all(entry == layout.lock for entry in layout.root.iterdir())
 
 
@@ -239,7 +240,7 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
 
 
 def _check_readable(layout: Layout) -> None:
-    """Every service takes its configuration, by the very readers that they start with.
+    """Reads every service's configuration by the reader that it starts with.
 
     Raises:
         SetupError: naming what is refused.
@@ -260,14 +261,16 @@ def _check_readable(layout: Layout) -> None:
 
 
 def _ring(layout: Layout, addresses: Addresses, passphrase: bytes) -> rotation.KeyRing:
-    """The first keys of the identity provider, their files written under the names that the ring gives them."""
+    """First keys of the identity provider, with their files written under the ring's names."""
     first = {role: new_key(layout.idp_key(f"{stem}-1"), passphrase) for role, stem in rotation.ID_STEM.items()}
     public = {role: keys.public_raw(key) for role, key in first.items()}
     return rotation.begin(addresses.issuer, public, at=int(time.time()))
 
 
 def _toml(settings: dict[str, str | int]) -> bytes:
-    """Lines of TOML: a string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.
+    """Lines of TOML.
+
+    A string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.
 
     Raises:
         SetupError: for a name that is not UTF-8.
@@ -317,7 +320,7 @@ def _door_settings(layout: Layout, addresses: Addresses, policy: str) -> dict[st
 def _gateway_settings(
     layout: Layout, addresses: Addresses, defer_timeout_s: int, surveyor: PrivateKey
 ) -> dict[str, str | int]:
-    """Where the gateway's differ from the tool server's, and its own."""
+    """Settings of the gateway: its differences from the tool server's, and its own."""
     return {
         "host": addresses.gateway_host,
         "port": addresses.door_port,

@@ -1,4 +1,4 @@
-"""The simulated platform of an embedded cell: it says which software holds which key.
+"""Simulated platform of an embedded cell: it attests the software behind each key.
 
 On a real host this is a workload attestor such as a SPIRE agent: it looks at the process that asks (its image, its
 user, its node) and measures it itself. This one is told: it signs what the cell's own composition gives it. So in the
@@ -25,7 +25,7 @@ TRUST_DOMAIN: Final = "cell.local"
 
 
 def workload_id(agent: str) -> str:
-    """What the cell's platform calls an agent."""
+    """Workload id of an agent on the cell's platform."""
     return f"spiffe://{TRUST_DOMAIN}/{agent}"
 
 
@@ -44,7 +44,7 @@ class Attestor:
     now: Callable[[], float]
 
     def token(self, agent: str, key: bytes, measurement: bytes) -> str:
-        """A token for the workload of this agent, bound to its key, from now on for as long as the profile allows.
+        """Token for this agent's workload, bound to its key, for the whole life of the profile.
 
         Args:
             agent: its id.
@@ -63,5 +63,5 @@ class Attestor:
         return workload.sign(said, self.key)
 
     def source(self, agent: str, key: bytes, measurement: bytes) -> Callable[[], str]:
-        """Fetches such a token whenever it is called: what `ztpm_idp.client.Agent` takes as `workload`."""
+        """Source of such a token at each call, for the `workload` of `ztpm_idp.client.Agent`."""
         return lambda: self.token(agent, key, measurement)

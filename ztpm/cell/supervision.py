@@ -1,15 +1,15 @@
-"""Keeping a cell's processes running: each death is on record, stops the arm where it must, and is mended or ends all.
+"""Supervision of a cell's processes: each death is recorded, stops the arm where it must, and is mended.
 
-| process | when it dies |
-| --- | --- |
-| sensor | started again as often as it takes, with the scene that it was told; until then perception is stale |
-| identity provider | started again, at most three times in ten minutes; until then the view ages and motion is denied |
-| gateway | the arm is stopped through the dashboard at once, whatever its watchdog does; then as above |
-| controller | the gateway, whose connections died with it, ends too; then both are started again, as above |
+A death that cannot be mended ends the cell.
+
+| process | when it dies | | --- | --- | | sensor | started again as often as it takes, with the scene that it was told;
+until then perception is stale | | identity provider | started again, at most three times in ten minutes; until then the
+view ages and motion is denied | | gateway | the arm is stopped through the dashboard at once, beside its watchdog; then
+as above | | controller | the gateway, whose connections died with it, ends too; then both are started again, as above |
 | tool server | the gateway stops what it called for, since nobody waits for that; then as above |
 
-What cannot be mended ends everything. A process that lives and does not answer is shown on the status page; it is not
-killed, since nothing moves without it anyway.
+A process that lives and does not answer is shown on the status page; it is not killed, since nothing moves without it
+anyway.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 TICK_S: Final = 0.2
 """Time between two looks at the processes."""
 RESTARTS: Final = {"idp": 3, "robot": 3, "gateway": 3, "tools": 3}
-"""Most restarts within `WINDOW_S`; a process that dies more often has something that a restart does not mend."""
+"""Most restarts within `WINDOW_S`; a process that dies more often has a fault that a restart does not mend."""
 WINDOW_S: Final = 600.0
 BACKOFF_S: Final = 0.5
 BACKOFF_MOST_S: Final = 8.0
@@ -61,7 +61,7 @@ class ChildLostError(RuntimeError):
 
 
 class SceneFile:
-    """What the simulated sensor is to see, read from a file whenever that changes.
+    """Scene of the simulated sensor, read from a file whenever that changes.
 
     Args:
         path: of the file; none is an empty scene.
@@ -75,7 +75,7 @@ class SceneFile:
         self.scene = EMPTY_SCENE
 
     def changed(self) -> bool:
-        """Whether there is another scene now; one that cannot be read leaves the scene as it was."""
+        """True where there is another scene now; an unreadable file leaves the scene as it was."""
         try:
             status = self._path.stat()
             seen = (status.st_mtime_ns, status.st_size)
@@ -132,7 +132,7 @@ class Supervision:
         self._guard: threading.Thread | None = None
 
     def start(self) -> None:
-        """Controller, sensor, gateway and tool server run.
+        """Starts controller, sensor, gateway and tool server.
 
         Raises:
             ChildError: when one does not become ready.
@@ -146,7 +146,7 @@ class Supervision:
         self.cell.start_tools()
 
     def run(self) -> None:
-        """The processes have run until the end was asked for.
+        """Keeps the processes running until the end is asked for.
 
         Raises:
             ChildLostError: when one dies too often.
@@ -155,7 +155,7 @@ class Supervision:
             self.look()
 
     def look(self) -> None:
-        """Every process that died since the last look is running again; the sensor sees what it is to see.
+        """Restarts every process that died since the last look, and shows the sensor its scene.
 
         Raises:
             ChildLostError: when one dies too often.
@@ -168,7 +168,7 @@ class Supervision:
             self._show(self.cell.sensor)
 
     def stop(self) -> None:
-        """Every process has ended; the arm stood still before its controller ended."""
+        """Ends every process, the controller after the arm stands still."""
         for name in ("tools", "gateway"):
             self.cell.end(name)
         if self._guard is not None:
@@ -176,7 +176,7 @@ class Supervision:
         self.cell.stop()
 
     def _mend(self, name: str, child: Child) -> None:
-        """The dead process, and whatever cannot go on without it, runs again."""
+        """Restarts the dead process, and each that cannot go on without it."""
         lines = list(child.output)[-TOLD_LINES:]
         self._log.note(
             "died", f"{child.name} died with status {child.popen.returncode}",
@@ -197,7 +197,7 @@ class Supervision:
             return
 
     def _pause_s(self, name: str, lines: list[str]) -> float:
-        """How long to wait before the restart.
+        """Pause before the restart.
 
         Raises:
             ChildLostError: when there were enough.
@@ -227,7 +227,7 @@ class Supervision:
                 self.cell.start_idp()
 
     def _start_sensor(self) -> None:
-        """The sensor sends its first frame after it was told what it sees: it never saw an empty cell by mistake."""
+        """Starts the sensor with its scene before its first frame, so that it never sees an empty cell."""
         self.cell.start_sensor("--paused")
         self._scene.changed()
         self._show(self.cell.sensor)
@@ -245,7 +245,7 @@ class Supervision:
         self._guard.start()
 
     def _arm_stands_after(self, gateway: Child) -> None:
-        """When the gateway is gone, and not in order, the arm is stopped in its place, at once."""
+        """Stops the arm at once through the dashboard when the gateway is gone, and not in order."""
         if gateway.popen.wait() == 0:
             return
         try:

@@ -1,4 +1,4 @@
-"""The survey of a cell before a person signs it: a TOML draft, or what stands in the embedded cell."""
+"""Survey of a cell before a person signs it: from a TOML draft, or of the embedded cell."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UPRIGHT: Final = (1_000_000, 0, 0, 0)
 
 
 class DraftError(ValueError):
-    """A draft of which no cell file can be made. `code` is the reason."""
+    """Draft that makes no cell file. `code` is the reason."""
 
     def __init__(self, code: str, detail: str) -> None:
         super().__init__(f"{code}: {detail}")
@@ -31,7 +31,7 @@ class DraftError(ValueError):
 
 
 def draft(text: str, *, at: int, days: int) -> cell.Cell:
-    """The cell that a TOML draft spells, ready to be signed.
+    """Cell that a TOML draft spells, ready to be signed.
 
     The members are those of the signed file (docs/spec.md), without its times. What TOML has no word for is left out:
     no `payload_g` means unknown, no `workspace` no such limit, no `tier` a hard zone, no `quaternion_ppm` upright, no
@@ -93,7 +93,7 @@ def _upright(row: Any) -> Any:
 
 
 def embedded(*, audience: str, author: str, sensor: str, at: int) -> cell.Cell:
-    """What stands in the embedded cell: a table that may be touched, a fixture and a charger to keep away from.
+    """Survey of the embedded cell: a table that may be touched, a fixture and a charger to avoid.
 
     Both zones keep 0.15 m away from the sweep between q0 = -0.6 and 0.6 rad (a test measures it). Turning the base on
     to q0 = -1.4 rad and beyond leads into the fixture, to 2.4 rad and beyond into the charger.

@@ -66,7 +66,10 @@ app.add_typer(serve.rtde, name="rtde")
 @cache
 @cache
 def command_line() -> typer.Typer:
-    """`app`, with the commands that installed packages bring; they may import `ztpm`, so not when this is imported."""
+    """The `app` with the commands that installed packages bring.
+
+    They may import `ztpm`, so not at this module's import.
+    """
     add_brought(app, entry_points(group=GROUP))
     return app
 

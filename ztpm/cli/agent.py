@@ -1,4 +1,7 @@
-"""`ztpm agent`: agents of a cell, their keys in its directory. Exit status: 0 done, 1 failure, 2 usage, 3 refused."""
+"""`ztpm agent`: agents of a cell, their keys in its directory.
+
+Exit status: 0 done, 1 failure, 2 usage, 3 refused.
+"""
 
 from __future__ import annotations
 
@@ -190,7 +193,7 @@ def _measured(software: Path, *, as_json: bool) -> bytes:
 
 
 def _trust(row: dict[str, Any]) -> str:
-    """What is stated, and what each delegator is left with of it by what was reported."""
+    """Stated trust, with the trust of each delegator that reports have left."""
     permille, by = row.get("trust_permille"), row.get("trust_by")
     stated = f"{permille / 10:.1f} %" if isinstance(permille, int) else "not stated"
     told = by.items() if isinstance(by, dict) else ()

@@ -1,4 +1,4 @@
-"""`ztpm approvals`: what agents ask of people, and people's answers, each signed by the person's own key.
+"""`ztpm approvals`: asks of agents, and people's answers, each signed by the person's own key.
 
 Exit status: 0 answered, 1 failure, 2 usage, 3 refused by the identity provider, 4 approved and still waiting for
 another person.
@@ -32,7 +32,7 @@ MOST_S: Final = 3_600
 """Longest life of an approval or opening, in seconds; the identity provider refuses more."""
 APPROVAL_S: Final = 120
 OPENING_S: Final = 600
-"""What holds when neither minutes nor seconds are given. DESIGN section 6; the client's own default."""
+"""Seconds where neither minutes nor seconds are given. DESIGN section 6; the client's own default."""
 
 
 @app.command("list")
@@ -317,7 +317,7 @@ def _clock(seconds: object) -> str:
 
 
 def _heading(table: Table, heading: str) -> None:
-    """A column; an id that is cut is of no use to anybody."""
+    """Adds a column; a shortened id would be useless."""
     if heading in {"ask", "opening"}:
         table.add_column(heading, no_wrap=True, min_width=ID_COLUMNS)
     else:

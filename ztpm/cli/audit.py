@@ -17,7 +17,7 @@ from ztpm.cli.output import USAGE, console, fail, plain, say_json
 app = typer.Typer(no_args_is_help=True, help="The ledger, offline.")
 
 CELL_CHARACTERS: Final = 40
-"""What is shown of a value; `--json` shows it whole."""
+"""Characters of a value that are shown; `--json` shows it whole."""
 
 LedgerFile = Annotated[Path, typer.Argument(help="An exported ledger (NDJSON).", exists=True, dir_okay=False)]
 TrustFile = Annotated[Path, typer.Option("--trust", help="The trust bundle.", exists=True, dir_okay=False)]
@@ -85,10 +85,10 @@ class _Row:
 
 
 def _row(entry: object) -> _Row | None:
-    """What is shown of a line; None for the checkpoint.
+    """Row to show for a line; None for the checkpoint.
 
     Raises:
-        _MalformedError: for what is no entry.
+        _MalformedError: for a line that is no entry.
     """
     line = _object(entry, "the entry")
     if line.keys() == {"checkpoint"}:

@@ -14,7 +14,7 @@ GROUP: Final = "ztpm.commands"
 
 
 def add_brought(app: typer.Typer, points: Iterable[EntryPoint]) -> None:
-    """Add the commands of `points` to `app`; a command of `app` itself is never replaced.
+    """Adds the commands of `points` to `app`; a command of `app` itself is never replaced.
 
     An entry point is left out, and a line on standard error says why, when its name is taken or it does not load.
 

@@ -118,7 +118,7 @@ def _read(path: Path, parse: Callable[[object], T], *, as_json: bool) -> T:
 
 
 def _check_new(out: Path, *, as_json: bool) -> None:
-    """Before anything is lent: a token that could not be kept would be lent to nobody."""
+    """Checks before the delegation that the token's file can be made: an unkept token would be lost authority."""
     if out.exists() or not out.absolute().parent.is_dir():
         fail("EXISTS" if out.exists() else "UNWRITABLE", f"{out}", as_json=as_json, status=USAGE)
 

@@ -20,7 +20,10 @@ def demo(
     *,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of a table.")] = False,
 ) -> None:
-    """Tell the story end to end on an embedded cell; the exit status is not 0 when any step is not as told."""
+    """Tell the story end to end on an embedded cell.
+
+    The exit status is not 0 when any step is not as told.
+    """
     from ztpm.demo.run import play
     from ztpm.demo.story import STORY
     from ztpm.stage.live import stage

@@ -54,7 +54,7 @@ def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("
     for name, probe in checks:
         try:
             ok, detail = probe()
-        except Exception as error:  # noqa: BLE001 - a doctor reports, whatever is wrong
+        except Exception as error:  # noqa: BLE001 - a doctor reports every fault
             ok, detail = False, f"{type(error).__name__}: {error}"
         rows.append({"check": name, "ok": ok, "detail": detail})
     sound = all(row["ok"] for row in rows)
@@ -110,7 +110,7 @@ def _physics() -> tuple[bool, str]:
 
 
 def _arm(config: Path) -> tuple[bool, str]:
-    """A gateway takes the configuration, and the arm's calibration where it names one."""
+    """Checks that a gateway takes the configuration, and the arm's calibration where it names one."""
     from pep.base.errors import ConfigError
     from pep.pit.robot.calibration import own_kinematics
     from ztpm.point.cell_config import read_cell, read_robot
@@ -143,7 +143,7 @@ def _durable() -> tuple[bool, str]:
 
 
 def _tether() -> tuple[bool, str]:
-    """Children of `ztpm up` must end with it, and its page must be able to tell whose connection it is."""
+    """Checks that children of `ztpm up` end with it, and that its page can tell its visitors' users."""
     import socket
     import subprocess
 
@@ -163,7 +163,7 @@ def _tether() -> tuple[bool, str]:
 
 
 def _lock() -> tuple[bool, str]:
-    """The current directory's file system gives back the lock of a holder that is gone."""
+    """Checks that the current directory's file system frees the lock of a holder that is gone."""
     import tempfile
     from pathlib import Path
 

@@ -41,7 +41,7 @@ class KeyRole(StrEnum):
 
 
 class Curve(StrEnum):
-    """What a key signs with."""
+    """Kind of key by its curve."""
 
     ED25519 = "ed25519"
     P256 = "p256"
@@ -99,7 +99,10 @@ def prepare(
 
 @app.command("activate")
 def activate(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
-    """The prepared key signs from the next start on; the one that signed is trusted until what it signed is over."""
+    """Let the prepared key sign from the next start on.
+
+    The key that signed is trusted until the last of its signatures is over.
+    """
     from capabilities.rotation import rotation
 
     _step(rotation.activate, key, layout_of(directory, as_json=as_json), as_json=as_json)
@@ -107,7 +110,10 @@ def activate(key: KeyId, *, directory: CellDirectory = None, as_json: Json = Fal
 
 @app.command("taint")
 def taint(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
-    """Nothing that the retired key signs from now on is accepted. If somebody may have the key, revoke it instead."""
+    """Refuse all that the retired key signs from now on.
+
+    If the key may be in other hands, revoke it instead.
+    """
     from capabilities.rotation import rotation
 
     _step(rotation.taint, key, layout_of(directory, as_json=as_json), as_json=as_json)
@@ -139,7 +145,7 @@ def _step(verb: RotationStep, id_: str, layout: Layout, *, as_json: bool) -> Non
 
 
 def _tell(answer: KeyRing | RotationRefused, id_: str | None, trust: Path, *, as_json: bool) -> None:
-    """What was done to the key of this name; None: to the last one, "": to none."""
+    """Tells the step on the key of this name; None means the last one, "" none."""
     from capabilities.rotation.rotation import RotationRefused
 
     if isinstance(answer, RotationRefused):
@@ -182,7 +188,7 @@ def _day(at: int) -> str:
 
 @contextmanager
 def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
-    """No `ztpm up` runs the cell, and no other step is taken meanwhile."""
+    """Holds the directory: no `ztpm up` runs the cell, and no other step is taken meanwhile."""
     from ztpm.base.lock import DirectoryLock, LockedError
 
     try:
@@ -194,7 +200,7 @@ def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
 
 @contextmanager
 def _failures(*, as_json: bool) -> Iterator[None]:
-    """Files that cannot be read, opened or written end the command."""
+    """Ends the command at a file that cannot be read, opened or written."""
     from capabilities.values.errors import BadKeyError
     from ztpm.base.layout import LayoutError
 

@@ -1,4 +1,4 @@
-"""How commands speak: one JSON object with `--json`, a table or a sentence without."""
+"""Output of commands: one JSON object with `--json`, a table or a sentence without."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from rich.console import Console
 FAILURE: Final = 1
 USAGE: Final = 2
 DENY: Final = 3
-"""What was asked about is refused: a token that does not verify, a request that the identity provider turns down."""
+"""Exit status of a refusal: a token that does not verify, a request that the identity provider turns down."""
 DEFER: Final = 4
-"""It is not decided yet: another person must answer."""
+"""Exit status of an open decision: another person must answer."""
 
 WIDE: Final = 160
-"""Columns where nobody says how wide the output is: what is piped must not be cut to fit a screen."""
+"""Columns where the output's width is unknown: piped text must not be cut to fit a screen."""
 console = Console(
     highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else WIDE
 )
 
 
 def say_json(value: object) -> None:
-    """The value as one line of JSON on standard output."""
+    """Prints the value as one line of JSON on standard output."""
     typer.echo(json.dumps(value, ensure_ascii=False, allow_nan=False))
 
 
 def plain(text: str) -> str:
-    """Text of others, for a terminal: nothing in it may speak to that."""
+    """Foreign text, made safe for a terminal: nothing in it may control that."""
     return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
 
 
 def fail(
     code: str, sentence: str, *, as_json: bool, status: int = FAILURE, more: Mapping[str, object] | None = None
 ) -> NoReturn:
-    """The command ends with a reason code and a sentence; `more` is told by machine alone."""
+    """Ends the command with a reason code and a sentence; `more` is told by machine alone."""
     if as_json:
         say_json({"ok": False, "code": code, "detail": sentence, **(more or {})})
     else:

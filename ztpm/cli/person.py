@@ -1,4 +1,4 @@
-"""Commands that a person gives: whose key signs, which identity provider is meant, how a refusal ends the command.
+"""Commands of a person: the signing key, the identity provider, and the end of a command at a refusal.
 
 The key comes from a cell's directory (`--data DIR --as NAME`), or from a file of one's own with the provider's address
 (`--issuer URL --key FILE --as NAME`). Its passphrase comes from ZTPM_PASSPHRASE, or is asked for.
@@ -84,7 +84,7 @@ class Answering(Protocol):
 
 
 def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Operator:
-    """The person, with the key that signs. What cannot be meant, or opened, ends the command.
+    """The person, with the signing key; an unknown name or unreadable key ends the command.
 
     Args:
         directory: the cell's directory, as given on the command line.
@@ -108,12 +108,12 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
 
 
 def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:
-    """As `operator`, as one who answers asks."""
+    """The person as of `operator`, as an approver."""
     return cast("Answering", operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json))
 
 
 def known_name(name: str, *, as_json: bool) -> None:
-    """The name has the form of a registered id, or the command ends."""
+    """Checks that the name has the form of a registered id, or ends the command."""
     if not NAME.fullmatch(name):
         fail("NAME_MALFORMED", "lower-case letters, digits, '.', '_', '-'; at most 63", as_json=as_json, status=USAGE)
 
@@ -157,7 +157,10 @@ def open_key(path: Path, *, as_json: bool) -> PrivateKey:
 
 @contextmanager
 def refusals(*, as_json: bool) -> Iterator[None]:
-    """A refusal by the identity provider ends the command with status 3, an outage with 1; either with its code."""
+    """Ends the command at a refusal by the identity provider with status 3, at an outage with 1.
+
+    Either has its code.
+    """
     from ztpm_idp.client import ClientError
 
     try:
@@ -167,7 +170,7 @@ def refusals(*, as_json: bool) -> Iterator[None]:
 
 
 def refuse(error: Any, *, as_json: bool) -> NoReturn:
-    """The command ends as the provider's answer says."""
+    """Ends the command with the provider's answer."""
     status = DENY if 400 <= error.status < 500 else FAILURE
     sentence, why = error.detail or "refused by the identity provider", error.explanation
     if why is None:

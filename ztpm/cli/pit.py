@@ -147,7 +147,7 @@ def _asked(scene: Path, motion: Path, arm: Arm, *, as_json: bool) -> Asked:
 
 
 def _fault(reason: str, detail: str, *, as_json: bool) -> NoReturn:
-    """A fault is no tier, and no approval overrides it."""
+    """Prints a fault, which is no tier, and which no approval overrides."""
     if as_json:
         say_json({"fault": {"reason": reason, "detail": detail}})
     else:

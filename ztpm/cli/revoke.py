@@ -12,7 +12,7 @@ from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, op
 
 
 class Revocable(StrEnum):
-    """What can be revoked."""
+    """Kinds of things that can be revoked."""
 
     TOKEN = "token"  # noqa: S105 - a word, not a secret
     HOP = "hop"

@@ -1,4 +1,4 @@
-"""`ztpm rtde run` and `ztpm rtde connect`: a program that knows nothing of leases, in one."""
+"""`ztpm rtde run` and `ztpm rtde connect`: a program without knowledge of leases, in one."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ def robot() -> None:
 
 
 def _become(module: str, *arguments: str) -> NoReturn:
-    """This process becomes `python -m module arguments`: one way to start a thing, with or without the command line."""
+    """Turns this process into `python -m module arguments`: one way to start it, with or without the command line."""
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", module, *arguments])  # noqa: S606 - our own interpreter and our own modules
 
@@ -68,7 +68,7 @@ def gateway(
     ] = False,
     directory: CellDirectory = None,
 ) -> None:
-    """Stand before a robot's controller: state and stop for everybody, motion for whoever holds its lease.
+    """Stand before a robot's controller: state and stop for all, motion for the holder of its lease.
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """

@@ -1,4 +1,4 @@
-"""`ztpm token inspect`: what a token says, after its signatures were checked."""
+"""`ztpm token inspect`: the content of a token, after its signatures were checked."""
 
 from __future__ import annotations
 
@@ -28,7 +28,10 @@ def inspect(
     *,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Show sponsor, hops, scope and limits of a token that verifies. It comes from a file, since it is a secret."""
+    """Show sponsor, hops, scope and limits of a token that verifies.
+
+    It comes from a file, since it is a secret.
+    """
     from capabilities.token.token_text import token_from_text
     from capabilities.token.verify import inspect_token
     from capabilities.values.caps import DEFAULT

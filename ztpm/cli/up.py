@@ -83,7 +83,7 @@ def up(
 
 
 def _undo(layout: Layout, *, made: bool) -> None:
-    """A directory that was made for a cell that could not be made is gone again."""
+    """Removes a directory that was made for a cell that could not be made."""
     if made and layout.root.exists() and list(layout.root.iterdir()) == [layout.lock]:
         layout.lock.unlink()
         layout.root.rmdir()

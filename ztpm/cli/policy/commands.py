@@ -1,4 +1,4 @@
-"""`ztpm policy`: sets of policies as their authors and auditors want to look at them."""
+"""`ztpm policy`: sets of policies, for their authors and auditors."""
 
 from __future__ import annotations
 

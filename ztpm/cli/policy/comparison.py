@@ -1,4 +1,4 @@
-"""`ztpm policy diff` and `simulate`: in what two sets differ, and what another one would have decided of the past."""
+"""`ztpm policy diff` and `simulate`: differences of two sets, and decisions of the past under another one."""
 
 from __future__ import annotations
 

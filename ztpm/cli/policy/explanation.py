@@ -1,4 +1,4 @@
-"""`ztpm policy explain`: why a set decides a request as it does, policy for policy and primitive for primitive."""
+"""`ztpm policy explain`: the reasons of a set's decision, policy for policy and primitive for primitive."""
 
 from __future__ import annotations
 
@@ -97,7 +97,7 @@ def _past(path: Path, record: str, *, as_json: bool) -> tuple[RecordedDecision, 
 
 
 def _suggested(recorded: RecordedCase, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:
-    """What would change the answer, the nearest to hand first; each that can be supposed was decided again."""
+    """Suggestions that would change the answer, the nearest first; each possible one was decided again."""
     from pep.gate.records import jsonable
     from policies.explain.remedies import remedies
 
@@ -114,7 +114,7 @@ def _suggested(recorded: RecordedCase, found: Explanation, policies: PolicySet) 
 
 
 def _then(past: RecordedDecision | None) -> dict[str, object] | None:
-    """What was recorded then, for whoever compares it with now."""
+    """Recorded decision, for comparison with the present one."""
     if past is None:
         return None
     decision = past.body["decision"]
@@ -282,7 +282,7 @@ def _add_finding(tree: Tree, finding: Finding, before: str = "") -> None:
 
 
 def _add_remedy(tree: Tree, remedy: dict[str, Any]) -> None:
-    """One suggestion: the means, in numbers and names, and what came of it when it was supposed."""
+    """Adds one suggestion: the means, in numbers and names, and its effect where it was decided again."""
     detail = ", ".join(f"{key} {json.dumps(value, ensure_ascii=False)}" for key, value in remedy["detail"].items())
     label = Text(plain(f"{remedy['means']} ({', '.join(remedy['lifts'])}){': ' if detail else ''}{detail} -> "))
     label.append_text(

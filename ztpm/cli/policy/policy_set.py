@@ -50,7 +50,7 @@ def open_set(source: str, *, as_json: bool) -> OpenedPolicySet:
 
 
 def about(policies: PolicySet) -> dict[str, object]:
-    """By what a set is told from another, for JSON."""
+    """Members that tell one set from another, for JSON."""
     return {"name": policies.name, "version": policies.version, "digest": policies.digest}
 
 

@@ -1,4 +1,4 @@
-"""`ztpm policy prove`: what is true of a policy set for every request and all evidence?"""
+"""`ztpm policy prove`: claims about a policy set, proven for every request and all evidence."""
 
 from __future__ import annotations
 
@@ -25,13 +25,16 @@ def prove(
     ] = "read_state,stop",
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Prove seven claims about a policy set with z3, or show a request that breaks one; 0 when all are proven."""
+    """Prove seven claims about a policy set with z3, or show a request that breaks one.
+
+    The exit status is 0 when all are proven.
+    """
     from policies import proof
 
     if file is not None and shipped is not None:
         fail("USAGE", "a file or --set, not both", as_json=as_json, status=USAGE)
     names = frozenset(name.strip() for name in harmless.split(",")) - {""}
-    # with its directory a file is taken for one, whatever it is called
+    # with its directory a file of any name is taken for one
     source = shipped or "paper-default" if file is None else str(file.absolute())
     loaded = open_set(source, as_json=as_json).policies
     results = proof.prove(loaded, harmless=names, clock=time.perf_counter)

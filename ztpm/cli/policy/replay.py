@@ -1,4 +1,4 @@
-"""Decisions of the past: out of a PEP's journal or an exported ledger, or cases that somebody wrote down.
+"""Decisions of the past: out of a PEP's journal, an exported ledger, or a file of written cases.
 
 Nothing here verifies that a file is whole and unchanged: `ztpm audit verify` does.
 """
@@ -60,13 +60,13 @@ class RecordedDecision:
 
     @property
     def request_id(self) -> str:
-        """Of the request; "" when the record has none."""
+        """Id of the request; "" when the record has none."""
         request = self.body.get("request")
         return str(request.get("id", "")) if isinstance(request, dict) else ""
 
     @property
     def name(self) -> str:
-        """By which it is found again."""
+        """Name under which the decision is found again."""
         return f"{self.pep} {self.seq}: {self.request_id}"
 
     def recorded(self) -> RecordedCase:
@@ -88,7 +88,7 @@ class RecordedDecision:
         return found
 
     def verdict(self) -> ComparedDecision | None:
-        """What the policies decided then; None for a denial that is the gate's own.
+        """Verdict of the policies then; None for a denial that is the gate's own.
 
         Raises:
             PastError: `LINE_MALFORMED`.
@@ -110,7 +110,7 @@ class RecordedDecision:
 
     @property
     def policy_digest(self) -> str:
-        """Of the set that decided."""
+        """Digest of the set that decided."""
         return str(self._decision().get("policy_digest", ""))
 
     def _decision(self) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def find(path: Path, record: str) -> RecordedDecision:
 
 @dataclass
 class Replayed:
-    """The cases of a journal, as they are drawn from it, and what was left out.
+    """Cases of a journal, as they are drawn from it, and the number of those left out.
 
     Attributes:
         own: denials of the gate's own, by reason: no set of policies changes them.
@@ -212,7 +212,7 @@ class Replayed:
 
 
 def written_cases(path: Path) -> Iterator[ComparedCase]:
-    """Cases that somebody wrote down: a document (`ztpm policy schema`) a line; a name ending in .xz is unpacked.
+    """Cases of a file, one document (`ztpm policy schema`) a line; a name ending in .xz is unpacked.
 
     Raises:
         PastError: with the line.

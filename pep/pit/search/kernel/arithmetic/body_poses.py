@@ -62,9 +62,9 @@ def arm_in(numbers: Floats, whole: Whole) -> Arm:
 
 
 class Bends(NamedTuple):
-    """Bounds of each body over the whole path: of its ends' first three derivatives, and of its spin.
+    """Bounds of each body over the whole path.
 
-    Of the spin also the first two derivatives.
+    First three derivatives of its ends; its spin, and the first two derivatives of that.
     """
 
     first: Floats
