@@ -39,7 +39,7 @@ PLAIN_CALL: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Refused:
-    """What came back over HTTP: status and reason code."""
+    """Refusal over HTTP: status and reason code."""
 
     status: int
     code: str
@@ -79,7 +79,10 @@ def self_attested(stage: Stage, to: str) -> str:
 
 
 def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:
-    """An approval of an open ask, right in every member, but signed with an agent's key in the name of `approver`."""
+    """Approval of an open ask, signed with an agent's key in the name of `approver`.
+
+    It is right in every member.
+    """
     asked = stage.person("alice").approval(ask_id)
     stated = ask.open(
         asked["ask"], {keys.public_raw(read_key(stage.cell.layout.gateway_key, stage.cell.passphrase))}, DEFAULT
@@ -95,7 +98,7 @@ def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:
 
 
 def posted_vote(stage: Stage, caller: str, ask_id: str, ballot: str) -> Refused:
-    """What the identity provider makes of a vote that an agent posts with a proof of its own."""
+    """Identity provider's answer to a vote that an agent posts with a proof of its own."""
     key = read_key(stage.cell.layout.agent_key(caller), stage.cell.passphrase)
     with httpx2.Client(auth=ProofAuth(key), timeout=30.0) as http:
         answer = http.post(f"{stage.cell.addresses.issuer}/approvals/{ask_id}/votes", json={"vote": ballot})
@@ -103,7 +106,10 @@ def posted_vote(stage: Stage, caller: str, ask_id: str, ballot: str) -> Refused:
 
 
 def forged_frame(stage: Stage) -> None:
-    """A frame of an empty cell in the sensor's name, newer than all before, signed with a key of somebody else."""
+    """Sends a frame of an empty cell in the sensor's name, signed with a foreign key.
+
+    It is newer than all before.
+    """
     frame = observation.sign(
         observation.Observation(
             sensor=SENSOR_ID, boot_id=secrets.token_hex(16), sequence=1, captured_ms=int(time.time() * 1000),

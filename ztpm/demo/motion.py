@@ -1,4 +1,4 @@
-"""One move that is called, looked at over a connection of its own while it lasts, and measured afterwards."""
+"""One move that is called, watched over a connection of its own while it lasts, and measured afterwards."""
 
 from __future__ import annotations
 
@@ -19,11 +19,13 @@ if TYPE_CHECKING:
 
 
 class Motion:
-    """An agent's move under way. Use it as a context: at its end the call has been answered and the eyes are closed.
+    """Agent's move under way, as a context.
+
+    At its end the call has been answered and the recorder is closed.
 
     Args:
-        stage: where.
-        agent: who calls.
+        stage: the running stage.
+        agent: the caller.
         to: target, 6 angles in rad.
         speed: of the leading axis, rad/s.
         token: another than the agent's own.
@@ -39,7 +41,7 @@ class Motion:
         self._answer = self._caller.submit(stage.move, agent, to=to, speed=speed, token=token)
 
     def under_way(self, way_rad: float) -> None:
-        """Some joint has come that far.
+        """Waits until some joint has come that far.
 
         Raises:
             StageError: it does not, or the call was answered before.
@@ -53,13 +55,13 @@ class Motion:
         until(far, "the arm under way")
 
     def answer(self) -> Answer:
-        """The answer to the call; the arm stands then."""
+        """Answer to the call; the arm stands then."""
         answer = self._answer.result(timeout=WAIT_S)
         until(lambda: self._eyes.now().still, "standstill")
         return answer
 
     def stop_after(self, at_s: float) -> Stopped:
-        """The stop that followed an event, once the arm stands.
+        """Stop that followed an event, once the arm stands.
 
         Args:
             at_s: CLOCK_MONOTONIC of the event.

@@ -1,4 +1,4 @@
-"""A program that knows ur_rtde and nothing of ZTPM, as `ztpm rtde run` runs it."""
+"""Program that knows ur_rtde and nothing of ZTPM, as `ztpm rtde run` runs it."""
 
 from __future__ import annotations
 
@@ -78,13 +78,13 @@ class Program:
         return line
 
     def go(self) -> None:
-        """The program goes on to its move."""
+        """Lets the program go on to its move."""
         assert self._child.stdin is not None
         self._child.stdin.write("\n")
         self._child.stdin.flush()
 
     def status(self) -> int:
-        """The exit status of `ztpm rtde run`, once it has ended."""
+        """Exit status of `ztpm rtde run`, once it has ended."""
         return self._child.wait(timeout=WAIT_S)
 
     def __enter__(self) -> Self:

@@ -1,4 +1,4 @@
-"""Telling the story: each step in order, observed before, while and after, judged against what is told of it."""
+"""Telling of the story: each step in order, observed before, meanwhile and afterwards, and judged."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ MOVED_RAD: Final = 1e-3
 
 @dataclass(frozen=True, slots=True)
 class Expect:
-    """What a step must show to be as told.
+    """Expected observations of a step.
 
     Attributes:
         decision, reason, tier: as answered; None stands for anything.
@@ -39,12 +39,12 @@ class Expect:
 
 @dataclass(frozen=True, slots=True)
 class StepObservation:
-    """What a step did and saw.
+    """Observations of a step.
 
     Attributes:
         told: one sentence, with the observed values in it.
         decision, reason, tier, latency_ms: of the decisive call.
-        ok: whatever else the step itself had to see.
+        ok: all other expectations of the step itself hold.
     """
 
     told: str
@@ -56,15 +56,15 @@ class StepObservation:
 
     @classmethod
     def answer(cls, told: str, answer: Answer, *, ok: bool = True) -> StepObservation:
-        """What an answer from the tool server says."""
+        """Observation of an answer from the tool server."""
         return cls(told, answer.decision, answer.reason, answer.tier, answer.latency_ms, ok)
 
 
 @dataclass(frozen=True, slots=True)
 class StoryStep:
-    """One step of the story: its id, what it must show, how it is done, what it needs first, how it is set up.
+    """One step of the story: id, expected observations, action, requirements, preparation.
 
-    What `prepare` moves and decides is no part of what the step shows.
+    Motion and decisions of `prepare` are not observed.
     """
 
     id: str
@@ -111,7 +111,7 @@ class Story:
         return add
 
     def only(self, names: frozenset[str] | None) -> list[StoryStep]:
-        """The named steps and what they need, in order; all of them for None."""
+        """Named steps and those that they need, in order; all of them for None."""
         if names is None:
             return self.steps
         wanted, rows = set(names), {step.id: step for step in self.steps}
@@ -125,7 +125,7 @@ class Story:
 
 
 def play(on_stage: Stage, step: StoryStep) -> StepReport:
-    """The step, played and judged. An exception is a step that is not as told."""
+    """Plays and judges the step. An exception is a step that is not as told."""
     started = time.perf_counter()
     try:
         if step.prepare is not None:

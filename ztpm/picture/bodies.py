@@ -1,4 +1,4 @@
-"""Bodies of a picture as shaded triangles: what stands around, the arm where it decides, and its swept path."""
+"""Bodies of a picture as shaded triangles: the surroundings, the deciding posture of the arm, its swept path."""
 
 from __future__ import annotations
 
@@ -22,16 +22,19 @@ if TYPE_CHECKING:
 GHOSTS: Final = 14
 """Postures of the swept path that are shown faintly."""
 OPAQUE: Final = {"solid": 1.0, "end": 0.2, "ghost": 0.04, "zone": 0.14, "fragile": 0.75}
-"""How opaque a posture is, and a body of a kind; every other body is opaque."""
+"""Opacity of a posture, and of a body by its kind; every other body is opaque."""
 LIGHT: Final = np.array([0.35, -0.45, 0.82])
 MARGIN_M: Final = 0.05
 AROUND_M: Final = 0.30
-"""How much of what stands around the arm is shown: what is farther out is cut off."""
+"""Range of the surroundings around the arm that is shown; the rest is cut off."""
 
 
 @dataclass(frozen=True, slots=True)
 class Filled:
-    """Triangles (n, 3, 3), the ways out of them (n, 3), and red, green, blue and opacity of each, (n, 4)."""
+    """Triangles (n, 3, 3) with their outward normals (n, 3) and colours (n, 4).
+
+    A colour is red, green, blue and opacity.
+    """
 
     triangles: Floats
     normals: Floats
@@ -39,7 +42,7 @@ class Filled:
 
 
 def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
-    """Triangles shaded by how they lie to the light."""
+    """Triangles shaded by their angle to the light."""
     normals = normals_of(triangles)
     bright = 0.5 + 0.5 * normals @ (LIGHT / np.linalg.norm(LIGHT))
     rgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
@@ -50,7 +53,7 @@ def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
 
 
 def bodies_of(shown: Picture) -> Iterator[Filled]:
-    """Everything that has a body: what stands around, the arm where it decides, and its swept path."""
+    """Everything that has a body: the surroundings, the arm's deciding posture, and its swept path."""
     for body in shown.bodies:
         for triangles in triangles_of(body.shape, CELL_M / 2):
             yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0))
@@ -79,7 +82,7 @@ def triangles_of(shape: Shape, size_m: float) -> Iterator[Floats]:
 
 
 def extent(shown: Picture, *, whole: bool) -> tuple[Floats, Floats]:
-    """Low and high corner of what is shown: the arm wherever it goes, and some of what stands around.
+    """Low and high corner of the picture: the arm wherever it goes, and some of its surroundings.
 
     Args:
         shown: everything.

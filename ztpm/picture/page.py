@@ -50,7 +50,7 @@ WORDS: Final = {"payload": "held object", "witness": "nearest points where it de
 THREE: Final = "three-0.187.0.js"
 """The library that draws; `vendored/README.md` says how it is made."""
 BEHIND_RAD: Final = math.pi / 3
-"""How far to the side of the line to what decides the first view stands."""
+"""Angle of the first view beside the line to the deciding body."""
 
 
 def page(shown: Picture, *, subtitle: str, advice: str) -> str:
@@ -137,7 +137,7 @@ def _json(shown: Picture) -> str:
 
 
 def _azimuth(shown: Picture) -> float:
-    """From the arm's side of the line between the nearest points, a little aside, so that both are seen."""
+    """View from the arm's side of the line between the nearest points, a little aside, so that both are seen."""
     for witness in shown.witnesses:
         a, b = witness.near.on_part_m, witness.near.on_thing_m
         if math.hypot(b[0] - a[0], b[1] - a[1]) > CELL_M / 4:
@@ -157,7 +157,7 @@ def _row(number: int, told: Contribution) -> str:
 
 
 def _breakable(name: str) -> str:
-    """The name escaped; a line may end behind each of its words."""
+    """Name, escaped; a line may end behind each of its words."""
     return escape(name).replace("_", "_<wbr>").replace("/", "/<wbr>")
 
 

@@ -1,4 +1,4 @@
-"""What a picture of an assessment shows, as plain values in metres: the same for every way of drawing it."""
+"""Content of a picture of an assessment, as plain values in metres, for every way of drawing."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
 CELL_M: Final = 0.12
-"""Surfaces are cut into pieces of at most this size, so that what stands on a table is drawn after it."""
+"""Largest piece of a surface, so that a body on a table is drawn after the table."""
 COLOURS: Final = {
     "base": "#5b6770",
     "arm": "#2f7fc1",
@@ -44,7 +44,7 @@ MICRO_PER_MILLI: Final = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Body:
-    """A thing that stands still: what it is, its name, its shape, and who says so.
+    """Body at rest: its kind, name, shape and source.
 
     Attributes:
         tier: that of a zone that has one.
@@ -61,13 +61,13 @@ class Body:
 
     @property
     def told(self) -> str:
-        """Who says so, in a few words; "" for what was surveyed."""
+        """Source in a few words; "" for a surveyed body."""
         return f"{self.source}, {self.age_s:.2f} s" if self.source else ""
 
 
 @dataclass(frozen=True, slots=True)
 class Witness:
-    """Where one contribution happens: the part and the thing at their nearest."""
+    """Place of one contribution: the part and the thing at their nearest."""
 
     contribution: Contribution
     posture: int
@@ -138,7 +138,7 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
 
 
 def title(assessment: Assessment) -> str:
-    """Tier and index, and what decides them."""
+    """Tier and index, with the deciding contribution."""
     said = f"Tier {int(assessment.tier)}, index {assessment.index:.2f}"
     if assessment.violations:
         return f"{said}: violation ({', '.join(assessment.violations)})"
@@ -162,7 +162,7 @@ def _part(name: str, link: int, robot: Robot) -> str:
 def _witness(
     told: Contribution, shown: tuple[Posture, ...], bodies: tuple[Body, ...], scene: Scene, whole_s: float
 ) -> Witness | None:
-    """Where it happens, or None for what happens nowhere (a limit, the age of the view)."""
+    """Place of a contribution, or None for one without place (a limit, the age of the view)."""
     t = min(told.at_ms / MILLI, whole_s)
     row = next((k for k, posture in enumerate(shown) if posture.t_s == t), None)
     if row is None:
@@ -200,7 +200,7 @@ def _to_face(part: PostureCapsule, low: Vector, high: Vector) -> Nearest:
 
 
 def plain(shape: Shape) -> dict[str, Any]:
-    """A shape as JSON: ends and radius of a capsule or ball; triangles, rods and corners of a box or polytope."""
+    """Shape as JSON: axis and radius of a round one; triangles, rods and corners of a flat one."""
     match shape:
         case Capsule(a, b, radius):
             return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, 5)}

@@ -25,7 +25,7 @@ SIZE_INCH: Final = (16.0, 9.4)
 ARROW: Final = 0.004
 """Length of the arrow at the end of the tool point's way, a share of the view."""
 AWAY: Final = 78.0
-"""Points between a gap's middle and the label that says how wide it is."""
+"""Points between a gap's middle and the label with its width."""
 
 
 class NoMatplotlibError(RuntimeError):
@@ -48,7 +48,7 @@ class View:
 
 
 def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
-    """The picture, written to `file`.
+    """Draws the picture and writes it to `file`.
 
     Raises:
         NoMatplotlibError: without matplotlib.
@@ -89,7 +89,7 @@ def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
 
 
 def level_azimuth(shown: Picture) -> float:
-    """From where the first witness's gap is seen in full, level, +x to the right; else from -y. Degrees."""
+    """Azimuth from which the first witness's gap is seen in full, level, +x to the right; else -y. Degrees."""
     for witness in shown.witnesses:
         (x0, y0, _), (x1, y1, _) = witness.near.on_part_m, witness.near.on_thing_m
         if math.hypot(x1 - x0, y1 - y0) > 0.02:
@@ -124,7 +124,7 @@ def _draw_view(axes: Any, shown: Picture, view: View, bodies: list[Filled]) -> N
 
 
 def _scale(axes: Any, *, corner: bool) -> None:
-    """Metres along the edges of a level view; the base's axes in the other one."""
+    """Scale of a level view in metres along the edges; in the other one the base's axes."""
     if corner:
         axes.set_axis_off()
         for way, colour, name in zip(0.25 * np.eye(3), ("#b03030", "#2e8b57", "#3455b0"), "xyz", strict=True):
@@ -144,7 +144,7 @@ def _scale(axes: Any, *, corner: bool) -> None:
 
 
 def _lines(axes: Any, shown: Picture) -> None:
-    """The workspace, where the tool point goes, and the nearest points of what decides and of what else is met then."""
+    """Draws the workspace, the tool point's way, and the nearest points of contributions."""
     if shown.workspace is not None:
         ends = np.array(shown.workspace)
         at = [ends[[k & 1, k >> 1 & 1, k >> 2], [0, 1, 2]] for k in range(8)]
@@ -165,14 +165,14 @@ def _lines(axes: Any, shown: Picture) -> None:
 
 
 def _flat(axes: Any, point: object) -> tuple[float, float]:
-    """Where a point is in the view's own plane."""
+    """Point in the view's own plane."""
     project = importlib.import_module("mpl_toolkits.mplot3d.proj3d").proj_transform
     x, y, _ = project(*np.asarray(point, dtype=float), axes.get_proj())
     return float(x), float(y)
 
 
 def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[float, float]]:
-    """Each body's name at its highest or lowest visible place; returns the places."""
+    """Draws each body's name at its highest or lowest visible place; returns the places."""
     points: dict[tuple[str, str, str], list[Floats]] = {}
     for body in shown.bodies:
         name = body.name.split("/")[0] if body.kind == "person" else body.name
@@ -197,7 +197,7 @@ def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[f
 
 
 def _gap(axes: Any, shown: Picture, taken: list[tuple[float, float]]) -> None:
-    """How wide the gap is that decides, on the side of it that is farthest from what is drawn and named."""
+    """Draws the width of the deciding gap, on its side with the most room."""
     for witness in shown.witnesses[:1]:
         postures = (shown.postures[0], shown.postures[witness.posture], shown.postures[-1])
         drawn = [_flat(axes, end) for p in postures for part in p.parts for end in (part.a_m, part.b_m)]

@@ -1,4 +1,4 @@
-"""Where every part of the arm is at instants of a motion, and where it is nearest to something: to show, not to judge.
+"""Postures of the arm at instants of a motion, and its nearest points to bodies: for display only.
 
 No index comes from here. The positions are those of the answer: the same kinematics, the same profile.
 """
@@ -45,7 +45,10 @@ APART_M: Final = 1e-9  # float64 rounding: nearer than this there is no directio
 
 @dataclass(frozen=True, slots=True)
 class PostureCapsule:
-    """A capsule of the robot in the base frame: its name, its link (0 is the base), both ends and the radius, m."""
+    """Capsule of the robot in the base frame.
+
+    Name, link (0 is the base), both ends and the radius, m.
+    """
 
     name: str
     link: int
@@ -66,7 +69,7 @@ class Posture:
 
 @dataclass(frozen=True, slots=True)
 class Nearest:
-    """Where a part's surface and a thing's surface are nearest, and the signed clearance (core distance less radii)."""
+    """Nearest points of a part's and a thing's surface, and the signed clearance (core distance less radii)."""
 
     on_part_m: Vector
     on_thing_m: Vector
@@ -75,7 +78,7 @@ class Nearest:
 
 @dataclass(frozen=True, slots=True)
 class Stretch:
-    """A part of a motion: how long it takes, and the joint angles (6,), rad, at a time of it."""
+    """Part of a motion: its duration, and the joint angles (6,), rad, at a time of it."""
 
     duration_s: float
     q: Callable[[float], Floats]
@@ -83,7 +86,7 @@ class Stretch:
 
 @dataclass(frozen=True, slots=True)
 class MotionPostures:
-    """A motion as its stretches, one after the other; none for what has nothing to do with the arm."""
+    """Motion as its stretches, one after the other; none for a motion without the arm."""
 
     robot: Robot
     stretches: tuple[Stretch, ...]
@@ -125,7 +128,7 @@ class MotionPostures:
 
 
 def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_age_s: float) -> MotionPostures:
-    """The way of the arm.
+    """Route of the arm.
 
     Args:
         robot: the arm, its tool and what that holds.
@@ -156,7 +159,7 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
 
 
 def _unhurried() -> None:
-    """The same was computed in time before."""
+    """Ends at no time: the same was computed in time before."""
 
 
 def _straight(run: Run) -> Stretch:
@@ -179,7 +182,7 @@ def _still(q: Joints) -> Stretch:
 
 
 def nearest(part: PostureCapsule, shape: Shape) -> Nearest:
-    """Where the two surfaces are nearest."""
+    """Nearest points of the two surfaces."""
     a, b = np.array([part.a_m]), np.array([part.b_m])
     match shape:
         case Capsule(c, d, radius):

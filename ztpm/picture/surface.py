@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Convex, Vector
 
 FINE, COARSE = 32, 12
-"""Corners of a ring about a capsule's axis, where it is to look round and where it is hardly seen."""
+"""Corners of a ring about a capsule's axis: for round looks, and for hardly visible bodies."""
 MOST_PARTS: Final = 128
-"""A side is cut into no more parts, whatever its length."""
+"""Most parts of a side, at any length."""
 
 
 @dataclass(frozen=True, slots=True)
 class Surface:
-    """A polytope: its flat parts, moved outward by its rounding, and the edges about which that lies.
+    """Polytope: its flat parts, moved outward by its rounding, and the edges of the rounding.
 
     Attributes:
         triangles: (n, 3, 3), metre; seen from outside they go round to the left.
@@ -65,12 +65,12 @@ def normals_of(triangles: Floats) -> Floats:
 
 
 def cut(triangles: Floats, size_m: float) -> Floats:
-    """The same surface in triangles whose sides are at most `size_m` long, or a 128th of what they were, (n, 3, 3)."""
+    """Same surface in triangles with sides of at most `size_m`, or a 128th of the former ones, (n, 3, 3)."""
     return np.concatenate([_pieces(triangle, size_m) for triangle in triangles])
 
 
 def _pieces(triangle: Floats, size_m: float) -> Floats:
-    """Pieces of one triangle, all alike: each side is cut into as many parts."""
+    """Pieces of one triangle, all alike: each side is cut into the same number of parts."""
     start, u, v = triangle[0], triangle[1] - triangle[0], triangle[2] - triangle[0]
     longest = max(np.linalg.norm(u), np.linalg.norm(v), np.linalg.norm(v - u))
     parts = int(min(max(1, math.ceil(longest / size_m)), MOST_PARTS))

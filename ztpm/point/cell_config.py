@@ -1,4 +1,4 @@
-"""The configuration of a robot and its cell, read strictly; an insecure or contradictory one is refused by name."""
+"""Configuration of a robot and its cell, read strictly; an insecure or contradictory one is refused by name."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class CellConfig(PointConfig):
         return config
 
     def check(self) -> None:
-        """Nothing in it is insecure.
+        """Checks that nothing in it is insecure.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
@@ -119,7 +119,7 @@ class CellConfig(PointConfig):
 
 
 def read_robot(config: CellConfig, *, tool: str) -> Robot:
-    """The arm of the cell with this tool: as it is calibrated where the configuration says how, else nominal.
+    """Arm of the cell with this tool: calibrated where the configuration says so, else nominal.
 
     Args:
         config: names the calibration.
@@ -152,12 +152,12 @@ def _calibration(path: Path) -> Calibration:
 
 
 def _said(error: Exception) -> str:
-    """What is wrong, without a path or a text of the file."""
+    """Message of an error, without a path or a text of the file."""
     return error.detail if isinstance(error, ModelError) else type(error).__name__
 
 
 def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
-    """What stands in the cell, by the word of the person that the configuration names.
+    """Survey of the cell, by the word of the person that the configuration names.
 
     Args:
         config: names file and signer.

@@ -1,6 +1,6 @@
-"""What every enforcement point of a cell is made of: clock, journal, feeds, authority, and a door.
+"""Enforcement point of a cell: clock, journal, feeds, authority, and a door.
 
-What has a robot, people and physics besides is on top of it (`ztpm.point.robot_point`). Nothing here loads physics.
+A point with a robot, people and physics is built on it (`ztpm.point.robot_point`). Nothing here loads physics.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ CONNECTIONS: Final = 64
 
 
 class EnforcementInputs(TypedDict):
-    """What an enforcement point is made with besides its configuration: read, verified and in force."""
+    """Inputs of an enforcement point besides its configuration: read, verified and in force."""
 
     trust: TrustBundle
     key: PrivateKey
@@ -68,7 +68,7 @@ class EnforcementInputs(TypedDict):
 
 
 def opened(config: PointConfig) -> EnforcementInputs:
-    """What the configuration names.
+    """Inputs that the configuration names.
 
     Raises:
         PepError: one of them cannot be had, or must not be believed.
@@ -88,7 +88,7 @@ class _Server(uvicorn.Server):
 
 
 class EnforcementPoint:
-    """The parts that every enforcement point of a cell has, composed.
+    """Parts that every enforcement point of a cell has, composed.
 
     Args:
         config: of it.
@@ -98,7 +98,7 @@ class EnforcementPoint:
 
     Attributes:
         ended: set it to end the process.
-        app: what is served at its door; made by whoever is one.
+        app: app behind its door; made by the subclass.
     """
 
     app: Any
@@ -144,11 +144,11 @@ class EnforcementPoint:
 
     @property
     def edge(self) -> Edge:
-        """Leases and records; the gate, where there is one."""
+        """Leases and records; the gate in a subclass that has one."""
         raise NotImplementedError
 
     def recover(self) -> None:
-        """What an earlier process accepted is not accepted again, and that its journal was torn is on record."""
+        """Remembers proofs that an earlier process accepted, and records a torn journal."""
         earliest_ms = (self.clock.wall_s() * 1000) - retention_ms(CAPS)
         expires_ms = self.clock.monotonic_ms() + retention_ms(CAPS)
         for record in self.journal.records():
@@ -158,7 +158,7 @@ class EnforcementPoint:
             self.journal.append("incident", {"what": "torn-tail", "bytes": self.journal.repaired_bytes})
 
     async def run(self, *, reports: bool = False) -> None:
-        """It has served until it was told to end, and nothing moves; `reports`: it has told of itself."""
+        """Serves until told to end, with nothing moving afterwards; `reports`: answers for reports."""
         loop = asyncio.get_running_loop()
         server = _Server(
             uvicorn.Config(
@@ -209,33 +209,33 @@ class EnforcementPoint:
             self.journal.close()
 
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
-        """What runs as long as it serves, by name."""
+        """Tasks that run as long as it serves, by name."""
         keeping = self.clock.run(
             failed=lambda error: self.incidents.tell("clock", error), set_back=self._clock_incident
         )
         return {"feed": self.follower.run(), "ledger": self.shipper.run(), "clock": keeping}
 
     async def report(self) -> dict[str, object]:
-        """How things stand, for who started it."""
+        """Report for the process that started it."""
         return {"view": view_of(self.follower)}
 
     async def listen(self) -> None:
-        """What must be heard before anybody is served is heard. The first verified views are there."""
+        """Receives first all that must be known before it serves: the first verified views are there."""
 
     async def begin(self) -> None:
-        """What is served beside the door is there."""
+        """Opens further services beside the door."""
 
     async def stand(self) -> None:
-        """Nothing moves any more."""
+        """Stops every motion."""
 
     async def close(self) -> None:
-        """What was composed beside these parts has ended, and nothing moves."""
+        """Ends the parts composed beside these, with nothing moving."""
 
     async def release(self) -> None:
-        """What was listened to is let go, after everything else has ended and before the last record is written."""
+        """Releases inputs, after everything else has ended and before the last record is written."""
 
     async def _first_view(self) -> None:
-        """The first verified views are there and proofs made now are accepted, or it was waited long enough."""
+        """Waits until the first verified views are there and present proofs are accepted, or for long enough."""
         deadline_ms = self.clock.monotonic_ms() + int(FIRST_VIEW_S * 1000)
         while not self.ended.is_set() and self.clock.monotonic_ms() < deadline_ms:
             ages_ms = self.follower.view().age_ms, self.follower.conduct().age_ms
@@ -246,7 +246,7 @@ class EnforcementPoint:
     # -- what goes wrong beside requests
 
     def _feed_incident(self, error: PepError) -> None:
-        """A refused answer is on record; an unreachable provider is only told."""
+        """Records a refused answer; an unreachable provider is only told."""
         self.incidents.tell("feed", error)
         if error.code is not PepFault.FEED_UNREACHABLE and self.incidents.first("record", error.code):
             self._note({"what": "feed", "fault": str(error.code), "detail": error.detail})
@@ -259,8 +259,11 @@ class EnforcementPoint:
 
 
 def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
-    """The process of an enforcement point: it serves, and ends. Exit code 1 for whatever keeps it from serving."""
-    # The watch looks every few ms: whoever else computes hands the interpreter over within one (5 by default).
+    """Process of an enforcement point: it serves, and ends.
+
+    Exit code 1 for every failure that keeps it from serving.
+    """
+    # The watch looks every few ms: other threads hand the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
     # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
@@ -274,12 +277,12 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
         status = 0
     except PepError as error:
         sys.stderr.write(f"{error}\n")
-    except Exception:  # noqa: BLE001 - whatever it is, the process ends, and says why where somebody still reads
+    except Exception:  # noqa: BLE001 - any error ends the process, which tells it where its output is still read
         with contextlib.suppress(OSError):
             traceback.print_exc()
     finally:
-        # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever; and whoever
-        # read what we say may be gone, too.
+        # A thread inside ur_rtde that still waits for a controller that is gone would be joined for ever; and the
+        # reader of our output may be gone, too.
         for stream in (sys.stdout, sys.stderr):
             with contextlib.suppress(OSError):
                 stream.flush()

@@ -1,4 +1,4 @@
-"""The configuration of a robot's gateway: that of its cell, and where it listens in the controller's place."""
+"""Configuration of a robot's gateway: that of its cell, and its listening address in the controller's place."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class GatewayConfig(CellConfig):
     carriage_port: int
 
     def check(self) -> None:
-        """Nothing in it is insecure.
+        """Checks that nothing in it is insecure.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.

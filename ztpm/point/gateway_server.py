@@ -1,12 +1,12 @@
-"""The gateway of one robot: perception, feeds, gate, tools, motion lease and the controller's ports in one process.
+"""Gateway of one robot: perception, feeds, gate, tools, motion lease and the controller's ports in one process.
 
     python -m ztpm.point.gateway_server --config gateway.toml [--robot HOST] [--listen HOST]
 
-Everybody finds the robot's state, and a stop, at the controller's ports on `listen_host`. Whoever has the motion lease
-finds the same ports at the end of its carriage, and there what its token allows, command by command. While nobody has
-it, the cell's tools have the arm, over lines of their own to the same ports. The passphrase of the PEP's key comes from
-the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops the arm
-first and everything else after it. With `--reports` it tells whoever started it how things stand
+Everybody finds the robot's state, and a stop, at the controller's ports on `listen_host`. The holder of the motion
+lease finds the same ports at the end of its carriage, with its token's scope judged command by command. While nobody
+has it, the cell's tools have the arm, over lines of their own to the same ports. The passphrase of the PEP's key comes
+from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`. SIGTERM stops
+the arm first and everything else after it. With `--reports` it reports to the process that started it
 (ztpm/base/report_server.py). With `--unsafe-observe` it enforces no policy (pep/gate/observe_only.py), and starts
 before a simulated controller alone.
 """
@@ -75,9 +75,9 @@ if TYPE_CHECKING:
     from policies.words.reason_table import Reason
 
 LOOK_S: Final = 0.1
-"""How often the open lease is asked whether its token still holds; revocations reach a view as fast while it moves."""
+"""Time between checks of the open lease's token; while it moves, revocations reach a view as fast."""
 FAREWELL_S: Final = 0.1
-"""Between what a program is told of its lease's end and the end of its connections; ur_rtde looks every few ms."""
+"""Time from the notice of a lease's end to the end of its connections; ur_rtde looks every few ms."""
 STANDS_S: Final = 6.0
 """Longest wait for standstill at the end."""
 EQUIPPED_S: Final = 10.0
@@ -209,7 +209,7 @@ class GatewayServer(RobotPoint):
             lease_ms=policies.parameters.lease_motion_ms,
             vacated=self._vacated,
         ).app()
-        # Nobody reaches the tools but by a tool server, whoever calls.
+        # Every caller reaches the tools by a tool server alone.
         calls = TicketLayer(
             tools_app,
             edge=self.gate,
@@ -228,7 +228,7 @@ class GatewayServer(RobotPoint):
         self._notes: set[asyncio.Task[None]] = set()
 
     async def begin(self) -> None:
-        """The controller's ports are here.
+        """Opens the controller's ports.
 
         Raises:
             ConfigError: `CONFIG_INVALID`: an address or a port of them cannot be had.
@@ -247,7 +247,7 @@ class GatewayServer(RobotPoint):
         goes_first()  # what was slow to make is made: what it does from now on a program waits for
 
     async def stand(self) -> None:
-        """The lease is over, and the arm stands still."""
+        """Ends the lease, with the arm standing still."""
         self.gateway.close()
         await self._end(LeaseEnding.GATEWAY)
         await self.tools.devices.stop()
@@ -259,7 +259,7 @@ class GatewayServer(RobotPoint):
                     await asyncio.sleep(LOOK_S)
 
     async def close(self) -> None:
-        """The connections to the robot have ended."""
+        """Ends the connections to the robot."""
         await self.tools.close()
         for task in self._tasks:
             task.cancel()
@@ -285,12 +285,12 @@ class GatewayServer(RobotPoint):
     # ---- the tools' own lines
 
     def _able(self) -> bool:
-        """Whether the arm could move: powered, no safety stop, remote control."""
+        """True where the arm could move: powered, no safety stop, remote control."""
         robot = self.readiness.reading()
         return robot.robot_mode == RUNNING and robot.safety_mode in SAFE_MODES and robot.remote_control is True
 
     def _vacated(self) -> bool:
-        """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
+        """True where the tools have let go of the arm: no motion of theirs runs or is about to begin."""
         if not self.tools.devices.reserve(VACATING):
             return False
         try:
@@ -300,20 +300,20 @@ class GatewayServer(RobotPoint):
         return True
 
     async def _equipped(self) -> None:
-        """The tools have the arm, or it was waited long enough: an arm that is switched off has its gateway too."""
+        """Waits until the tools have the arm, or long enough: an arm that is off has its gateway too."""
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(EQUIPPED_S):
                 while not self.own.up:  # noqa: ASYNC110 - a look at the controller, which sets no event
                     await asyncio.sleep(FAREWELL_S)
 
     def _stopped(self) -> None:
-        """Somebody has stopped the arm past the tools: what they were about to do is not done."""
+        """Notes a stop of the arm past the tools: their pending commands are void."""
         self.control.note_stop()
 
     # ---- the lease
 
     def _left(self, holder: ProgramOwner, ending: LeaseEnding) -> None:
-        """The control connection of a lease has ended."""
+        """Handles the end of a lease's control connection."""
         if isinstance(holder, OwnLease):
             self.own.give_way()
         else:
@@ -343,7 +343,7 @@ class GatewayServer(RobotPoint):
             await self.gate.record("lease-ended", body)
 
     async def _look(self) -> None:
-        """A lease ends when its token does, or when nobody can tell any more whether that holds."""
+        """Ends a lease when its token is over, or when its validity cannot be told any more."""
         while True:
             await asyncio.sleep(LOOK_S)
             try:
@@ -354,7 +354,7 @@ class GatewayServer(RobotPoint):
                 self.incidents.tell("leases", error)
 
     def _stands(self) -> bool:
-        """Whether the token of the open lease does, if there is one."""
+        """True while the token of the open lease is valid, or without a lease."""
         lease = self.leases.current
         token = None if lease is None else lease.credentials.token
         if token is None:
@@ -365,7 +365,7 @@ class GatewayServer(RobotPoint):
             return False
 
     async def _end(self, ending: LeaseEnding) -> None:
-        """The lease is over, if there is one, and its program knows."""
+        """Ends the lease, if there is one, and tells its program."""
         lease = self.leases.current
         if lease is not None:
             try:
@@ -383,7 +383,7 @@ class _Stopper:
         self._ports = ports
         self._loop = loop
 
-    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - whoever asks has it on record
+    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - the caller has it on record
         """See `Stopper.stop`."""
         self._loop.call_soon_threadsafe(self._ports.stop, StopMeans.PROGRAM)
 
@@ -400,7 +400,7 @@ async def serve(
     unsafe_observe: bool = False,
     certifier: Callable[..., Certifying] = CellStream,
 ) -> None:
-    """The gateway has run and ended, the arm standing still.
+    """Runs the gateway to its end, with the arm standing still.
 
     Args:
         config: of it.
@@ -421,7 +421,7 @@ async def serve(
 
 
 def main(certifier: Callable[..., Certifying] = CellStream) -> None:
-    """The command line. Exit code 1 for whatever keeps it from serving.
+    """Command line of the gateway. Exit code 1 for every failure that keeps it from serving.
 
     Args:
         certifier: see `GatewayServer`; a benchmark brings one of its own.

@@ -1,4 +1,4 @@
-"""The configuration that every enforcement point has, read strictly; what is insecure is refused by name.
+"""Configuration that every enforcement point has, read strictly; an insecure one is refused by name.
 
 Nothing here knows a robot: a process that has none reads its configuration without loading physics.
 """
@@ -29,7 +29,7 @@ CONFIG_BYTES: Final = 1_048_576
 
 @dataclass(frozen=True, slots=True)
 class PointConfig:
-    """What is configured of every enforcement point, checked.
+    """Configuration of every enforcement point, checked.
 
     Attributes:
         audience: canonical URL of the cell; also the `htu` of every proof of a tool call.
@@ -39,7 +39,7 @@ class PointConfig:
         trust_file: its public trust bundle.
         pep_key_file: this PEP's key, encrypted.
         journal_file: the durable journal.
-        state_dir: what is kept over restarts besides.
+        state_dir: directory of all other state over restarts.
         policy: name of a shipped set, or a path.
     """
 
@@ -66,7 +66,7 @@ class PointConfig:
         return config
 
     def check(self) -> None:
-        """Nothing in it is insecure.
+        """Checks that nothing in it is insecure.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
@@ -79,7 +79,7 @@ class PointConfig:
 
 
 def spelled(form: type[PointConfig], text: str, *, optional: frozenset[str] = frozenset()) -> dict[str, Any]:
-    """The members of a configuration of this form as a TOML text spells them, each of its type; tables as dicts.
+    """Members of a configuration of this form, each of its type; tables as dicts.
 
     Args:
         form: a dataclass.
@@ -109,7 +109,7 @@ def spelled(form: type[PointConfig], text: str, *, optional: frozenset[str] = fr
 
 
 def check_url(name: str, url: str) -> None:
-    """It is a URL with a path, and a secure one.
+    """Checks that it is a URL with a path, and a secure one.
 
     Raises:
         ConfigError: `CONFIG_INVALID`, naming the key.
@@ -128,7 +128,7 @@ def check_url(name: str, url: str) -> None:
 
 
 def check_port(name: str, port: int) -> None:
-    """It is a TCP port.
+    """Checks that it is a TCP port.
 
     Raises:
         ConfigError: `CONFIG_INVALID`, naming the key.
@@ -138,7 +138,7 @@ def check_port(name: str, port: int) -> None:
 
 
 def is_loopback(host: str) -> bool:
-    """Whether the host is this machine alone."""
+    """True where the host is this machine alone."""
     try:
         return ipaddress.ip_address(host).is_loopback
     except ValueError:

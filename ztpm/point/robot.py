@@ -1,4 +1,4 @@
-"""The robot's side of a cell, composed: its readiness, its kinematics, and what its gripper holds."""
+"""Robot's side of a cell, composed: its readiness, its kinematics, and its held object."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ PROGRAM_S: Final = 1.0
 
 
 def found_holding(holding: CommittedGrip, gripper: RobotiqGripper) -> None:
-    """What the fingers hold since before this process began is known to be something, if they say so.
+    """Commits an unknown held object where the fingers hold something since before this process.
 
-    A gripper that does not answer, or is not active, says nothing: it moves nothing either until it is made ready, and
-    that commits what it holds.
+    A gripper that does not answer, or is not active, says nothing: it does not move either until it is made ready, and
+    that commits its held object.
     """
     with contextlib.suppress(RobotError):
         if gripper.holds():
@@ -73,7 +73,7 @@ def readiness(
 
 
 def confirm_kinematics(readiness: RobotReadiness) -> None:
-    """The controller has the tool where the arm's own kinematics have it.
+    """Checks that the controller has the tool at the place of the arm's own kinematics.
 
     Raises:
         ConfigError: `CONFIG_INVALID`: it has not, so the calibration is another arm's, or has another tool than the
@@ -85,9 +85,9 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
 
 
 async def committed(physics: CellPhysics, control: PermittedControl, holding: CommittedGrip, grip: GripResult) -> None:
-    """What the gripper holds after a grip is committed, and the controller reckons with it.
+    """Commits the held object after a grip, and tells the controller its load.
 
-    A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
+    A controller that does not take the new payload contradicts the committed object, and TEA-5 denies every motion.
     """
 
     def commit() -> None:

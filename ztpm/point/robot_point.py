@@ -1,4 +1,4 @@
-"""What an enforcement point with a robot is made of: sensors, people, physics and a gate on top of what each has."""
+"""Enforcement point with a robot: sensors, people, physics and a gate on top of the common parts."""
 
 from __future__ import annotations
 
@@ -43,19 +43,19 @@ if TYPE_CHECKING:
 
 
 def _preparing(progress: object) -> None:
-    """Whoever started this process may show how far it is."""
+    """Tells the progress to the process that started this one."""
     sys.stdout.write(json.dumps({"preparing": str(progress)}) + "\n")
     sys.stdout.flush()
 
 
 class OpenedCell(EnforcementInputs):
-    """What an enforcement point with a robot is made with besides its configuration: read, verified and in force."""
+    """Inputs of an enforcement point with a robot besides its configuration: read, verified and in force."""
 
     survey: Cell
 
 
 def opened_cell(config: CellConfig) -> OpenedCell:
-    """What the configuration names.
+    """Inputs that the configuration names.
 
     Raises:
         PepError: one of them cannot be had, or must not be believed.
@@ -65,7 +65,7 @@ def opened_cell(config: CellConfig) -> OpenedCell:
 
 
 class RobotPoint(EnforcementPoint):
-    """The parts that every enforcement point with a robot has, composed.
+    """Parts that every enforcement point with a robot has, composed.
 
     Args:
         config: of it.
@@ -77,7 +77,7 @@ class RobotPoint(EnforcementPoint):
 
     Attributes:
         robot: the arm's model, with its tool and empty fingers.
-        gate: made by whoever is one.
+        gate: made by the subclass.
     """
 
     config: CellConfig
@@ -99,7 +99,7 @@ class RobotPoint(EnforcementPoint):
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = FrameReceiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = ReceivedState(config.robot_host)
-        compile_telling(_preparing)  # before anybody may ask: minutes the very first time, a second from then on
+        compile_telling(_preparing)  # before the first question: minutes the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
         self.holding = CommittedGrip(self.robot, self.cell)
         self.physics = CellPhysics(
@@ -136,11 +136,11 @@ class RobotPoint(EnforcementPoint):
 
     @property
     def marked(self) -> Journal:
-        """The journal; where nothing is enforced, every record says so."""
+        """Journal; where nothing is enforced, every record says so."""
         return self.journal if self._unsafe_observe is None else Marked(self.journal)
 
     def gated(self, policies: PolicySet, *, slot: MotionSlot) -> Gate:
-        """The gate over these parts.
+        """Gate over these parts.
 
         Args:
             policies: what is decided by.
@@ -162,7 +162,7 @@ class RobotPoint(EnforcementPoint):
         )
 
     def recover(self) -> None:
-        """What an earlier process left unfinished has an end on record, and what it accepted is not accepted again."""
+        """Records an end for permits that an earlier process left open, and remembers its accepted proofs."""
         permits = records.unfinished(self.journal.records())
         self.asks.recover(self.journal.records())
         self.gate.conduct.recall(self.journal.records())
@@ -172,31 +172,31 @@ class RobotPoint(EnforcementPoint):
         self.asks.expire()
 
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
-        """What runs as long as it serves, by name."""
+        """Tasks that run as long as it serves, by name."""
         return {**super().beside(), "asking": self.asking.run()}
 
     async def report(self) -> dict[str, object]:
-        """How things stand: robot, perception and revocation view."""
+        """Report on robot, perception and revocation view."""
         sensors = {**self.physics.summary(), "sensors": sorted(self.follower.sensors())}
         now_ms, view = self.clock.monotonic_ms(), self.frames.view()
         told = await report_of(self.robot, self.cell, self.state, sensors, view, at_ms=now_ms)
         return {**told, **await super().report()}
 
     async def listen(self) -> None:
-        """The sensors are heard."""
+        """Listens to the sensors."""
         # Not before: a frame is judged by the registered keys, and without them every sensor is a stranger.
         await self.receiver.listen(self.config.host, self.config.perception_port)
 
     async def stand(self) -> None:
-        """The arm stands still."""
+        """Stops the arm."""
         raise NotImplementedError
 
     async def close(self) -> None:
-        """What was composed beside these parts has ended, the arm standing still."""
+        """Ends the parts composed beside these, with the arm standing still."""
         raise NotImplementedError
 
     async def release(self) -> None:
-        """Neither sensors nor the robot are listened to."""
+        """Releases sensors and robot."""
         await self.receiver.close()
         self.state.close()
 

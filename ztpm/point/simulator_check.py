@@ -1,4 +1,4 @@
-"""Whether a controller is the simulated one: asked on its dashboard with a word that no robot knows.
+"""Check that a controller is the simulated one, on its dashboard with a word that no robot knows.
 
 A robot's dashboard answers an unknown line with "could not understand"; the simulator repeats the nonce. Besides, the
 address must be on loopback: a simulator elsewhere is nobody's business here, and a robot is never at 127.0.0.0/8.

@@ -1,10 +1,10 @@
-"""The cell's tool server where the robot is behind a gateway: it verifies who calls, and passes the call on.
+"""Tool server of a cell whose robot is behind a gateway: it verifies callers and passes calls on.
 
     python -m ztpm.point.tool_proxy --config door.toml
 
 It has no robot, no physics and no tools; the gateway has them, and verifies everything again. The passphrase of the
 PEP's key comes from the environment (`ZTPM_PASSPHRASE`). When it listens it prints one JSON line with `"ready": true`.
-With `--reports` it tells whoever started it how old its view of revocations is (ztpm/base/report_server.py).
+With `--reports` it tells the process that started it the age of its revocation view (ztpm/base/report_server.py).
 """
 
 from __future__ import annotations
@@ -77,12 +77,12 @@ class ToolProxy(EnforcementPoint):
         return self._edge
 
     async def close(self) -> None:
-        """No connection to the gateway is open, so nothing that was asked of it goes on."""
+        """Closes every connection to the gateway, so that no forwarded call goes on."""
         await self._gateway.aclose()
 
 
 async def serve(config: ToolProxyConfig, *, reports: bool = False) -> None:
-    """The tool server has run and ended; `reports` as for `EnforcementPoint.run`.
+    """Runs the tool server to its end; `reports` as for `EnforcementPoint.run`.
 
     Args:
         config: of it.
@@ -97,7 +97,7 @@ async def serve(config: ToolProxyConfig, *, reports: bool = False) -> None:
 
 
 def main() -> None:
-    """The command line. Exit code 1 for whatever keeps it from serving."""
+    """Command line of the tool server. Exit code 1 for every failure that keeps it from serving."""
     parser = argparse.ArgumentParser(
         prog="python -m ztpm.point.tool_proxy",
         description="The MCP tool server of a cell whose robot is behind a gateway.",

@@ -1,4 +1,4 @@
-"""The configuration of a tool server without a robot: that of every enforcement point, and where the gateway is."""
+"""Configuration of a tool server without a robot: that of every enforcement point, and the gateway's address."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class ToolProxyConfig(PointConfig):
     gateway_url: str
 
     def check(self) -> None:
-        """Nothing in it is insecure.
+        """Checks that nothing in it is insecure.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.

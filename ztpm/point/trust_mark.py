@@ -1,4 +1,4 @@
-"""The newest trust bundle that a tool server acted on, on disk: an older one that is put back is refused ([TRB-4])."""
+"""Mark of the newest trust bundle acted on, on disk: an older one is refused ([TRB-4])."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def check_mark(trust: TrustBundle, path: Path, *, at: float, caps: Caps) -> None:
-    """The bundle may be acted on now, and is what is remembered from now on.
+    """Checks that the bundle may be acted on, and remembers it from now on.
 
     Args:
         trust: from the file that the configuration names.

@@ -1,4 +1,4 @@
-"""A program in a motion lease: the lease is opened, its carriage brought, and the robot's ports are there for it."""
+"""Program in a motion lease: opens the lease, carries it, and brings the robot's ports to the program."""
 
 from __future__ import annotations
 
@@ -43,14 +43,14 @@ if TYPE_CHECKING:
     from ztpm.base.layout import Layout
 
 VARIABLE: Final = "ZTPM_ROBOT"
-"""Where a program finds the robot's address."""
+"""Environment variable with the robot's address for a program."""
 PLACE: Final = "{robot}"
 """Stands for the address in a program's command."""
 TIMEOUT_S: Final = 10.0
 JTI_BYTES: Final = 16
 ANSWER_BYTES: Final = 4_096
 KILLED: Final = 128
-"""A shell tells the signal that ended a program so, added to its number."""
+"""Offset that a shell adds to the number of the signal that ended a program."""
 _ID: Final = re.compile(f"[0-9a-f]{{{2 * ID_BYTES}}}")
 
 
@@ -87,7 +87,7 @@ class OpenedLease:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """The gateway of one robot, as a holder has to know it.
+    """Gateway of one robot, as its holder has to know it.
 
     Attributes:
         door: canonical URL of the door for leases.
@@ -101,7 +101,7 @@ class Place:
 
 
 def place_of(layout: Layout, *, door: str = "", audience: str = "", pep: str = GATEWAY_ID) -> Place:
-    """The place where a cell's lease is had.
+    """Place of a cell's lease.
 
     Args:
         layout: of the cell; its trust bundle names the identity provider.
@@ -141,10 +141,10 @@ def free_address() -> str:
 
 
 def begin_lease(place: Place, token: str, key: PrivateKey) -> PendingSession:
-    """A signed request for the lease. Whoever sends it needs the holder's key no more.
+    """Signed request for the lease. Its sender needs the holder's key no more.
 
     Args:
-        place: where.
+        place: the gateway.
         token: its text.
         key: of the token's leaf hop.
     """
@@ -192,10 +192,10 @@ def open_lease(door: str, token: str, pending: PendingSession) -> OpenedLease:
 
 @dataclass(frozen=True, slots=True)
 class LeaseOutcome:
-    """How it ended.
+    """End of a lease.
 
     Attributes:
-        early: why the lease was over before it was given back, if it was.
+        early: reason for an end before the lease was given back, else None.
         status: the program's exit status, as a shell tells it; 0 where there was no program.
     """
 
@@ -204,7 +204,7 @@ class LeaseOutcome:
 
     @property
     def cut_short(self) -> bool:
-        """Whether the lease was ended by another than the program, which closes its connections before it ends."""
+        """True where another than the program ended the lease; a program closes its connections before it ends."""
         return self.early not in {None, LeaseEnding.LEFT}
 
 
@@ -269,7 +269,7 @@ async def lend(
 
 
 def _refusal(reason: object, otherwise: str) -> tuple[str, str]:
-    """Code and detail of a refusal: what is said of a reason everywhere, and `otherwise` of what is none."""
+    """Code and detail of a refusal: the text of a known reason, else `otherwise`."""
     if isinstance(reason, str) and reason in Reason.__members__:
         row = REASONS[Reason(reason)]
         return reason, f"{row.text} {row.remedy}"

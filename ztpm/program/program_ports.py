@@ -1,4 +1,4 @@
-"""The controller's ports as one program sees them: fixed numbers, on an address of its own, carried in its lease.
+"""Ports of the controller for one program: fixed numbers, on an address of its own, carried in its lease.
 
 An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
 address is on this machine, and a user id is one domain of trust (SECURITY.md).
@@ -60,7 +60,7 @@ class ProgramPorts:
         self._servers: list[asyncio.Server] = []
 
     async def begin(self, *, gateway: tuple[str, int], host: str, ports: tuple[int, ...] = PORTS) -> None:
-        """Carry the lease to the gateway, and listen.
+        """Carries the lease to the gateway, and listens.
 
         Args:
             gateway: host and port of its carriages.
@@ -77,13 +77,13 @@ class ProgramPorts:
         assert isinstance(transport, asyncio.Transport)
 
     def close(self) -> None:
-        """The lease is given back."""
+        """Gives the lease back."""
         self._carrier.close()
 
     # ---- the program's connections
 
     def asks(self, connection: _Connection, port: int) -> int | None:
-        """The line of a new connection; None when it may have none."""
+        """Line of a new connection; None when it may have none."""
         if connection.user() != self._user:
             return None
         try:
@@ -95,17 +95,17 @@ class ProgramPorts:
         return line
 
     def says(self, line: int, content: bytes) -> None:
-        """The program's bytes, on an open line."""
+        """Passes on the program's bytes, on an open line."""
         self._carrier.say(Bytes(line, content))
 
     def leaves(self, line: int) -> None:
-        """The program has closed it. One that is not open yet is closed when it is."""
+        """Notes that the program has closed the line. One that is not open yet is closed when it is."""
         if line in self._carrier.lines.open:
             self._carrier.say(Closed(line))
 
     @property
     def flowing(self) -> bool:
-        """Whether the gateway takes more."""
+        """True while the gateway takes more."""
         return self._flowing
 
     # ---- the carrier's words
@@ -144,7 +144,7 @@ class ProgramPorts:
 
 
 class _First(asyncio.Protocol):
-    """Says which lease this is, and leaves the connection to its carrier."""
+    """First message, which names the lease, and leaves the connection to its carrier."""
 
     def __init__(self, lease_id: bytes, carrier: LeaseConnection) -> None:
         self._lease_id = lease_id
@@ -167,7 +167,7 @@ class _Connection(AcceptedConnection):
         self._number: int | None = None
 
     def user(self) -> int | None:
-        """The user whose process it is."""
+        """User of the process at the other end."""
         return user_of(self._transport.get_extra_info("socket"))
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
@@ -177,13 +177,13 @@ class _Connection(AcceptedConnection):
             self._transport.abort()
 
     def opened(self) -> None:
-        """Bytes may go both ways."""
+        """Opens the connection for bytes in both directions."""
         assert self._number is not None
         self.begin(_Leased(self._ports, self._number))
         self.pace()
 
     def pace(self) -> None:
-        """Read as long as the gateway takes what is read."""
+        """Reads as long as the gateway takes more."""
         if self._line is not None and not self._transport.is_closing():
             if self._ports.flowing:
                 self._transport.resume_reading()
@@ -191,7 +191,10 @@ class _Connection(AcceptedConnection):
                 self._transport.pause_reading()
 
     def gone(self) -> None:
-        """The port has closed it, or the lease is over. Who has not read by now does not wait for the rest."""
+        """Closes the connection: the port has closed it, or the lease is over.
+
+        A client with unread bytes does not get the rest.
+        """
         self.begin(GONE)
         if self._transport.get_write_buffer_size():
             self._transport.abort()
@@ -200,16 +203,16 @@ class _Connection(AcceptedConnection):
 
 
 class _Leased:
-    """An open line of the lease."""
+    """Open line of the lease."""
 
     def __init__(self, ports: ProgramPorts, number: int) -> None:
         self._ports = ports
         self._number = number
 
     def received(self, content: bytes) -> None:
-        """Carried to the gateway."""
+        """Carries the bytes to the gateway."""
         self._ports.says(self._number, content)
 
     def left(self) -> None:
-        """The gateway is told."""
+        """Tells the gateway that the client has left."""
         self._ports.leaves(self._number)

@@ -1,11 +1,11 @@
-"""Why a gateway refuses what a program says, on the standard error of whoever runs the program.
+"""Lines on the standard error of a program's caller about refusals of the gateway.
 
     ztpm: NOT_GRANTED: The token does not grant this operation. (no operation stands for it)
     ztpm: BUSY: moveJ: the command before is not over (12 more)
 
 The program itself sees that a call has failed, and nothing else. A line is there at once, and the same one not again
-within a second: what came meanwhile is counted in the next. The lines are written by a thread of their own, since
-whoever reads them may be slow, and a lease does not wait.
+within a second: repetitions are counted in the next. The lines are written by a thread of their own, since their reader
+may be slow, and a lease does not wait.
 """
 
 from __future__ import annotations
@@ -23,33 +23,33 @@ if TYPE_CHECKING:
 
 NAME: Final = "ztpm"
 SECOND_S: Final = 1.0
-"""So long no line comes again."""
+"""Seconds before a line is repeated."""
 DIFFERENT: Final = 16
-"""Different texts in a second; more of them are counted together."""
+"""Different texts in a second; further ones are counted together."""
 OTHERS: Final = "other reasons"
 WAITING: Final = 256
-"""Texts that wait for the thread; when nobody reads what it writes, more are lost."""
+"""Texts that wait for the thread; with no reader of its output, further ones are lost."""
 LAST_S: Final = 0.5
-"""Longest wait for the last lines: whoever reads them may have stopped."""
+"""Longest wait for the last lines: their reader may have stopped."""
 STANDARD_ERROR: Final = 2
 
 
 @dataclass(slots=True)
 class _Told:
-    """A text, when it was said last, and how often it has come since."""
+    """Text, with the time of its last line, and its count since."""
 
     at_s: float
     more: int
 
 
 class Repeats:
-    """Which lines are said when. Pure: time is an argument, in monotonic seconds."""
+    """Schedule of the lines. Pure: time is an argument, in monotonic seconds."""
 
     def __init__(self) -> None:
         self._texts: dict[str, _Told] = {}
 
     def told(self, text: str, *, at_s: float) -> list[str]:
-        """What is said now, as this text has come. Nothing of it but what prints."""
+        """Lines due now that this text has come; only its printable signs."""
         lines = self.due(at_s=at_s)
         text = "".join(sign for sign in text if sign.isprintable())
         if text not in self._texts and len(self._texts) >= DIFFERENT:
@@ -62,7 +62,7 @@ class Repeats:
         return lines
 
     def due(self, *, at_s: float) -> list[str]:
-        """What is said now, as time has passed."""
+        """Lines due now that time has passed."""
         lines = []
         for text, told in tuple(self._texts.items()):
             if at_s - told.at_s < SECOND_S:
@@ -75,12 +75,12 @@ class Repeats:
         return lines
 
     def rest(self) -> list[str]:
-        """What has not been said; nothing comes any more."""
+        """Lines not written yet; no text comes any more."""
         return [_counted(text, told.more) for text, told in self._texts.items() if told.more]
 
     @property
     def next_s(self) -> float | None:
-        """When something is due; None while nothing is."""
+        """Time of the next due line; None while there is none."""
         return min((told.at_s + SECOND_S for told in self._texts.values() if told.more), default=None)
 
 
@@ -89,7 +89,7 @@ def _counted(text: str, more: int) -> str:
 
 
 class RefusalLines:
-    """Says them, from when it is entered until it is left.
+    """Writer of the lines, from its entry until its exit.
 
     Args:
         write: a line; it may wait.
@@ -101,18 +101,18 @@ class RefusalLines:
         self._thread = threading.Thread(target=self._say, name="told", daemon=True)
 
     def __enter__(self) -> Self:
-        """See the class."""
+        """Starts the writer (see the class)."""
         self._thread.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """What was told until now is said, unless nobody reads it."""
+        """Writes the lines so far, unless no reader takes them."""
         with suppress(queue.Full):
             self._texts.put(None, timeout=LAST_S)
             self._thread.join(LAST_S)
 
     def tell(self, text: str) -> None:
-        """It is said, or counted. Returns at once."""
+        """Writes or counts the text. Returns at once."""
         with suppress(queue.Full):
             self._texts.put_nowait(text)
 
@@ -136,6 +136,6 @@ class RefusalLines:
 
 
 def on_standard_error(line: str) -> None:
-    """The line is there, unless nobody has standard error any more. No buffer: the program writes there, too."""
+    """Writes the line, unless standard error is gone. No buffer: the program writes there, too."""
     with suppress(OSError):
         os.write(STANDARD_ERROR, f"{line}\n".encode())

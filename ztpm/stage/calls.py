@@ -1,4 +1,4 @@
-"""Calls as an agent makes them: the MCP SDK's own client over streamable HTTP, each request signed, the exchange kept.
+"""Calls of an agent: the MCP SDK's own client over streamable HTTP, each request signed, the exchange kept.
 
 What is kept is what a thief on the path would have: the request line, headers and body. `resend` plays it again.
 """
@@ -35,7 +35,7 @@ class Exchange:
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """What came back for one call.
+    """Answer to one call.
 
     Attributes:
         status: HTTP status of the decisive exchange.
@@ -57,7 +57,7 @@ class Answer:
 
 
 def call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -> Answer:
-    """The answer to one tool call through the SDK's client.
+    """Answer to one tool call through the SDK's client.
 
     Args:
         url: of the MCP server.
@@ -113,7 +113,7 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
 
 
 def spoken(exchange: Exchange, latency_ms: float) -> Answer:
-    """The answer that one exchange carries in its body, whether it was refused at the door or by the tool."""
+    """Answer in the body of one exchange, refused at the door or by the tool."""
     decided, content = _said(exchange.answer)
     return Answer(
         status=exchange.status,
@@ -127,7 +127,7 @@ def spoken(exchange: Exchange, latency_ms: float) -> Answer:
 
 
 def _said(answer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a body says of the decision, and its content: a refusal's own object, or those of a JSON-RPC result."""
+    """Decision and content of a body: a refusal's own object, or those of a JSON-RPC result."""
     text = answer.decode("utf-8", "replace")
     lines = [line.removeprefix("data:") for line in text.splitlines() if line.startswith("data:")] or [text]
     for line in lines:

@@ -1,4 +1,4 @@
-"""Authority on the stage: what an operator lends, what a delegation leaves, and what a token says."""
+"""Authority on the stage: an operator's scope, the restriction of a delegation, and a token's content."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 LIFETIME_S: Final = 900
 SLOWER: Final = 600_000
-"""The orchestrator leaves the robotic agent this joint speed, urad/s."""
+"""Joint speed that the orchestrator lends to the robotic agent, urad/s."""
 
 
 def lent(stage: Stage, *delegates: str, ceiling: Tier = Tier.HIGH_CONSEQUENCE) -> Scope:
-    """What an operator lends now, to be handed down to these agents."""
+    """Scope that an operator lends now, for these delegates."""
     scope = sweep_scope(
         stage.cell.addresses.audience, delegates=frozenset(delegates), now=int(time.time()), lifetime_s=LIFETIME_S
     )
@@ -30,7 +30,7 @@ def lent(stage: Stage, *delegates: str, ceiling: Tier = Tier.HIGH_CONSEQUENCE) -
 
 
 def hand_down(stage: Stage, to: str, restriction: Restriction, *, keep_as: str | None = None) -> str:
-    """The orchestrator delegates to an agent; the token is kept under `keep_as` or the agent's name."""
+    """Delegates from the orchestrator to an agent; the token is kept under `keep_as` or the agent's name."""
     token = (
         stage.agents["orchestrator"]
         .delegate(stage.tokens["orchestrator"], stage.agents[to], restriction, purpose="move the arm along the sweep")
@@ -41,7 +41,7 @@ def hand_down(stage: Stage, to: str, restriction: Restriction, *, keep_as: str |
 
 
 def raw(text: str) -> bytes:
-    """The bytes of a token text that is known to be well formed."""
+    """Bytes of a token text that is known to be well formed."""
     token = token_from_text(text, DEFAULT)
     if not isinstance(token, bytes):
         raise StageError("a token that was just issued does not parse")
@@ -49,13 +49,13 @@ def raw(text: str) -> bytes:
 
 
 def hop_id(stage: Stage, token: str) -> str:
-    """The id of a token's last hop, as `ztpm token inspect` shows it."""
+    """Id of a token's last hop, as `ztpm token inspect` shows it."""
     described: Any = inspect_token(raw(token), stage.trust, DEFAULT)
     return str(described["hops"][-1]["hop_id"])
 
 
 def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_s: int) -> Scope:
-    """What an operator lends to a planner: arm, gripper, the table's touch and the state of one cell, up to tier 3.
+    """Scope of a planner: arm, gripper, the table's touch and the state of one cell, up to tier 3.
 
     Args:
         audience: canonical URL of the cell's tool server.
@@ -95,12 +95,12 @@ def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_
 
 
 def arm_only(*, speed_high: int, ceiling: Tier | None = None, delegates: frozenset[str] = frozenset()) -> Restriction:
-    """What a delegation leaves: arm, state and stop, slower; no gripper.
+    """Restriction to arm, state and stop, slower; no gripper.
 
     Args:
         speed_high: highest joint speed in urad/s.
         ceiling: a lower tier ceiling, or None to keep the parent's.
-        delegates: who may be next; nobody by default.
+        delegates: agents of the next hop; none by default.
     """
     speed = Limit(Parameter("speed", Unit.MICRORADIAN_PER_SECOND), Range(0, speed_high))
     return Restriction(

@@ -1,4 +1,4 @@
-"""A stage on a fresh embedded cell, which is gone afterwards."""
+"""Stage on a fresh embedded cell, removed afterwards."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ DEFER_TIMEOUT_S: Final = 4
 
 @contextmanager
 def stage(*, start: Callable[..., Child] | None = None, directory: Path | None = None) -> Iterator[Stage]:
-    """A stage on a fresh cell, gone afterwards.
+    """Stage on a fresh cell, removed afterwards.
 
     Args:
         start: starts a process in place of `Child.start`; the tests of the defences break one here.

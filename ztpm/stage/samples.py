@@ -1,4 +1,4 @@
-"""Eyes of the evaluation: every package of the controller, over an RTDE receive connection of its own.
+"""Recorder of the evaluation: every package of the controller, over an RTDE receive connection of its own.
 
 Nothing that is judged shares this connection. Each sample keeps when it arrived here and what the controller's own
 clock said; an arrival is never earlier than the sample, so times that are measured to it are never too short.
@@ -41,7 +41,7 @@ STILL_RAD_S: Final = 1e-3
 
 
 class StateRecorderError(RuntimeError):
-    """A controller that does not show itself."""
+    """Controller that sends no state."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +63,7 @@ class Sample:
 
     @property
     def still(self) -> bool:
-        """Whether every joint is slower than 1 mrad/s."""
+        """True where every joint is slower than 1 mrad/s."""
         return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
 
     @property
@@ -153,7 +153,7 @@ class StateRecorder:
             return list(self._samples)
 
     def close(self) -> None:
-        """The eyes are closed."""
+        """Closes the connection."""
         self._link.close()
 
     def __enter__(self) -> Self:

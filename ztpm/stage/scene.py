@@ -6,7 +6,7 @@ from typing import Final
 
 GLASS: Final = {"id": "glass-1", "kind": "fragile"}
 PERSON_AXIS_M: Final = 0.69
-"""Body axis of a standing adult whose nearest surface (torso, radius 0.19 m) is 0.5 m from the base axis: C2."""
+"""Body axis of a standing adult 0.5 m from the base axis, by its torso of radius 0.19 m: C2."""
 
 
 def person(identity: str, x_m: float, y_m: float) -> dict[str, object]:
@@ -15,7 +15,7 @@ def person(identity: str, x_m: float, y_m: float) -> dict[str, object]:
 
 
 MIDDLE_M: Final = (-0.272, -0.131)
-"""Where the tool passes the middle of the sweep: x, y in the base frame, by forward kinematics."""
+"""Place of the tool in the middle of the sweep: x, y in the base frame, by forward kinematics."""
 
 
 def front(radius_m: float) -> tuple[float, float]:

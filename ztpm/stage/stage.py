@@ -1,4 +1,4 @@
-"""The stage: the running cell, the people, the agents, and eyes of its own.
+"""Stage: the running cell, the people, the agents, and a recorder of its own.
 
 The eyes are separate from everything that is judged: a receive connection of the stage's own to the controller, the
 PEP's journal read from disk, HTTP answers as they came over the wire.
@@ -35,28 +35,28 @@ RIGHT: Final = (0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 
 
 def pose(base_rad: float) -> tuple[float, ...]:
-    """The sweep's pose at another angle of the base joint (rad)."""
+    """Pose of the sweep at another angle of the base joint (rad)."""
     return (base_rad, *LEFT[1:])
 
 
 SPEED_RAD_S: Final = 0.5
 BRING_RAD_S: Final = 1.0
-"""Speed at which the arm is brought to where a step begins, by the orchestrator, who may move that fast."""
+"""Speed of moves to the beginning of a step, by the orchestrator, whose scope allows it."""
 BRING_TRIES: Final = 5
-"""On a loaded machine the watch may end a move; what sets the stage is begun again."""
+"""Tries of a move that sets the stage: on a loaded machine the watch may end one."""
 SEND_TRIES: Final = 5
-"""On a loaded machine a verdict may be too old to act on; its reason says what to do: send the request again."""
+"""Tries of a request whose verdict comes too late on a loaded machine, as its reason advises."""
 ACCELERATION_RAD_S2: Final = 1.4
 WAIT_S: Final = 15.0
-"""Longest wait for something that must become visible."""
+"""Longest wait for an event to become visible."""
 
 
 class StageError(RuntimeError):
-    """Something that the story needs did not happen."""
+    """Requirement of the story that did not come about."""
 
 
 def until(seen: Callable[[], bool], what: str) -> None:
-    """It has been seen.
+    """Waits until it has been seen.
 
     Raises:
         StageError: when it was not, for `WAIT_S` seconds.
@@ -100,12 +100,12 @@ class Stage:
 
     @property
     def rounded_joints(self) -> tuple[float, ...]:
-        """The arm's angles now, on the grid of a request: a move to there is none."""
+        """Angles of the arm now, on the grid of a request: a move to there is none."""
         return tuple(round(angle, 6) for angle in self.joints)
 
     @property
     def still(self) -> bool:
-        """Whether every joint stands still."""
+        """True where every joint stands still."""
         assert self.eyes is not None
         return all(abs(speed) < STILL_RAD_S for speed in self.eyes.getActualQd())
 
@@ -130,12 +130,12 @@ class Stage:
         return [journal for journal in (layout.journal, layout.gateway_journal) if journal.exists()]
 
     def approvers_known(self) -> list[str]:
-        """Who had approved what the step's last call asked for, by the evidence of its decision on record."""
+        """Approvers of the last asked act that its recorded evidence names."""
         decided = [row["body"]["evidence"]["approval"] for row in self.journal() if row["kind"] == "decision"]
         return list(decided[-1]["approvers"]) if decided and isinstance(decided[-1], dict) else []
 
     def answered(self, question: Answer) -> bool:
-        """Whether the PEP has on record that people answered that deferral."""
+        """True where the PEP has on record that people answered that deferral."""
         ask_id = question.content["ask_id"]
         return any(row["kind"] == "ask-answered" and row["body"]["ask_id"] == ask_id for row in self.journal())
 
@@ -144,26 +144,26 @@ class Stage:
         return {row["body"]["ask_id"] for row in self.journal(since=0) if row["kind"] == "ask-expired"}
 
     def begin(self) -> None:
-        """A step begins: what is in the journal now belongs to earlier ones."""
+        """Begins a step: earlier records of the journal no longer count."""
         self.journal_at = {journal: journal.stat().st_size for journal in self.journals}
 
     def new_ledger_kinds(self) -> set[str]:
-        """Kinds of the entries that the identity provider's ledger has gained since this was last asked."""
+        """Kinds of the entries that the identity provider's ledger has gained since the last call."""
         lines = self.person("carol").export_ledger().splitlines()[:-1]
         fresh, self.ledger_at = lines[self.ledger_at :], len(lines)
         return {json.loads(line)["kind"] for line in fresh}
 
     def journal_records(self) -> int:
-        """How many records both PEPs have on disk."""
+        """Number of records that both PEPs have on disk."""
         return sum(journal.read_bytes().count(b"\n") for journal in self.journals)
 
     def exported_pep_records(self) -> int:
-        """How many of them the ledger holds."""
+        """Number of them that the ledger holds."""
         lines = self.person("carol").export_ledger().splitlines()
         return sum(1 for line in lines if json.loads(line).get("kind") == "pep-record")
 
     def close(self) -> None:
-        """The eyes are closed."""
+        """Closes the recorder."""
         if self.eyes is not None:
             self.eyes.disconnect()
 
@@ -194,7 +194,7 @@ class Stage:
     def move(
         self, agent: str, *, token: str | None = None, to: tuple[float, ...] | None = None, speed: float = SPEED_RAD_S
     ) -> Answer:
-        """The agent's call of `move_joint` to the other side, or to `to`."""
+        """Call of `move_joint` by the agent to the other side, or to `to`."""
         target = to or (RIGHT if self.side == LEFT else LEFT)
         answer = self.ask(
             agent,
@@ -207,7 +207,7 @@ class Stage:
         return answer
 
     def bring(self, target: tuple[float, ...]) -> None:
-        """The arm stands at `target`, moved there by the orchestrator like by anyone, in several goes if need be.
+        """Moves the arm to `target` by the orchestrator, with the usual authority, in several tries if need be.
 
         Raises:
             StageError: when that is not permitted.
@@ -226,12 +226,12 @@ class Stage:
             raise StageError(f"the arm was not brought to where the step begins: {said}")
 
     def perception(self) -> str:
-        """What the PEP says of its view: "fresh", "stale", "missing" or "invalid"."""
+        """State of the PEP's view: "fresh", "stale", "missing" or "invalid"."""
         world = self.ask("orchestrator", "read_state", {}).content.get("world") or {}
         return str(world.get("perception"))
 
     def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
-        """The agent's call of a tool with its token, sent again when nothing was done because the verdict came late."""
+        """Call of a tool by the agent with its token, sent again when the verdict came too late."""
         auth = self.agents[agent].auth(token or self.tokens[agent])
         answer = call(self.cell.addresses.audience, auth, tool, arguments)
         for _ in range(SEND_TRIES - 1):
@@ -243,7 +243,7 @@ class Stage:
     def scene(
         self, *, people: list[dict[str, object]] | None = None, objects: list[dict[str, object]] | None = None
     ) -> None:
-        """The sensor sees exactly these people and objects, and the PEP has seen it."""
+        """Shows the sensor exactly these people and objects, and waits until the PEP has seen them."""
         people, objects = people or [], objects or []
         self.cell.sensor.tell({"people": people, "objects": objects})
 

@@ -1,4 +1,4 @@
-"""What a stop looked like, read from samples of the controller, and whether the one stop model holds for it."""
+"""Measurement of a stop from samples of the controller, and its comparison with the one stop model."""
 
 from __future__ import annotations
 
@@ -14,11 +14,14 @@ if TYPE_CHECKING:
     from ztpm.stage.samples import Sample
 
 HARDER: Final = 2.0
-"""A stop brakes at least this much harder than the motion's own ramp: 8 rad/s2 against at most 1.4, so 2.8 divides."""
+"""Ratio of a stop's braking to the motion's own ramp, at least.
+
+8 rad/s2 against at most 1.4, so 2.8 divides.
+"""
 BAR_S: Final = 0.150
 """From the end of authority to commanded deceleration (DESIGN section 8, stop times)."""
 SAMPLE_S: Final = 0.002
-"""Resolution of the controller: a time that is read from samples may be this much longer than it was."""
+"""Resolution of the controller: a time read from samples may be this much too long."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +44,10 @@ class Stopped:
 
     @property
     def within_model(self) -> bool:
-        """Whether time and travel from t1 are inside T_s = 0.06 s + w/a and w (0.06 s + w/2a)."""
+        """True where time and travel from t1 are inside the stop model.
+
+        T_s = 0.06 s + w/a, and w (0.06 s + w/2a).
+        """
         return (
             self.braking_s <= STOP_DELAY_S + self.speed_rad_s / STOP_DECELERATION_RAD_S2 + SAMPLE_S
             and self.braking_rad <= model_rad(self.speed_rad_s)
@@ -49,7 +55,7 @@ class Stopped:
 
     @property
     def within_bar(self) -> bool:
-        """Whether the travel from t0 is inside the model with 150 ms of reaction before it."""
+        """True where the travel from t0 is inside the model with 150 ms of reaction before it."""
         return self.travel_rad <= self.speed_rad_s * BAR_S + model_rad(self.speed_rad_s)
 
 
@@ -59,7 +65,7 @@ def model_rad(speed_rad_s: float) -> float:
 
 
 def read_stop(samples: Sequence[Sample], *, at_s: float, acceleration_rad_s2: float) -> Stopped | None:
-    """The stop that these samples show, or None when the motion ended by itself or had ended before.
+    """Stop in these samples, or None when the motion ended by itself or had ended before.
 
     Args:
         samples: of the whole motion, in order, up to standstill.
@@ -91,7 +97,7 @@ def read_stop(samples: Sequence[Sample], *, at_s: float, acceleration_rad_s2: fl
 
 
 def _braking(samples: Sequence[Sample], first: int, acceleration_rad_s2: float) -> int | None:
-    """The first sample from `first` on whose commanded speed falls faster than the motion's own ramp lets it."""
+    """First sample from `first` on whose commanded speed falls faster than by the motion's own ramp."""
     for i, (before, now) in enumerate(pairwise(samples[first - 1 :]), start=first):
         passed_s = now.stamp_s - before.stamp_s
         if before.commanded_rad_s - now.commanded_rad_s > HARDER * acceleration_rad_s2 * passed_s:

@@ -1,4 +1,4 @@
-"""Taking the picture of a cell: its processes, the provider's public answers, the gateway's report, its journal.
+"""Collector of a cell's picture: its processes, the provider's public answers, the gateway's report, its journal.
 
 No key is used: what only a person may ask the provider, such as what an ask says, is one link or command away.
 """
@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 ANSWER_S: Final = 1.0
 """Longest wait for one part."""
 KEEP_S: Final = 0.5
-"""A picture is shown again for this long, however often it is asked for."""
+"""Time for which a picture is shown again, to all requests."""
 
 
 class SnapshotCollector:
-    """Takes pictures. Any thread.
+    """Collector of pictures. Any thread.
 
     Args:
         cell: running.
@@ -65,7 +65,7 @@ class SnapshotCollector:
         self._kept: tuple[float, Snapshot] | None = None
 
     def picture(self) -> Snapshot:
-        """How the cell stands, at most half a second ago."""
+        """Picture of the cell, at most half a second old."""
         with self._lock:
             if self._kept is None or self._clock() - self._kept[0] > KEEP_S:
                 taken = self._take()
@@ -112,7 +112,7 @@ class SnapshotCollector:
         return Part(PROCESSES[name], child.popen.pid, answers, now - child.since, restarts)
 
     def close(self) -> None:
-        """Its connections are closed."""
+        """Closes its connections."""
         self._http.close()
 
     def _answers(self, url: str) -> bool:

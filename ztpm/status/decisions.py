@@ -18,17 +18,16 @@ KEPT: Final = 20
 OPEN_KEPT: Final = 256
 """Open questions that are kept; the oldest is forgotten first."""
 FIRST_BYTES: Final = 4_194_304
-"""How much of an old journal is read at first: some hundred decisions with their evidence."""
+"""Part of an old journal that is read at first: some hundred decisions with their evidence."""
 READ_BYTES: Final = 4_194_304
-"""How much is read at once afterwards."""
+"""Part that is read at once afterwards."""
 
 OWED: Final[Mapping[str, str]] = {
     ObligationKind.NOTIFY: "a person has to see this",
     ObligationKind.REATTEST: "attest the agent again",
     ObligationKind.LOWER_TRUST: "lower the sender's trust",
 }
-"""Obligations that are fulfilled elsewhere than at the enforcement point, in the words of this page, where people are
-notified."""
+"""Obligations that other parts than the enforcement point fulfil, in the words of this page."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +75,7 @@ class OpenAsk:
 
 
 class Decisions:
-    """Follows one journal. It is read, never locked or changed; a record that is not understood is passed over.
+    """Follower of one journal, which it reads and never locks or changes; an unknown record is passed over.
 
     Args:
         path: of the journal.
@@ -101,7 +100,7 @@ class Decisions:
         return tuple(ask for ask in self._asks.values() if at_ms < ask.expires_at_ms)
 
     def follow(self) -> None:
-        """What was appended since the last time is taken in.
+        """Takes in the records appended since the last call.
 
         Raises:
             OSError: when the journal cannot be read.

@@ -1,4 +1,4 @@
-"""HTML that cannot be made wrong: every text is escaped, since elements are made by functions and never by hand."""
+"""HTML that cannot be malformed: every text is escaped, and functions make all elements."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class Markup(str):
 
 
 def text(*content: object) -> Markup:
-    """The contents as HTML; whatever is not markup is escaped, whatever cannot be shown becomes a replacement mark."""
+    """Contents as HTML, with text escaped and unprintable characters replaced."""
     return Markup("".join(part if isinstance(part, Markup) else _shown(str(part)) for part in content))
 
 

@@ -146,7 +146,7 @@ def _robot(robot: dict[str, Any] | None) -> Markup:
 
 
 def kinematics_said(calibration: str | None, uncertainty_mm: float | None) -> str:
-    """How well the arm is known, in one sentence."""
+    """Accuracy of the arm's kinematics, in one sentence."""
     own = "nominal kinematics" if calibration is None else f"kinematics of its own, calibration {calibration[:12]}"
     return own if uncertainty_mm is None else f"{own}; reckoned to {uncertainty_mm:.1f} mm"
 

@@ -1,4 +1,4 @@
-"""One picture of a running cell: what each of its parts says about itself now, and what is not known."""
+"""One picture of a running cell: each part's own words about itself now, and the gaps."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Snapshot:
-    """How a cell stands.
+    """State of a cell.
 
     Attributes:
         at_ms: wall clock, milliseconds since the epoch.
@@ -51,7 +51,7 @@ class Snapshot:
         decisions: newest first.
         asks: open ones, oldest first.
         agents: with a stated trust; None when the registry is not to be had.
-        incomplete: what could not be had, as sentences.
+        incomplete: missing parts, as sentences.
     """
 
     at_ms: int

@@ -1,7 +1,7 @@
-"""Serving the status page: GET only, on loopback, to the user who runs the cell and to nobody else.
+"""Server of the status page: GET only, on loopback, for the user who runs the cell alone.
 
-It shows where the arm is and who asks for what, which the gateway keeps from strangers; so whoever else has an
-account on this machine is refused by the owner of the connection's other end. Nothing here changes anything.
+The page shows the arm's place and all asks, which the gateway keeps from strangers; so other accounts on this machine
+are refused by the owner of the connection's other end. Nothing here changes anything.
 """
 
 from __future__ import annotations
@@ -46,15 +46,15 @@ ROOT: Final = 0
 
 
 class StatusError(RuntimeError):
-    """The page cannot be served."""
+    """Failure to serve the page."""
 
 
 def status_app(picture: Callable[[], Snapshot], *, host: str, port: int, owners: frozenset[int]) -> ASGIApp:
-    """The app.
+    """App of the status page.
 
     Args:
         picture: takes one.
-        host: the address where it listens; a request that names another host is refused, whatever resolves to here.
+        host: the address where it listens; a request that names another host is refused, even one for this machine.
         port: where it listens.
         owners: user ids that may look.
     """
@@ -74,7 +74,7 @@ def status_app(picture: Callable[[], Snapshot], *, host: str, port: int, owners:
 
 
 class _OwnersOnly:
-    """Refuses whoever is not among the owners, and requests for another host."""
+    """Refuses users who are not among the owners, and requests for another host."""
 
     def __init__(self, app: ASGIApp, *, netloc: str, owners: frozenset[int]) -> None:
         self._app = app
@@ -142,7 +142,7 @@ class StatusServer:
         self._thread = threading.Thread(target=self._server.run, args=([self._socket],), name="status", daemon=True)
 
     def start(self) -> None:
-        """The page is served.
+        """Serves the page.
 
         Raises:
             StatusError: when it is not, `START_S` seconds later.
@@ -155,7 +155,7 @@ class StatusServer:
             time.sleep(0.01)
 
     def stop(self) -> None:
-        """Nothing is served any more."""
+        """Stops serving."""
         self._server.should_exit = True
         if self._thread.ident is not None:
             self._thread.join(STOP_S)

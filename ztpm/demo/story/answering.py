@@ -1,4 +1,4 @@
-"""How people answer: what an approval does, what it does not, and who cannot give one."""
+"""Chapter on people's answers: effects and limits of an approval, and forged ones."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ IN_THE_ZONE: Final = pose(-1.4)
 BEFORE_THE_ZONE_RAD: Final = -0.8
 """The base joint's angle up to which no part of the arm is inside."""
 ASKED: Final = ("TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL", "APPROVAL_USED", "APPROVAL_NOT_USABLE")
-"""Reasons behind which a question stands."""
+"""Reasons behind which an ask stands."""
 
 
 def beside_a_person(stage: Stage) -> None:
-    """The arm stands at one end of the short move, and a person stands beside it (C2)."""
+    """Puts the arm at one end of the short move, and a person beside it (C2)."""
     stage.scene()
     stage.bring(NEAR)
     stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
 
 
 def asked(stage: Stage, agent: str, target: tuple[float, ...], speed: float) -> Answer:
-    """The deferral of a move that nobody has answered yet."""
+    """Deferral of a move that nobody has answered yet."""
     answer = stage.move(agent, to=target, speed=speed)
     if answer.reason == "APPROVAL_TIMEOUT":
         answer = stage.move(agent, to=target, speed=speed)
@@ -49,7 +49,7 @@ def asked(stage: Stage, agent: str, target: tuple[float, ...], speed: float) -> 
 
 
 def approve(stage: Stage, name: str, answer: Answer) -> None:
-    """The person has voted for what that deferral asks, and the provider has it."""
+    """Votes for the ask of that deferral; the provider has the vote."""
     ask_id = str(answer.content["ask_id"])
 
     def posted() -> bool:
@@ -60,7 +60,7 @@ def approve(stage: Stage, name: str, answer: Answer) -> None:
 
 
 def retry(stage: Stage, agent: str, target: tuple[float, ...], speed: float, *, waiting: str) -> Answer:
-    """The answer to the same call once it is no longer `waiting`.
+    """Answer to the same call once it is no longer `waiting`.
 
     Raises:
         StageError: when it stays so.
@@ -133,7 +133,7 @@ def _agent_votes(stage: Stage) -> StepObservation:
 
 
 def maintainer(stage: Stage) -> None:
-    """An agent whose platform vouches for what it runs holds authority up to tier 4; the arm stands ready."""
+    """Agent with an attesting platform and authority up to tier 4; the arm stands ready."""
     stage.scene()
     if "maintainer" not in stage.agents:
         stage.new_agent("maintainer", sponsor="alice", role="actuator").attest()
@@ -151,13 +151,13 @@ def _zone(stage: Stage) -> StepObservation:
 
 
 def opened(stage: Stage) -> None:
-    """As `maintainer`, and carol has opened the operation for it, once."""
+    """Agent as of `maintainer`, with an opening by carol for the operation, once."""
     maintainer(stage)
     open_once(stage)
 
 
 def open_once(stage: Stage) -> None:
-    """Carol gives leave to ask for one safety-critical move of the maintainer."""
+    """Opens one safety-critical move of the maintainer, by carol."""
     stage.person("carol").open_tier_4(
         audience=stage.cell.addresses.audience, agent="maintainer", object="ur3e", operation="move_joint",
         reason="service", lifetime_s=300,
@@ -180,7 +180,7 @@ def _one_of_two(stage: Stage) -> StepObservation:
 
 
 def out_of_the_zone(stage: Stage) -> None:
-    """The arm stands outside of the zone again: the way out is as dangerous, so two people approve that, too."""
+    """Moves the arm out of the zone again: the way out is as dangerous, so two people approve it, too."""
     if stage.joints[0] > BEFORE_THE_ZONE_RAD:
         return
     open_once(stage)
@@ -192,7 +192,7 @@ def out_of_the_zone(stage: Stage) -> None:
 
 
 def deferred_once_open(stage: Stage, speed: float) -> Answer:
-    """The deferral of a tier 4 move, once the PEP knows of the opening."""
+    """Deferral of a tier 4 move, once the PEP knows of the opening."""
     until(lambda: stage.move("maintainer", to=IN_THE_ZONE, speed=speed).decision == "DEFER", "the opening at the PEP")
     return asked(stage, "maintainer", IN_THE_ZONE, speed)
 

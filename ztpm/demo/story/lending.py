@@ -1,4 +1,4 @@
-"""How authority is lent, refused and ended: each step goes through the doors that anyone would use."""
+"""Chapter on lent, refused and ended authority: each step uses the doors that anyone would use."""
 
 from __future__ import annotations
 
@@ -101,13 +101,13 @@ def _delegate(stage: Stage) -> StepObservation:
 
 
 def outcome(answer: Answer) -> str:
-    """How a motion ended, and why, as its tool says it."""
+    """End of a motion and its reason, as its tool says it."""
     said = answer.content
     return " ".join(str(said[name]) for name in ("outcome", "reason") if said.get(name))
 
 
 def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
-    """Decision, code, status and latency of what the identity provider made of an action."""
+    """Decision, code, status and latency of the identity provider's answer to an action."""
     started = time.perf_counter()
     try:
         action()
@@ -325,7 +325,7 @@ def _revoked(stage: Stage) -> StepObservation:
 
 
 def poll_refusal(stage: Stage, agent: str, token: str) -> Answer:
-    """The first refusal of a read with that token.
+    """First refusal of a read with that token.
 
     Raises:
         StageError: when reads go on being permitted.
@@ -379,7 +379,7 @@ def _stale(stage: Stage) -> StepObservation:
 
 
 def poll_motion_refusal(stage: Stage) -> Answer:
-    """The first refusal of a motion to where the arm already is.
+    """First refusal of a motion to the arm's present place.
 
     Raises:
         StageError: when motions go on being permitted.

@@ -1,4 +1,4 @@
-"""How the world is seen, and how a moving arm is watched and stopped."""
+"""Chapter on the view of the world, and on the watch and the stop of a moving arm."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ MOVING: Final = Story()
 DELEGATED: Final = ("delegate",)
 ABOVE_TABLE: Final = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)
 ON_TABLE: Final = (0.0, -1.486, 2.164, -2.2488, -1.57, 0.0)
-"""Fingers pointing down, 88 mm above the table's top, and on it within what the arm errs by (rad)."""
+"""Fingers pointing down, 88 mm above the table's top, and on it within the arm's error (rad)."""
 DOWN_RAD_S: Final = 0.15
 """Joint speed of the place move: the fingers come down at 31 mm/s, gentler than 0.05 m/s."""
 LEASE_S: Final = 2.0
 """The motion lease of the shipped policy set."""
 FEED_S: Final = 0.5
-"""The newest view is at most about this old when the provider dies: asked for every 0.1 s, and answers take time."""
+"""Age of the newest view when the provider dies, at most: pulled every 0.1 s, with time for answers."""
 SLOW_RAD_S: Final = 0.25
 """The sweep lasts 4.8 s at this speed: longer than the lease."""
 UNDER_WAY_RAD: Final = 0.05
@@ -39,7 +39,7 @@ UNDER_WAY_RAD: Final = 0.05
 
 
 def at_left(stage: Stage) -> None:
-    """Nobody is there, and the arm stands at the left end of the sweep."""
+    """Puts the arm at the left end of the sweep, with nobody there."""
     stage.scene()
     out_of_the_zone(stage)
     if stage.joints[2] > ABOVE_TABLE[2] + UNDER_WAY_RAD:
@@ -77,7 +77,7 @@ def _forged_frame(stage: Stage) -> StepObservation:
 
 
 def above_the_table(stage: Stage) -> None:
-    """Nobody is there, and the fingers are above the table."""
+    """Puts the fingers above the table, with nobody there."""
     at_left(stage)
     stage.bring(ABOVE_TABLE)
 
@@ -107,7 +107,7 @@ def _walks_in(stage: Stage) -> StepObservation:
 
 
 def figures(stop: Stopped) -> str:
-    """The times and the travel of a stop."""
+    """Times and travel of a stop."""
     return (
         f"braking {stop.reaction_s * 1e3:.0f} ms later, standing {stop.braking_s * 1e3:.0f} ms after that, "
         f"{stop.braking_rad * 1e3:.0f} mrad of braking (the model allows {model_rad(stop.speed_rad_s) * 1e3:.0f})"

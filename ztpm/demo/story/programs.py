@@ -1,4 +1,4 @@
-"""How a program that moves the robot by itself, without any tool, is held to the same authority."""
+"""Chapter on a program that moves the robot by itself, without tools, under the same authority."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 PROGRAMS: Final = Story()
 AGENT: Final = "programmer"
 IN_USE: Final = "already in use"
-"""What ur_rtde says of a controller whose registers somebody else has."""
+"""Words of ur_rtde about a controller whose registers are taken."""
 NOBODY: Final = 65_534
 """The user id that owns nothing on Linux."""
 ATTEMPTS: Final = f"""
@@ -40,13 +40,19 @@ try:
 except ConnectionError:
     sys.exit(0)
 """
-"""Another user's process asks a leased robot's RTDE port for a protocol; the exit status is how much it was told."""
+"""Program of another user that asks a leased robot's RTDE port for a protocol.
+
+Its exit status is the number of bytes received.
+"""
 STATES: Final = 5
-"""The controller sends as many states of the secondary port in half a second; by then a program would move it."""
+"""States of the secondary port that the controller sends in half a second.
+
+By then a program would move it.
+"""
 
 
 def behind_the_gateway(stage: Stage) -> None:
-    """The arm stands at the left end of the sweep; an agent has authority to move it by a program."""
+    """Puts the arm at the left end of the sweep, with an agent's authority for a program."""
     if AGENT in stage.agents:
         return
     at_left(stage)
@@ -86,7 +92,7 @@ def _raw(stage: Stage) -> StepObservation:
 
 
 def _ends(link: socket.socket) -> bool:
-    """Whether the other end closes the connection."""
+    """True where the other end closes the connection."""
     until_s = time.monotonic() + WAIT_S
     while time.monotonic() < until_s:
         try:
@@ -135,7 +141,7 @@ def _hijacked(stage: Stage) -> StepObservation:
 
 
 def _attempts(host: str) -> int:
-    """How much a process of another user is told there; nothing, where only one user can be tried."""
+    """Number of bytes that a process of another user receives there; 0 where only one user can be tried."""
     if os.geteuid() != 0:
         return 0
     attempt = subprocess.run([sys.executable, "-c", ATTEMPTS, host], check=False, timeout=WAIT_S)  # noqa: S603 - our own
