@@ -1,4 +1,4 @@
-"""Every command of ur_rtde's control interface: one declared row for each id, and what an image says by it.
+"""Table of every command of ur_rtde's control interface: one declared row for each id, with its registers.
 
 An id that has no row is no command. Among them are 254, which the control script gives to itself, and those that
 ur_rtde uses as names for what it does otherwise (13, 14, 22, 23, 48 to 50 in its IO interface, 99 for a clear).
@@ -48,7 +48,7 @@ if TYPE_CHECKING:
 
 
 class CommandClass(Enum):
-    """What kind of authority a command needs."""
+    """Kind of authority that a command needs."""
 
     MOTION = "motion"
     """It moves the arm, or lets it be moved."""
@@ -63,7 +63,7 @@ class CommandClass(Enum):
 
 
 class Wait(Enum):
-    """How ur_rtde goes on after it has sent a command."""
+    """Continuation of ur_rtde after it has sent a command."""
 
     DONE = "done"
     """It blocks until the script says that it is done, then clears the command."""
@@ -108,7 +108,7 @@ class CommandRow:
 
     @property
     def every_cycle(self) -> bool:
-        """Whether the script reads the parameters again and again while the command stands."""
+        """True where the script reads the parameters again and again while the command stands."""
         return self.id in EVERY_CYCLE
 
 
@@ -207,7 +207,7 @@ _ROWS: Final = (
     _end("stopScript", v.StopKind.PROGRAM),
 )
 ROWS: Final[Mapping[int, CommandRow]] = MappingProxyType({row.id: row for row in _ROWS})
-"""Every command by its id."""
+"""Every command, by its id."""
 
 READS: Final[Mapping[tuple[int, Offset], frozenset[str]]] = MappingProxyType(
     {
@@ -216,22 +216,22 @@ READS: Final[Mapping[tuple[int, Offset], frozenset[str]]] = MappingProxyType(
         for offset in OFFSETS
     }
 )
-"""The variables that hold a command's parameters, by its id and the client's offset."""
+"""Variables of a command's parameters, by its id and the client's offset."""
 
 _MEMBERS: Final = {row.make: tuple(each.name for each in fields(cast("Any", row.make))) for row in _ROWS}
-"""The parameters of a command's type, in order."""
+"""Parameters of a command's type, in order."""
 _BY_TYPE: Final = {row.make: row for row in _ROWS if row.make not in (v.Read, v.End)}
 
 
 def row_of(command: Command) -> CommandRow:
-    """The row that a command is of."""
+    """Row of a command."""
     if isinstance(command, v.Read | v.End):
         return ROWS[command.what.value]
     return _BY_TYPE[type(command)]
 
 
 def decode(image: RegisterImage) -> Command | InputRefusal:
-    """The command that stands in an image; `Clear` when none does. Never raises.
+    """Command that stands in an image; `Clear` when none does. Never raises.
 
     Returns:
         Refused as `TOOL_UNKNOWN` for an id without a row; as `NOT_FINITE`, `ROBOT_LIMIT` (outside of what ur_rtde would
@@ -248,9 +248,9 @@ def decode(image: RegisterImage) -> Command | InputRefusal:
 
 
 def encode(command: Command, offset: Offset) -> dict[str, Value]:
-    """What to write for a command: its id and everything that the control script reads for it, in the profile's types.
+    """Variables to write for a command: its id and all that the control script reads for it.
 
-    Whoever forwards this instead of the client's package sends what was judged, and nothing that was staged before.
+    Forwarding these in place of the client's package sends the judged values, and none that was staged before.
     """
     row = row_of(command)
     written: dict[str, Value] = {INT[offset]: row.id}

@@ -1,7 +1,7 @@
-"""What ur_rtde's control interface can ask for, as values: one type for each command, its units in the names.
+"""Commands of ur_rtde's control interface as values: one type for each, its units in the names.
 
-A pose is x, y, z in metres and a rotation vector in radians, in the robot's base frame. What a command carries on the
-wire and the control script does not use is not here: a value says what the robot will do.
+A pose is x, y, z in metres and a rotation vector in radians, in the robot's base frame. Parameters on the wire that the
+control script does not use are left out: a value states the robot's own action.
 """
 
 from __future__ import annotations
@@ -65,21 +65,21 @@ class MoveLFk:
 
 @dataclass(frozen=True, slots=True)
 class MovePath:
-    """Along the path that stands in the control script that was uploaded last."""
+    """Along the path in the control script that was uploaded last."""
 
     asynchronous: bool
 
 
 @dataclass(frozen=True, slots=True)
 class MoveUntilContact:
-    """With a tool speed until something is touched, then back to where it was touched."""
+    """With a tool speed until a contact, then back to the contact's place."""
 
     xd_m_s_rad_s: Six
     direction: Six
     acceleration_m_s2: float
 
 
-# -------------------------------------------------------------------------------------------- moves that somebody holds
+# ------------------------------------------------------------------------------------------- moves that a client holds
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +104,7 @@ class ServoL:
 
 @dataclass(frozen=True, slots=True)
 class ServoC:
-    """Towards a pose on circles. It goes on when the command is cleared."""
+    """Towards a pose on circles. It goes on after the command is cleared."""
 
     pose_m_rad: Six
     speed_m_s: float
@@ -114,7 +114,7 @@ class ServoC:
 
 @dataclass(frozen=True, slots=True)
 class SpeedJ:
-    """With joint speeds. The script gives them again and again until a stop, whatever `time_s` says."""
+    """With joint speeds. The script repeats them until a stop, for any `time_s`."""
 
     qd_rad_s: Six
     acceleration_rad_s2: float
@@ -123,7 +123,7 @@ class SpeedJ:
 
 @dataclass(frozen=True, slots=True)
 class SpeedL:
-    """With a tool speed. The script gives it again and again until a stop, whatever `time_s` says."""
+    """With a tool speed. The script repeats it until a stop, for any `time_s`."""
 
     xd_m_s_rad_s: Six
     acceleration_m_s2: float
@@ -138,7 +138,7 @@ class DirectTorque:
 
 
 class JogFrame(Enum):
-    """What a jog's speed is in."""
+    """Frame of a jog's speed."""
 
     BASE = 0
     TOOL = 1
@@ -190,7 +190,10 @@ class FreedriveMode:
 
 @dataclass(frozen=True, slots=True)
 class StopJ:
-    """Ends a move. The script may brake in tool space all the same: which of the two, an earlier stop has left."""
+    """Ends a move.
+
+    An earlier stop decides whether the script brakes in joint or in tool space.
+    """
 
     deceleration_rad_s2: float
     asynchronous: bool
@@ -198,7 +201,10 @@ class StopJ:
 
 @dataclass(frozen=True, slots=True)
 class StopL:
-    """Ends a move. The script may brake in joint space all the same: which of the two, an earlier stop has left."""
+    """Ends a move.
+
+    An earlier stop decides whether the script brakes in joint or in tool space.
+    """
 
     deceleration_m_s2: float
     asynchronous: bool
@@ -231,7 +237,7 @@ class StopKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class End:
-    """Ends what its name says; the protective stop ends everything."""
+    """Ends the mode of its name; the protective stop ends everything."""
 
     what: StopKind
 
@@ -241,7 +247,7 @@ class End:
 
 @dataclass(frozen=True, slots=True)
 class ZeroForceSensor:
-    """What the sensor reads now is nothing."""
+    """Takes the sensor's present reading as zero."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -263,35 +269,35 @@ class SetTargetPayload:
 
 @dataclass(frozen=True, slots=True)
 class SetTcp:
-    """Where the tool centre is on the flange."""
+    """Pose of the tool centre on the flange."""
 
     pose_m_rad: Six
 
 
 @dataclass(frozen=True, slots=True)
 class SetGravity:
-    """Which way is down, and how much."""
+    """Direction and size of gravity."""
 
     acceleration_m_s2: Three
 
 
 @dataclass(frozen=True, slots=True)
 class SetForceDamping:
-    """Of force mode, 0 to 1."""
+    """Damping of force mode, 0 to 1."""
 
     damping: float
 
 
 @dataclass(frozen=True, slots=True)
 class SetForceGain:
-    """Of force mode, 0 to 2."""
+    """Gain of force mode, 0 to 2."""
 
     scaling: float
 
 
 @dataclass(frozen=True, slots=True)
 class ForceInput:
-    """Whether the force mode believes what a client writes, and what hangs on that sensor."""
+    """Use of a client's own values by the force mode, and the load on that sensor."""
 
     enable: bool
     mass_kg: float
@@ -301,7 +307,7 @@ class ForceInput:
 
 @dataclass(frozen=True, slots=True)
 class ExternalForceSensor:
-    """Whether there is a sensor that is not the robot's own, and what hangs on it."""
+    """Use of a sensor that is not the robot's own, and its load."""
 
     enable: bool
     mass_kg: float
@@ -311,28 +317,28 @@ class ExternalForceSensor:
 
 @dataclass(frozen=True, slots=True)
 class SetExternalWrench:
-    """What such a sensor would say. The controller takes it from its variable, whatever command stands."""
+    """Reading of such a sensor. The controller takes it from its variable beside every command."""
 
     wrench_n_nm: Six
 
 
 @dataclass(frozen=True, slots=True)
 class SetWatchdog:
-    """The program ends when the command register is written less often than this."""
+    """Ends the program when the command register is written less often than this."""
 
     least_hz: float
 
 
 @dataclass(frozen=True, slots=True)
 class StartContactDetection:
-    """From now on the arm goes back to where it touches something, by itself; zeros are the way it moves."""
+    """Lets the arm go back to a contact by itself from now on; zeros are the direction of its motion."""
 
     direction: Six
 
 
 @dataclass(frozen=True, slots=True)
 class StopContactDetection:
-    """No more; answers whether it was touched."""
+    """Ends the detection; answers whether there was a contact."""
 
 
 # -------------------------------------------------------------------------------------------------------------- getters
@@ -359,14 +365,17 @@ class Reading(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Read:
-    """One of these questions. What ur_rtde sends along with those about the dynamics is not used by its script."""
+    """One of these questions.
+
+    Its script does not use the parameters that ur_rtde sends along with those about the dynamics.
+    """
 
     what: Reading
 
 
 @dataclass(frozen=True, slots=True)
 class ToolContact:
-    """For how many cycles there has been a contact from this direction."""
+    """Number of cycles of a contact from this direction."""
 
     direction: Six
 
@@ -397,7 +406,7 @@ class InverseKinematicsNearest:
 
 @dataclass(frozen=True, slots=True)
 class Reachable:
-    """Whether there are joint angles of a pose near to others."""
+    """Existence of joint angles of a pose near to others."""
 
     pose_m_rad: Six
     near_rad: Six
@@ -407,21 +416,21 @@ class Reachable:
 
 @dataclass(frozen=True, slots=True)
 class ReachableNearest:
-    """Whether there are joint angles of a pose near to those now."""
+    """Existence of joint angles of a pose near to those now."""
 
     pose_m_rad: Six
 
 
 @dataclass(frozen=True, slots=True)
 class PoseWithinLimits:
-    """Whether the safety limits hold a pose."""
+    """Test of a pose against the safety limits."""
 
     pose_m_rad: Six
 
 
 @dataclass(frozen=True, slots=True)
 class JointsWithinLimits:
-    """Whether the safety limits hold joint angles."""
+    """Test of joint angles against the safety limits."""
 
     q_rad: Six
 

@@ -1,7 +1,7 @@
-"""How a command's parameters lie in the registers: one field for each, which reads, judges and writes it.
+"""Fields of a command's parameters in the registers, one each, which read, judge and write it.
 
-Registers are counted from where the client's begin. A number is judged here and nowhere else: what is not finite, or
-outside of what ur_rtde itself would send, is none of its commands.
+Registers are counted from the client's first one. A number is judged here and nowhere else: one that is not finite, or
+outside of ur_rtde's own range, belongs to no command.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Written: TypeAlias = dict[str, "Value"]
 
 
 class WrongParameterError(Exception):
-    """A parameter that a command cannot have; never leaves the reading of a command."""
+    """Parameter that a command cannot have; never leaves the reading of a command."""
 
     def __init__(self, reason: Reason, place: str) -> None:
         super().__init__(place)
@@ -55,7 +55,7 @@ FORCE_GAIN: Final = Span(0.0, 2.0)  # URScript manual, force_mode_set_gain_scali
 
 
 def judged(value: float, span: Span, place: str, register: int | None = None) -> float:
-    """The value, which is finite and in the span.
+    """The value, after checks that it is finite and in the span.
 
     Args:
         value: to judge.
@@ -80,7 +80,7 @@ class Number:
     span: Span = ANY
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return (DOUBLE[offset + self.register],)
 
     def read(self, image: RegisterImage) -> float:
@@ -88,7 +88,7 @@ class Number:
         return judged(image.double(self.register), self.span, "double", self.register)
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for it."""
+        """Variables to write for it."""
         assert isinstance(value, float)
         return {DOUBLE[offset + self.register]: value}
 
@@ -101,7 +101,7 @@ class Numbers:
     count: int
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return DOUBLE[offset + self.first : offset + self.first + self.count]
 
     def read(self, image: RegisterImage) -> tuple[float, ...]:
@@ -112,7 +112,7 @@ class Numbers:
         return values
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for them."""
+        """Variables to write for them."""
         assert isinstance(value, tuple)
         return dict(zip(self.names(offset), value, strict=True))
 
@@ -126,7 +126,7 @@ class Whole:
     high: int
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return (INT[offset + self.register],)
 
     def read(self, image: RegisterImage) -> int:
@@ -137,7 +137,7 @@ class Whole:
         return value
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for it."""
+        """Variables to write for it."""
         assert isinstance(value, int)
         return {INT[offset + self.register]: value}
 
@@ -149,18 +149,18 @@ class Flag:
     register: int
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return (INT[offset + self.register],)
 
     def read(self, image: RegisterImage) -> bool:
-        """Whether it is 1."""
+        """True where the integer is 1."""
         value = image.whole(self.register)
         if value not in (0, 1):
             raise WrongParameterError(Reason.PARAMETERS_WRONG, f"integer {self.register}")
         return value == 1
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for it."""
+        """Variables to write for it."""
         return {INT[offset + self.register]: int(value is True)}
 
 
@@ -171,27 +171,27 @@ class Flags:
     first: int
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return INT[offset + self.first : offset + self.first + 6]
 
     def read(self, image: RegisterImage) -> tuple[bool, ...]:
-        """Whether each is 1."""
+        """True for each integer that is 1."""
         return tuple(Flag(self.first + axis).read(image) for axis in range(6))
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for them."""
+        """Variables to write for them."""
         assert isinstance(value, tuple)
         return {name: int(item is True) for name, item in zip(self.names(offset), value, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
 class FrameNumber:
-    """A jog's frame: ur_rtde sends its number as a double."""
+    """Frame of a jog: ur_rtde sends its number as a double."""
 
     register: int
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         return (DOUBLE[offset + self.register],)
 
     def read(self, image: RegisterImage) -> JogFrame:
@@ -203,19 +203,19 @@ class FrameNumber:
         raise WrongParameterError(Reason.PARAMETERS_WRONG, f"double {self.register}")
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for it."""
+        """Variables to write for it."""
         assert isinstance(value, JogFrame)
         return {DOUBLE[offset + self.register]: float(value.value)}
 
 
 @dataclass(frozen=True, slots=True)
 class Vector:
-    """A variable of six doubles that is no register."""
+    """Six doubles in a variable that is no register."""
 
     name: str
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field."""
         del offset
         return (self.name,)
 
@@ -227,7 +227,7 @@ class Vector:
         return values
 
     def write(self, value: object, offset: Offset) -> Written:
-        """What to write for it, at any offset."""
+        """Variables to write for it, at any offset."""
         del offset
         assert isinstance(value, tuple)
         return {self.name: value}
@@ -235,22 +235,22 @@ class Vector:
 
 @dataclass(frozen=True, slots=True)
 class Fixed:
-    """A parameter that the command's id says."""
+    """Parameter that follows from the command's id."""
 
     value: object
 
     def names(self, offset: Offset) -> tuple[str, ...]:
-        """The variables it lies in."""
+        """Variables of the field: none."""
         del offset
         return ()
 
     def read(self, image: RegisterImage) -> object:
-        """Always the same."""
+        """The constant value."""
         del image
         return self.value
 
     def write(self, value: object, offset: Offset) -> Written:
-        """Nothing."""
+        """Variables to write: none."""
         del value, offset
         return {}
 

@@ -1,4 +1,4 @@
-"""What a package meant: the difference between the image before it and the image after it.
+"""Change that a package makes: the difference between the images before and after it.
 
 Never look at the package alone. Parameters may be staged while no command stands, changed under a command that the
 script reads again in each cycle, and swapped after a command was judged and before the script has read it.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Unchanged:
-    """It wrote what stood there already."""
+    """No variable was changed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,21 +29,21 @@ class Cleared:
 
 @dataclass(frozen=True, slots=True)
 class Commanded:
-    """A command that did not stand before."""
+    """A command stands that did not stand before."""
 
     command: Command
 
 
 @dataclass(frozen=True, slots=True)
 class Drifted:
-    """The command that stands has other parameters now, and the script reads them again in each cycle."""
+    """The standing command has other parameters now, and the script reads them again in each cycle."""
 
     command: Command
 
 
 @dataclass(frozen=True, slots=True)
 class Swapped:
-    """The command that stands has other parameters now; the script reads them once, and may not have done so yet."""
+    """The standing command has other parameters now, which the script reads once, perhaps later."""
 
     command: Command
 
@@ -59,15 +59,15 @@ Change: TypeAlias = Unchanged | Cleared | Commanded | Drifted | Swapped | Staged
 
 
 def changes(before: RegisterImage, after: RegisterImage) -> Change | InputRefusal:
-    """What a package meant for the command.
+    """Change that a package makes to the command.
 
     Args:
         before: the image when it came.
         after: the same image with it merged.
 
     Returns:
-        Refused when the command that stands afterwards is none. What a package does to outputs and to free registers it
-        does whatever command stands: `pep.rtde.command.io_commands` says that.
+        Refused when the command that stands afterwards is none. Changes of outputs and of free registers work beside
+        every command: `pep.rtde.command.io_commands` reads them.
     """
     was, stands = before.whole(0), after.whole(0)
     if stands == 0 and was != 0:

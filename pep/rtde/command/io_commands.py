@@ -1,7 +1,7 @@
-"""What a package does without any command: outputs, the speed slider, free registers and the external wrench.
+"""Effects of a package beside its command: outputs, the speed slider, free registers, the external wrench.
 
-The controller takes these from their variables when they are written, whatever stands in the command register. A mask
-says which outputs are meant; a level under no mask is only staged, and what ur_rtde sends there may be any rubbish.
+The controller takes these from their variables when they are written, under every command register. A mask names the
+meant outputs; a level under no mask is only staged, and ur_rtde may send any rubbish there.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 
 class Bank(Enum):
-    """Digital outputs that belong together: the start of their variables' names."""
+    """Digital outputs that belong together, by the beginning of their variables' names."""
 
     STANDARD = "standard_digital_output"
     CONFIGURABLE = "configurable_digital_output"
@@ -35,7 +35,7 @@ class Bank(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SetDigitalOutputs:
-    """Digital outputs are set.
+    """Sets digital outputs.
 
     Attributes:
         bank: of which.
@@ -49,7 +49,7 @@ class SetDigitalOutputs:
 
 
 class Quantity(Enum):
-    """What an analog output gives, by its bit."""
+    """Quantity of an analog output, by its bit."""
 
     CURRENT = 0
     VOLTAGE = 1
@@ -57,7 +57,7 @@ class Quantity(Enum):
 
 @dataclass(frozen=True, slots=True)
 class SetAnalogOutput:
-    """An analog output is set to a part (0 to 1) of its range."""
+    """Sets an analog output to a part (0 to 1) of its range."""
 
     channel: int
     quantity: Quantity
@@ -66,14 +66,14 @@ class SetAnalogOutput:
 
 @dataclass(frozen=True, slots=True)
 class SetSpeedSlider:
-    """Every speed is scaled by this (0 to 1)."""
+    """Scales every speed by this (0 to 1)."""
 
     fraction: float
 
 
 @dataclass(frozen=True, slots=True)
 class SetInputInteger:
-    """A free integer register of the controller, by its own number."""
+    """Sets a free integer register of the controller, by its own number."""
 
     register: int
     value: int
@@ -81,7 +81,7 @@ class SetInputInteger:
 
 @dataclass(frozen=True, slots=True)
 class SetInputDouble:
-    """A free double register of the controller, by its own number."""
+    """Sets a free double register of the controller, by its own number."""
 
     register: int
     value: float
@@ -111,7 +111,7 @@ _DIRECT: Final = {
 
 
 def decode_io(image: RegisterImage, written: Collection[str]) -> tuple[IoCommand, ...] | InputRefusal:
-    """What a package does by its variables alone; empty when it touches none of them. Never raises.
+    """Effects of a package by its variables alone; empty when it touches none of them. Never raises.
 
     Args:
         image: with the package merged.
@@ -129,11 +129,11 @@ def decode_io(image: RegisterImage, written: Collection[str]) -> tuple[IoCommand
 
 
 MASKS: Final = (*(f"{bank.value}_mask" for bank in Bank), _ANALOG + "mask", _SLIDER + "mask")
-"""What makes a package set anything; zero where nothing is meant."""
+"""Variables that make a package set anything; zero where nothing is meant."""
 
 
 def encode_io(command: IoCommand, offset: Offset) -> dict[str, Value]:
-    """What to write for a command; with every other of `MASKS` zero, it does that and nothing else."""
+    """Variables to write for a command; with all other `MASKS` zero, they do nothing else."""
     match command:
         case SetDigitalOutputs(bank, mask, levels):
             return {f"{bank.value}_mask": mask, bank.value: levels}
@@ -156,7 +156,7 @@ def encode_io(command: IoCommand, offset: Offset) -> dict[str, Value]:
 
 
 def sets(command: IoCommand) -> frozenset[tuple[object, int]]:
-    """What it sets: two commands with one of these in common set the same thing."""
+    """Things that a command sets: two commands with a common one set the same thing."""
     match command:
         case SetDigitalOutputs(bank, mask):
             return frozenset((bank, output) for output in range(_WIDTH[bank]) if mask >> output & 1)

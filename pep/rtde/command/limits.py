@@ -1,4 +1,7 @@
-"""The robot's own limits on parameters. They hold whatever a token says, and nobody can widen them by delegation."""
+"""Limits of the robot itself on parameters.
+
+They hold beside every token, and no delegation can widen them.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ OFFSET_RAD: Final = 1e-3  # ours: likewise, of its turn
 
 
 def widest(operation: Operation) -> Grant:
-    """The grant of an operation with the robot's own limits: no token that is any use has a wider one."""
+    """Grant of an operation with the robot's own limits: no useful token has a wider one."""
     return Grant(
         operation.object, operation.name, tuple(Limit(each.parameter, each.bound) for each in operation.limits)
     )
@@ -28,7 +31,10 @@ class Ur3eLimits:
     """The `RobotLimits` port of a UR3e with a Robotiq 2F-85."""
 
     def refuse(self, request: Request) -> Refusal | None:
-        """The first parameter outside of the robot's limits, or None. An operation that it does not have is refused."""
+        """First parameter outside of the robot's limits, or None.
+
+        An operation that the robot does not have is refused.
+        """
         operation = operation_of(request.object, request.operation)
         if operation is None:
             return Refusal(FaultCode.NOT_GRANTED, detail="the robot has no such operation")

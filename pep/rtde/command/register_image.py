@@ -1,10 +1,10 @@
-"""The merged register image of one client: what the controller will have once every package has arrived.
+"""Merged register image of one client: the controller's registers once every package has arrived.
 
-A package carries a few variables and the controller keeps the rest, so no package alone says what happens. A value is
-judged when something uses it, not when it is written: ur_rtde leaves rubbish in variables that nothing reads.
+A package carries a few variables and the controller keeps the rest, so no package alone determines the effect. A value
+is judged at its use, not at its writing: ur_rtde leaves rubbish in variables that nothing reads.
 
 An image begins with zeros, as a controller's registers do after it has started. A controller keeps its registers when a
-client leaves, so whoever begins an image for a new client writes it out whole before anything else.
+client leaves, so an image for a new client is written out whole before anything else.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class RegisterImage:
-    """Every input variable of a profile.
+    """Values of every input variable of a profile.
 
     Attributes:
         profile: what may be written, and where the registers begin.
@@ -38,11 +38,11 @@ class RegisterImage:
 
     @classmethod
     def blank(cls, profile: WritableVariables) -> RegisterImage:
-        """All zeros."""
+        """Image of zeros."""
         return cls(profile, {name: _zero(INPUTS[name]) for name in profile.names})
 
     def merge(self, package: Mapping[str, Value]) -> RegisterImage | InputRefusal:
-        """The image after `package`.
+        """Image after `package`.
 
         Returns:
             Refused for a variable outside the profile (`TOOL_UNKNOWN`), or a value that is not of its variable's type
@@ -59,32 +59,32 @@ class RegisterImage:
         return RegisterImage(self.profile, {**self.values, **package})
 
     def whole(self, register: int) -> int:
-        """An integer register, counted from where the client's begin; 0 when the profile does not have it."""
+        """Integer register, counted from the client's first; 0 when the profile does not have it."""
         found = self.values.get(INT[self.profile.offset + register], 0)
         assert isinstance(found, int)
         return found
 
     def double(self, register: int) -> float:
-        """A double register, counted from where the client's begin; 0 when the profile does not have it."""
+        """Double register, counted from the client's first; 0 when the profile does not have it."""
         found = self.values.get(DOUBLE[self.profile.offset + register], 0.0)
         assert isinstance(found, float)
         return found
 
     def doubles(self, first: int, count: int) -> tuple[float, ...]:
-        """Several in a row."""
+        """Several double registers in a row."""
         begin = self.profile.offset + first
         found = tuple(self.values.get(name, 0.0) for name in DOUBLE[begin : begin + count])
         assert all(isinstance(each, float) for each in found)
         return found  # type: ignore[return-value]  # asserted
 
     def number(self, name: str) -> float:
-        """A variable of one number, by its name; 0 when the profile does not have it."""
+        """Variable of one number, by its name; 0 when the profile does not have it."""
         found = self.values.get(name, 0)
         assert isinstance(found, int | float)
         return found
 
     def vector(self, name: str) -> tuple[float, ...]:
-        """A variable of several numbers, by its name; zeros when the profile does not have it."""
+        """Variable of several numbers, by its name; zeros when the profile does not have it."""
         found = self.values.get(name, _zero(INPUTS[name]))
         assert isinstance(found, tuple)
         return found
@@ -100,7 +100,7 @@ _WHOLE: Final = {VariableType.UINT8: (0, 2**8), VariableType.UINT32: (0, 2**32),
 
 
 def _misfit(kind: VariableType, value: Value) -> Reason | None:
-    """Why a value is none of this type."""
+    """Reason why a value does not have this type; None when it does."""
     match kind:
         case VariableType.UINT8 | VariableType.UINT32 | VariableType.INT32:
             if type(value) is not int:

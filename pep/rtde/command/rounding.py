@@ -1,4 +1,4 @@
-"""Commands on the grid of requests: a program computes with doubles, and what is decided is whole numbers of units.
+"""Commands on the grid of requests: programs compute with doubles, decisions with whole numbers of units.
 
 What is asked for is taken to the nearest unit before it is judged, and what was judged is what is written: 1 urad turns
 a stretched arm's tool by half a micrometre.
@@ -20,7 +20,7 @@ _LENGTH, _SPEED, _RAMP = Unit.MICROMETRE, Unit.MICROMETRE_PER_SECOND, Unit.MICRO
 
 
 def on_grid(command: Command) -> Command:
-    """The command whose numbers are whole units of the request that it would be.
+    """Command with its numbers rounded to whole units of its request.
 
     Values of a stream stay as they are: each is judged with its exact numbers. So does what no request stands for, and
     a number that is not finite.

@@ -1,4 +1,4 @@
-"""Which stop ends what, and how hard: none is weaker than the cell's stop model, whoever asks for it."""
+"""Rules of stops: the mode that each ends, and its deceleration, never below the cell's stop model."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ if TYPE_CHECKING:
 
 JOINT_DECELERATION_LIMIT_RAD_S2: Final = 40.0
 TOOL_DECELERATION_LIMIT_M_S2: Final = 150.0
-"""ur_rtde, rtde_control_interface.h: it sends no stop that asks for more than these."""
+"""Largest deceleration of a stop by ur_rtde (rtde_control_interface.h)."""
 TOOL_STOP_DEFAULT: Final = 10.0
-"""ur_rtde: default of stopL and servoStop in m/s2, and of speedStop in m/s2 or rad/s2, as the speed was given."""
+"""Default of ur_rtde for stopL and servoStop in m/s2, and for speedStop in m/s2 or rad/s2, by the speed."""
 LEVER_M: Final = 1.0
-"""A tool this far from the leading axis: 0.65 m of a stretched UR3e with its gripper (U8, G1), rounded up."""
+"""Distance of a tool from the leading axis: 0.65 m of a stretched UR3e with gripper (U8, G1), rounded up."""
 
 
 def _between(least: float, asked: float, most: float) -> float:
-    """`asked`, but a stop that can be sent: what is no number, or too weak, is `least`; what is too hard is `most`."""
+    """Deceleration `asked`, kept between `least` and `most`; NaN counts as too weak."""
     return min(asked, most) if asked > least else least
 
 
@@ -32,12 +32,15 @@ def joint_stop(asked: float, deceleration_rad_s2: float) -> float:
 
 
 def tool_stop(asked: float, deceleration_rad_s2: float) -> float:
-    """Deceleration of a stop in tool space, m/s2: at least the cell's at a lever of 1 m, and ur_rtde's default."""
+    """Deceleration of a stop in tool space, m/s2.
+
+    At least the cell's at a lever of 1 m, and ur_rtde's default.
+    """
     return _between(max(TOOL_STOP_DEFAULT, deceleration_rad_s2 * LEVER_M), asked, TOOL_DECELERATION_LIMIT_M_S2)
 
 
 def raised(stop: Stop, deceleration_rad_s2: float) -> Stop:
-    """The stop as it is sent. What has no deceleration brakes as the control script has it."""
+    """Stop as it is sent. One without a deceleration brakes by the control script's own."""
     match stop:
         case StopJ(asked, asynchronous):
             return StopJ(joint_stop(asked, deceleration_rad_s2), asynchronous)
@@ -68,10 +71,10 @@ MODES: Final[Mapping[int, Stop]] = MappingProxyType(
         66: End(StopKind.PROGRAM),
     }
 )
-"""What goes on after its command has been cleared, by command id, and the stop that ends it, still to be raised."""
+"""Modes that outlast their command, by command id, with the stop that ends each, still to be raised."""
 
 STREAMS: Final = frozenset(mode for mode, stop in MODES.items() if stop in (_SPEED, _SERVO))
-"""Those that move the arm in a thread of the control script, until the stop of their mode."""
+"""Modes that move the arm in a thread of the control script, until their stop."""
 
 STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
     {
@@ -82,11 +85,11 @@ STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
         **{what.value: End(what) for what in StopKind},
     }
 )
-"""Every stop by its id, for one that is badly said; still to be raised."""
+"""Every stop by its id, for a malformed one; still to be raised."""
 
 
 def ended_by(stop: Stop, modes: set[int]) -> set[int]:
-    """Those of `modes` that a stop ends. `StopJ` and `StopL` end moves alone."""
+    """Modes that a stop ends. `StopJ` and `StopL` end moves alone."""
     if isinstance(stop, End) and stop.what in (StopKind.PROGRAM, StopKind.PROTECTIVE_STOP):
         return set(modes)
     return {
@@ -95,7 +98,7 @@ def ended_by(stop: Stop, modes: set[int]) -> set[int]:
 
 
 def of_stream(stop: Stop, modes: set[int]) -> Stop | None:
-    """A stop of the arm as it ends the stream that goes on, still to be raised; None where there are two kinds of them.
+    """Stop of the arm in the form that ends the running stream, still to be raised; None for two kinds.
 
     Any other would meet the thread that moves the arm: the arm would go on, or the controller end a program in which
     two threads do.

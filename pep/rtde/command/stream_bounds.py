@@ -1,4 +1,4 @@
-"""What the later values of a stream have to be inside of: what was granted, and what the robot can do."""
+"""Bounds of a stream's later values: those of the grant and those of the robot."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 class StreamBounds:
-    """The bounds of one stream, looked up once: values come 500 times a second.
+    """Bounds of one stream, looked up once: values come 500 times a second.
 
     Args:
         operation: that the stream is of.
@@ -35,10 +35,10 @@ class StreamBounds:
         self._inside = tuple((per_si, *_both(bound, robot)) for per_si, bound, robot in self._bounds)
 
     def outside(self, numbers: Sequence[float]) -> Reason | None:
-        """Why a value is not inside both; None when it is.
+        """Reason why a value is outside; None when it is inside.
 
         Args:
-            numbers: of the operation's parameters in order, in SI units, as they would be sent: on no grid.
+            numbers: of the operation's parameters in order, in SI units, as they would be sent, before rounding.
         """
         for number, (per_si, low, high) in zip(numbers, self._inside, strict=True):
             if not low <= number * per_si <= high:
@@ -65,5 +65,5 @@ class StreamBounds:
 
 
 def _both(granted: Bound, own: Range) -> tuple[int, int]:
-    """From where to where a number is inside of both without another look; nowhere, where one number or another is."""
+    """Range of a number inside both bounds without another look; empty where the bound is a set."""
     return (max(granted.low, own.low), min(granted.high, own.high)) if isinstance(granted, Range) else (1, 0)

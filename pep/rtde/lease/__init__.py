@@ -1,1 +1,1 @@
-"""The motion lease: who may move the robot now, and the connection that carries it."""
+"""Motion lease: the right to move the robot now, and the connection that carries it."""

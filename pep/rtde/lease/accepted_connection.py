@@ -1,4 +1,4 @@
-"""A connection that a client has made to one of the ports, until and while somebody serves it."""
+"""Connection of a client to one of the ports, before and during its service by a line."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ CHUNK: Final = 65_536
 
 
 class AcceptedConnection(asyncio.Protocol):
-    """One connection; also the way back to its client. What comes before it is served is kept."""
+    """One connection, also the way back to its client.
+
+    Bytes that come before its service are kept.
+    """
 
     def __init__(self) -> None:
         self._line: ProgramConnection | None = None
@@ -24,7 +27,7 @@ class AcceptedConnection(asyncio.Protocol):
         self._left = False
 
     def begin(self, line: ProgramConnection) -> None:
-        """`line` serves it from now on."""
+        """Hands the connection to `line` from now on."""
         self._line = line
         early, self._early = self._early, []
         for content in early:
@@ -35,27 +38,27 @@ class AcceptedConnection(asyncio.Protocol):
             self._transport.resume_reading()
 
     def send(self, content: bytes) -> None:
-        """Whole frames, dropped whole where nobody reads."""
+        """Sends whole frames, dropped whole where the client does not read."""
         if self._transport.get_write_buffer_size() < UNREAD_BYTES:
             self._transport.write(content)
 
     def close(self) -> None:
-        """As the controller would."""
+        """Closes the connection as the controller would."""
         self._transport.close()
 
     def tell(self, text: str) -> None:
-        """Nobody listens beside the connection."""
+        """Drops the text: there is no listener beside the connection."""
 
     # ---- asyncio
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is there."""
+        """Takes the new connection."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         transport.set_write_buffer_limits(high=UNREAD_BYTES)
 
     def data_received(self, data: bytes) -> None:
-        """What the client says."""
+        """Passes the client's bytes on, or keeps them."""
         if self._line is not None:
             self._line.received(data)
         else:
@@ -64,7 +67,7 @@ class AcceptedConnection(asyncio.Protocol):
         acknowledge(self._transport)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """The client has gone."""
+        """Tells the line that the client has gone."""
         self._left = True
         try:
             if exc is not None:
@@ -74,9 +77,9 @@ class AcceptedConnection(asyncio.Protocol):
                 self._line.left()
 
     def _hear_out(self) -> None:
-        """What was said last is heard: who says "stop" and goes, without having read, ends the connection before it.
+        """Reads the last bytes of a client that says "stop" and closes without having read.
 
-        A write that fails on such a connection ends it for asyncio, whatever has come on it by then.
+        A write that fails on such a connection ends it for asyncio, with its unread input.
         """
         with suppress(OSError), self._transport.get_extra_info("socket").dup() as rest:
             rest.settimeout(0.0)

@@ -1,4 +1,4 @@
-"""The motion lease: who may move the robot now. One at a time; who has none gets state and stop.
+"""Motion lease: the right to move the robot now. One at a time; all other clients get state and stop.
 
 A lease is opened with a token and a proof, as any request (`capabilities.proof.session_opening`), and lasts while all
 of these do: the token, the view of revocations, the session, the beat of the one who holds it. Pure: time is an
@@ -16,33 +16,33 @@ if TYPE_CHECKING:
     from pep.request.authority import Credentials
 
 BEAT_MS: Final = 500
-"""How often either end says that it is still there."""
+"""Period in which either end reports that it is still there."""
 SILENCE_MS: Final = 1_500
 """DESIGN section 8: three beats that did not come end the lease."""
 ID_BYTES: Final = 16
-"""Of a lease: nobody guesses it, and whoever learned it has no key of the session."""
+"""Bytes of a lease's id: nobody can guess it, and knowing it gives no key of the session."""
 
 
 LEASE_OVER: Final = "LEASE_OVER"
-"""What a program is told then, with the ending."""
+"""First word of a program's notice that the lease is over, with the ending."""
 
 
 class LeaseEnding(StrEnum):
-    """Why a lease is over; the record's word."""
+    """Reason why a lease is over; the record's word."""
 
     CLOSED = "closed"
-    """By its holder."""
+    """Closed by its holder."""
     LEFT = "left"
-    """Its program has closed the connection that commands."""
+    """The program has closed the connection of its commands."""
     ROBOT = "robot"
-    """The controller has, or says nothing any more."""
+    """The controller has closed the connection, or is silent."""
     CUT = "cut"
     """The connection that carried it is gone."""
     SILENT = "silent"
     MALFORMED = "malformed"
-    """Something came that no program says, or no program's end."""
+    """Input came that neither a program nor its side of the carriage sends."""
     AUTHORITY = "authority"
-    """Its token no longer holds, or nobody can tell whether it does."""
+    """The token no longer holds, or its validity cannot be told."""
     GATEWAY = "gateway"
     """The gateway ends."""
 
@@ -74,25 +74,28 @@ class _Held:
 
 
 class Leases:
-    """The lease of one robot, if there is one. Not for several threads."""
+    """Lease of one robot, if there is one. Not for several threads."""
 
     def __init__(self) -> None:
         self._held: _Held | None = None
 
     @property
     def current(self) -> Lease | None:
-        """The lease that is open."""
+        """Lease that is open."""
         return None if self._held is None else self._held.lease
 
     def open(self, lease: Lease, *, at_ms: int) -> bool:
-        """Whether `lease` is now the one: nobody else has one. Its holder has `SILENCE_MS` to bring its carriage."""
+        """True where `lease` is now the open one: there is no other.
+
+        Its holder has `SILENCE_MS` to bring its carriage.
+        """
         if self._held is not None:
             return False
         self._held = _Held(lease, at_ms)
         return True
 
     def carry(self, lease_id: bytes, *, at_ms: int) -> Lease | None:
-        """The lease of that id, for the first connection that names it; None for any other."""
+        """Lease of that id, for the first connection that names it; None for any other."""
         held = self._held
         if held is None or held.carried or held.lease.id != lease_id:
             return None
@@ -100,11 +103,11 @@ class Leases:
         return held.lease
 
     def silent(self, *, at_ms: int) -> bool:
-        """Whether the open lease has not been heard of for too long."""
+        """True where the open lease has been silent for too long."""
         return self._held is not None and not at_ms - self._held.heard_ms <= SILENCE_MS
 
     def end(self, lease: Lease) -> bool:
-        """Whether it was open; now it is not, and another may be."""
+        """True where it was open; now it is not, and another may be."""
         if self._held is None or self._held.lease is not lease:
             return False
         self._held = None

@@ -1,4 +1,4 @@
-"""One end of a carriage over a connection: words in, words out, a beat, and one word when it is over.
+"""One end of a carriage over a connection: messages in and out, a beat, and one ending.
 
 The same object serves the program's end and the gateway's. It runs in an event loop and is used in that loop alone.
 """
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from pep.rtde.lease.lease_messages import Word
 
 MOST_BYTES: Final = DEFAULT.frame_bytes - HEAD_BYTES
-"""Bytes of a connection in one word."""
+"""Bytes of a connection in one message."""
 
 
 class LeaseConnection(asyncio.Protocol):
-    """One end.
+    """One end of a carriage.
 
     Args:
         session: this end of it.
@@ -79,11 +79,11 @@ class LeaseConnection(asyncio.Protocol):
 
     @property
     def lines(self) -> OpenLines:
-        """Which lines are open. To be looked at, not to be told anything."""
+        """Lines that are open, for reading alone."""
         return self._lines
 
     def say(self, word: Word) -> None:
-        """Send a word; bytes in as many words as they need. After the end, nothing happens.
+        """Sends a message; bytes in as many messages as they need. After the end, nothing happens.
 
         Raises:
             CarriageError: it has no meaning now.
@@ -96,7 +96,7 @@ class LeaseConnection(asyncio.Protocol):
             self._send(self._session.seal(encode(word), at=self._clock.wall_s()))
 
     def close(self, ending: LeaseEnding = LeaseEnding.CLOSED) -> None:
-        """End it, and say so to the other end; the gateway says why."""
+        """Ends the carriage and tells the other end; the gateway tells the reason."""
         if not self._over:
             if not self._asking:
                 self.say(LeaseOver(ending.name))
@@ -106,14 +106,14 @@ class LeaseConnection(asyncio.Protocol):
     # ---- asyncio
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is there."""
+        """Takes the new connection."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._beat()
         self._listen()
 
     def data_received(self, data: bytes) -> None:
-        """Frames, or parts of some. After the end they are read and dropped."""
+        """Takes in frames, or parts of some. After the end they are read and dropped."""
         try:
             for frame in self._cutter.feed(b"" if self._over else data):
                 self._take(frame)
@@ -126,19 +126,19 @@ class LeaseConnection(asyncio.Protocol):
                 acknowledge(self._transport)  # commands; nobody waits for what goes the other way
 
     def eof_received(self) -> bool:
-        """The other end says nothing more."""
+        """Ends: the other end says nothing more."""
         return False
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """Gone without a word."""
+        """Ends: the connection is gone without a message."""
         self._end(LeaseEnding.CUT)
 
     def pause_writing(self) -> None:
-        """The other end reads too slowly."""
+        """Pauses the lines: the other end reads too slowly."""
         self._flowing(False)  # noqa: FBT003 - the one argument there is
 
     def resume_writing(self) -> None:
-        """It reads again."""
+        """Resumes the lines: the other end reads again."""
         self._flowing(True)  # noqa: FBT003 - the one argument there is
 
     # ---- inside
@@ -182,7 +182,7 @@ class LeaseConnection(asyncio.Protocol):
         self._timer = asyncio.get_running_loop().call_later(BEAT_MS / 1000, self._beat)
 
     def _listen(self) -> None:
-        """The other end has been silent for too long, or is listened to for as long as it may be."""
+        """Ends the carriage when the other end has been silent for too long; else looks again later."""
         if self._over:
             return
         left_ms = SILENCE_MS - (self._clock.monotonic_ms() - self._heard_ms)

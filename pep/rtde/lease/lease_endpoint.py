@@ -1,8 +1,8 @@
-"""Where a lease is asked for: a POST with a token and a proof over the opening of a session.
+"""Endpoint at which a lease is requested: a POST with a token and a proof over the opening.
 
-    request    Authorization: DPoP <token>, DPoP: <proof>, body: the opening (`capabilities.proof.session_opening`,
-    [SES-1]) answer     201 {"lease", "session", "port"}; 401 and the reason for a fault of steps 1 to 10, 409
-    LEASE_HELD
+    request    Authorization: DPoP <token>, DPoP: <proof>, body: the opening
+               (`capabilities.proof.session_opening`, [SES-1])
+    answer     201 {"lease", "session", "port"}; 401 and the reason for a fault of steps 1 to 10, 409 LEASE_HELD
 
 The lease is on record before it is answered. Its carriage is then brought to `port` within `SILENCE_MS`.
 """
@@ -45,12 +45,12 @@ if TYPE_CHECKING:
 
 OPENING_BYTES: Final = 2_048
 LOSSLESS: Final = 0
-"""Frames that the carriage may lose: it is TCP."""
+"""Frames that the carriage may lose: none, since it is TCP."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaseEndpoint:
-    """What the door needs.
+    """Inputs of the endpoint.
 
     Attributes:
         leases: of the robot.
@@ -63,8 +63,8 @@ class LeaseEndpoint:
         signer: this enforcement point's key, by which a holder knows that it talks to it.
         port: where carriages arrive.
         lease_ms: oldest acceptable view of revocations: that of motion.
-        vacated: whether whoever has the robot while there is no lease has let go of it; asked where there is none.
-        random: so many random bytes.
+        vacated: true once the robot's owner without a lease has let go of it; asked where there is none.
+        random: source of so many random bytes.
     """
 
     leases: Leases
@@ -81,7 +81,7 @@ class LeaseEndpoint:
     random: Callable[[int], bytes] = secrets.token_bytes
 
     def app(self) -> Starlette:
-        """To be served."""
+        """ASGI app of the endpoint."""
         return Starlette(routes=[Route(urlsplit(self.url).path, self._asked, methods=[session_opening.METHOD])])
 
     async def _asked(self, request: Request) -> JSONResponse:
@@ -159,7 +159,7 @@ class LeaseEndpoint:
 
 
 def _record(lease: Lease, at: float) -> dict[str, Any]:
-    """The lease, for the journal. Its id is the way to its carriage: what is written down is not."""
+    """Record of the lease for the journal, without its id, which is the way to its carriage."""
     chain = lease.credentials.chain
     assert isinstance(chain, Chain)
     return {
@@ -173,13 +173,13 @@ def _record(lease: Lease, at: float) -> dict[str, Any]:
 
 
 def _one(request: Request, name: str) -> str | None:
-    """The header, where there is exactly one of that name."""
+    """Header, where there is exactly one of that name."""
     values = request.headers.getlist(name)
     return values[0] if len(values) == 1 else None
 
 
 async def _body(request: Request) -> bytes | None:
-    """The body, or None for one that is longer than an opening can be."""
+    """Body, or None for one that is longer than an opening can be."""
     body = b""
     async for chunk in request.stream():
         body += chunk

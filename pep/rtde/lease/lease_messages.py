@@ -1,11 +1,11 @@
-"""What travels in a motion lease: several connections of one program, side by side, and the beat that keeps it alive.
+"""Messages of a motion lease: several connections of one program, side by side, and the beat.
 
     program --TCP--> `ztpm rtde run` == one TCP connection, frames of one session ==> gateway --TCP--> robot
 
 Each message of the session (`capabilities.proof.session_frames`) is one word of this module: a connection is opened to
-one of the controller's ports, bytes go both ways, either end closes it, and the gateway tells why it refused something.
-Between whiles there are beats. A carriage neither loses nor reorders, so nothing here is numbered or repeated. Whoever
-says what has no meaning has ended the lease.
+one of the controller's ports, bytes go both ways, either end closes it, and the gateway tells the reason of a refusal.
+Between whiles there are beats. A carriage neither loses nor reorders, so nothing here is numbered or repeated. A
+message without meaning ends the lease.
 
 No sockets here: bytes in, bytes out.
 """
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 CONNECTIONS: Final = 16
-"""At once in one lease: ur_rtde's four interfaces have six, and a reconnect may come before the old one's end."""
+"""Most connections in one lease: ur_rtde's four interfaces have six, and reconnects may overlap."""
 REASON_BYTES: Final = 64
 _WORD: Final = struct.Struct(">BB")
 _PORT_BYTES: Final = 2
 
 
 class LeaseMessageFault(StrEnum):
-    """What ends a lease that is carried so."""
+    """Fault that ends a lease."""
 
     MALFORMED = "CARRIAGE_MALFORMED"
     TOO_LONG = "CARRIAGE_TOO_LONG"
@@ -42,7 +42,7 @@ class LeaseMessageFault(StrEnum):
 
 
 class LeaseMessageError(ValueError):
-    """Bytes that are no word, or a word that has no meaning here; `code` says why."""
+    """Bytes that are no word, or a word without meaning here; `code` is the reason."""
 
     def __init__(self, code: LeaseMessageFault, detail: str) -> None:
         super().__init__(detail)
@@ -64,14 +64,14 @@ class Open:
 
 @dataclass(frozen=True, slots=True)
 class Opened:
-    """Gateway's: it is."""
+    """Gateway's: the line is open."""
 
     line: int
 
 
 @dataclass(frozen=True, slots=True)
 class OpenRefused:
-    """Gateway's: it is not, for this reason code."""
+    """Gateway's: the line is not opened, for this reason code."""
 
     line: int
     reason: str
@@ -87,14 +87,14 @@ class Bytes:
 
 @dataclass(frozen=True, slots=True)
 class Closed:
-    """Either's: nothing more comes on the line, nor is wanted. Its number is free once both have said so."""
+    """Either's: the line is closed in both directions. Its number is free once both have said so."""
 
     line: int
 
 
 @dataclass(frozen=True, slots=True)
 class RefusalNotice:
-    """Gateway's: why something that came on the line was refused, or waits. For people: nothing follows from it."""
+    """Gateway's: reason why input on the line was refused, or waits. For people alone."""
 
     line: int
     text: str
@@ -102,7 +102,7 @@ class RefusalNotice:
 
 @dataclass(frozen=True, slots=True)
 class LeaseOver:
-    """Gateway's: the lease ends now, for this reason. Nothing follows but the end of the session."""
+    """Gateway's: the lease ends now, for this reason. Only the end of the session follows."""
 
     reason: str
 
@@ -127,7 +127,7 @@ HEAD_BYTES: Final = _WORD.size
 
 
 def encode(word: Word) -> bytes:
-    """The message that says `word`; `decode` gives it back.
+    """Message of `word`; `decode` gives the word back.
 
     Raises:
         CarriageError: a line or port of no number, no content, a reason that is no code, or a text that does not fit.
@@ -164,7 +164,7 @@ def encode(word: Word) -> bytes:
 
 
 def decode(message: bytes) -> Word:
-    """The word that `message` says, in its one spelling.
+    """Word of `message`, in its one spelling.
 
     Raises:
         CarriageError: it says none.
@@ -206,7 +206,7 @@ def _is_code(reason: str) -> bool:
 
 
 class OpenLines:
-    """Which lines are open, at either end of a lease: what may be said next, and nothing else.
+    """Lines that are open at either end of a lease, with the words that may follow.
 
     A number is used again only after both ends have closed its line, so that bytes under way never reach the next
     connection of that number.
@@ -226,7 +226,7 @@ class OpenLines:
         self.leaving: frozenset[int] = frozenset()
 
     def _becomes(self, line: int, state: _Line | None) -> None:
-        """That line is in this state now; in none, its number is free."""
+        """Puts that line into this state; without one, its number is free."""
         if state is None:
             del self._state[line]
         else:
@@ -238,7 +238,7 @@ class OpenLines:
         return frozenset(line for line, state in self._state.items() if state is wanted)
 
     def free(self) -> int:
-        """The lowest number that is not in use.
+        """Lowest number that is not in use.
 
         Raises:
             CarriageError: `TOO_MANY`.
@@ -249,7 +249,9 @@ class OpenLines:
         raise LeaseMessageError(LeaseMessageFault.TOO_MANY, f"{CONNECTIONS} lines are in use")
 
     def said(self, word: Word) -> bool:
-        """This end says `word`; whether it is still worth saying: the other end may have closed the line just now.
+        """Notes that this end says `word`; true where it is still worth saying.
+
+        The other end may have closed the line just now.
 
         Raises:
             CarriageError: it has no meaning here.
@@ -257,7 +259,9 @@ class OpenLines:
         return self._next(word, own=True)
 
     def heard(self, word: Word) -> bool:
-        """The other end said `word`; whether it is to be acted on: this end may have closed the line just before.
+        """Notes that the other end said `word`; true where it is to be acted on.
+
+        This end may have closed the line just before.
 
         Raises:
             CarriageError: it has no meaning here.
@@ -306,13 +310,15 @@ class _Line(StrEnum):
     ASKED = "asked"
     OPEN = "open"
     CLOSING = "closing"
-    """This end has closed it."""
+    """State of a line that this end has closed."""
     LEAVING = "leaving"
-    """The other end has closed it."""
+    """State of a line that the other end has closed."""
 
 
 class SessionFrameSplitter:
-    """Cuts a byte stream into the session's frames, however it was torn: each after its length in four bytes.
+    """Splitter of a byte stream into the session's frames, in pieces of any size.
+
+    Each follows its length in four bytes.
 
     Args:
         caps: the largest message.
@@ -322,7 +328,7 @@ class SessionFrameSplitter:
         self._cutter = frame_splitter.FrameSplitter(OVERHEAD_BYTES, caps.frame_bytes + OVERHEAD_BYTES, itself=False)
 
     def feed(self, received: bytes) -> list[bytes]:
-        """The frames completed by `received`, in order.
+        """Frames completed by `received`, in order.
 
         Raises:
             CarriageError: a length that no frame has, as soon as it is there.
@@ -334,5 +340,5 @@ class SessionFrameSplitter:
 
 
 def delimited(frame: bytes) -> bytes:
-    """The frame as it goes over the connection."""
+    """Frame as it goes over the connection."""
     return len(frame).to_bytes(frame_splitter.LENGTH, "big") + frame

@@ -1,8 +1,8 @@
-"""Where the carriage of a lease arrives: its lines are given to whoever serves the controller's ports.
+"""Port at which the carriage of a lease arrives: its lines are served as connections to the controller's ports.
 
     first 16 bytes: the lease's id       then: frames of its session (`pep.rtde.lease.lease_connection`)
 
-Whoever has no lease, or the id of one that is carried already, is left without a word.
+A connection without the id of a lease, or with that of a carried one, is closed without a word.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ if TYPE_CHECKING:
     from pep.rtde.robot.connections import Ports, ProgramConnection
 
 PATIENCE_S: Final = 1.0
-"""For the id."""
+"""Longest wait for the id."""
 
 
 class LeasePort:
-    """The listener.
+    """Listener for carriages.
 
     Args:
         leases: of the robot.
@@ -58,7 +58,7 @@ class LeasePort:
         self._server: asyncio.Server | None = None
 
     async def listen(self, host: str, port: int) -> None:
-        """From now on.
+        """Listens from now on.
 
         Raises:
             OSError: the address cannot be had.
@@ -66,7 +66,7 @@ class LeasePort:
         self._server = await asyncio.get_running_loop().create_server(lambda: _Door(self._carry), host, port)
 
     def end(self, ending: LeaseEnding) -> None:
-        """The open lease is over, if there is one."""
+        """Ends the open lease, if there is one."""
         held, lease = self._held, self._leases.current
         if held is not None:
             held.carrier.close(ending)
@@ -74,18 +74,21 @@ class LeasePort:
             self.over(lease, ending)
 
     def look(self) -> None:
-        """End a lease whose holder has not brought a carriage in time. Those that are carried look after themselves."""
+        """Ends a lease whose holder has not brought a carriage in time.
+
+        A carried lease looks after itself.
+        """
         if self._held is None and self._leases.silent(at_ms=self._clock.monotonic_ms()):
             self.end(LeaseEnding.SILENT)
 
     async def close(self) -> None:
-        """Nobody is let in any more, and the lease is over."""
+        """Closes the port, and ends the lease."""
         if self._server is not None:
             self._server.close()
         self.end(LeaseEnding.GATEWAY)
 
     def over(self, lease: Lease, ending: LeaseEnding) -> None:
-        """The carriage of that lease has ended."""
+        """Handles the end of that lease's carriage."""
         self._held = None
         if self._leases.end(lease):
             self._ended(lease, ending)
@@ -100,7 +103,7 @@ class LeasePort:
 
 
 class _Door(asyncio.Protocol):
-    """A connection that has not said which lease it carries."""
+    """Connection that has not named its lease yet."""
 
     def __init__(self, carry: Callable[[bytes], LeaseConnection | None]) -> None:
         self._carry = carry
@@ -130,7 +133,7 @@ class _Door(asyncio.Protocol):
 
 
 class _Carried:
-    """A lease with its carriage and its lines."""
+    """Lease with its carriage and its lines."""
 
     def __init__(self, lease: Lease, ports: Ports, port: LeasePort, clock: Clock) -> None:
         self._lease = lease
@@ -172,7 +175,7 @@ class _Carried:
             back.begin()
 
     def dropped(self, number: int) -> None:
-        """The port has closed its connection: no line serves the number any more."""
+        """Drops a line whose connection the port has closed: nothing serves the number any more."""
         line = self._lines.pop(number, None)
         if line is not None:
             self._lines[number] = GONE
@@ -184,14 +187,14 @@ class _Carried:
     def _over(self, ending: LeaseEnding) -> None:
         self._ended = True
         lines, self._lines = self._lines, {}
-        with contextlib.ExitStack() as rest:  # each, whatever becomes of another
+        with contextlib.ExitStack() as rest:  # each, also where another fails
             for line in lines.values():
                 rest.callback(line.left)
             self._port.over(self._lease, ending)
 
 
 class _Back:
-    """The way back of one line. What is said before the line is open is kept until it is."""
+    """Way back of one line. Messages before the line is open are kept until then."""
 
     def __init__(self, carried: _Carried, number: int) -> None:
         self._carried = carried
@@ -200,7 +203,7 @@ class _Back:
         self._closed = False
 
     def begin(self) -> None:
-        """The line is open."""
+        """Opens the line."""
         early, self._early = self._early or [], None
         for content in early:
             self.send(content)

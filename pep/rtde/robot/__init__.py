@@ -1,1 +1,1 @@
-"""Connections of our own to the robot: its state, its dashboard, its gripper."""
+"""Connections of our own to the robot: state, dashboard, gripper."""

@@ -1,4 +1,4 @@
-"""What a gateway is made of: lines, each from one client to one of the controller's ports, and where they lead."""
+"""Parts of a gateway: lines, each from one client to one of the controller's ports, and their ends."""
 
 from __future__ import annotations
 
@@ -15,9 +15,11 @@ if TYPE_CHECKING:
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
 READ_ONLY: Final = (30011, 30012, 30013)
 PORTS: Final = (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, *READ_ONLY)
-"""Of a UR controller, that a client library has reason to ask for."""
+"""Ports of a UR controller that a client library uses."""
 UNREAD_BYTES: Final = 1 << 20
-"""So much is kept for a client that does not read; more is dropped, whole frames at a time, as a controller does.
+"""Bytes kept for a client that does not read.
+
+More are dropped, whole frames at a time, as by a controller.
 
 ur_rtde never reads what port 30003 sends it 500 times a second.
 """
@@ -27,7 +29,7 @@ LINGER_S: Final = 0.5
 
 
 def leave(transport: asyncio.Transport) -> None:
-    """End a connection so that what was sent arrives.
+    """Ends a connection so that the sent bytes arrive.
 
     The system tells the end of one with bytes unread as a reset, and who finds that when it writes need not have read
     what came before.
@@ -40,43 +42,43 @@ def leave(transport: asyncio.Transport) -> None:
 
 
 class ProgramConnection(Protocol):
-    """What serves one line of a program, as one of the controller's ports would."""
+    """Server of one line of a program, in place of the controller's port."""
 
     def received(self, content: bytes) -> None:
-        """The program sent these bytes."""
+        """Takes bytes of the program."""
         ...
 
     def left(self) -> None:
-        """The program has closed its connection, or its lease is over. Nothing more comes, nothing more is taken."""
+        """Ends: the program has closed its connection, or its lease is over. Nothing more comes or is taken."""
         ...
 
 
 class _Gone:
-    """Serves a line that the port has closed, until the program closes it too."""
+    """Server of a line that the port has closed, until the program closes it too."""
 
     def received(self, content: bytes) -> None:
-        """Dropped."""
+        """Drops the bytes."""
 
     def left(self) -> None:
-        """Already."""
+        """Does nothing: the line is closed already."""
 
 
 GONE: Final = _Gone()
 
 
 class ReplyChannel(Protocol):
-    """The way back to the program."""
+    """Way back to the program."""
 
     def send(self, content: bytes) -> None:
-        """Whole frames of the port's protocol: they are dropped whole while the program does not read."""
+        """Sends whole frames of the port's protocol: they are dropped whole while the program does not read."""
         ...
 
     def close(self) -> None:
-        """End the connection, as the controller would."""
+        """Ends the connection, as the controller would."""
         ...
 
     def tell(self, text: str) -> None:
-        """Beside the connection: why something was refused, for whoever runs the program. Waits for nothing.
+        """Tells the program's operator, beside the connection, the reason of a refusal. Waits for nothing.
 
         Args:
             text: that fits (`pep.rtde.wire.client_texts`).
@@ -85,18 +87,18 @@ class ReplyChannel(Protocol):
 
 
 class Ports(Protocol):
-    """All ports of the controller."""
+    """Ports of the controller, all of them."""
 
     async def open(self, lease: ProgramOwner | None, port: int, back: ReplyChannel) -> ProgramConnection | Reason:
-        """A connection to that port, for the holder of that lease or for anybody; or why there is none.
+        """Opens a connection to that port, for the lease's holder or without a lease; or returns the refusal.
 
-        What is sent before it returns is not lost.
+        Bytes that are sent before it returns are not lost.
         """
         ...
 
 
 class Upstream(asyncio.Protocol):
-    """Our own connection to one port of the controller.
+    """Connection of our own to one port of the controller.
 
     Args:
         heard: is given what comes.
@@ -109,7 +111,7 @@ class Upstream(asyncio.Protocol):
         self._transport: asyncio.Transport | None = None
 
     async def reach(self, host: str, port: int) -> Reason | None:
-        """Connect; None when it is done."""
+        """Connects; None when it is done."""
         try:
             async with asyncio.timeout(CONNECT_S):
                 await asyncio.get_running_loop().create_connection(lambda: self, host, port)
@@ -119,39 +121,39 @@ class Upstream(asyncio.Protocol):
 
     @property
     def connected(self) -> bool:
-        """Whether there is a connection."""
+        """True while there is a connection."""
         return self._transport is not None
 
     def send(self, content: bytes) -> None:
-        """To the controller."""
+        """Sends to the controller."""
         if self._transport is not None:
             self._transport.write(content)
 
     def close(self) -> None:
-        """Nothing more is heard, and what was sent arrives."""
+        """Closes the connection: nothing more is heard, and the sent bytes arrive."""
         transport, self._transport = self._transport, None
         if transport is not None:
             leave(transport)
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """The connection is there."""
+        """Takes the new connection."""
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
 
     def data_received(self, data: bytes) -> None:
-        """What the controller says."""
+        """Takes bytes of the controller."""
         if self._transport is not None:
             self._heard(data)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
-        """The controller has ended it."""
+        """Handles the end of the connection by the controller."""
         if self._transport is not None:
             self._transport = None
             self._gone()
 
 
 class Conversation:
-    """A line that talks to one port of the controller over a connection of its own.
+    """Line to one port of the controller over a connection of its own.
 
     Args:
         back: the way back to the client.
@@ -162,18 +164,18 @@ class Conversation:
         self.robot = Upstream(self._heard, self._gone)
 
     def left(self) -> None:
-        """The client has gone."""
+        """Ends both: the client has gone."""
         self.robot.close()
 
     def end(self) -> None:
-        """Both connections."""
+        """Ends both connections."""
         self.robot.close()
         self._back.close()
 
     def _heard(self, content: bytes) -> None:
-        """The controller sent these bytes."""
+        """Takes bytes of the controller."""
         raise NotImplementedError
 
     def _gone(self) -> None:
-        """The controller has closed the connection."""
+        """Handles the end of the connection by the controller."""
         self._back.close()

@@ -1,4 +1,4 @@
-"""What we ask of the dashboard: to end any program, whoever started it, and whether the robot is in remote control."""
+"""Use of the dashboard: ending any program, and asking whether the robot is in remote control."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 PORT: Final = 29999  # UR dashboard server
 TIMEOUT_S: Final = 2.0
 SAID_S: Final = 1.0
-"""An answer to an older question is none."""
+"""Age of a question beyond which its answer does not count."""
 PERIOD_S: Final = 0.3
 """Pause between two questions: an answer that is late by half a second is still in time."""
 
 
 def stop_program(host: str) -> None:
-    """The running program has ended, and the arm brakes.
+    """Ends the running program; the arm brakes.
 
     Args:
         host: of the controller.
@@ -42,7 +42,7 @@ def stop_program(host: str) -> None:
 
 
 class RemoteControl:
-    """Whether the controller is in remote control, as its dashboard says; asked again and again in the background.
+    """Remote control of the controller, as its dashboard tells it, asked again and again in the background.
 
     Args:
         host: of the controller.
@@ -54,14 +54,17 @@ class RemoteControl:
         self._listener.start()
 
     def state(self) -> bool | None:
-        """What the dashboard says; None when its newest answer is to a question more than 1 s old. Never waits."""
+        """Answer of the dashboard; None when the newest is to a question over 1 s old.
+
+        Never waits.
+        """
         said = self._said
         if said is None or time.monotonic() - said[1] > SAID_S:
             return None
         return said[0]
 
     def close(self) -> None:
-        """The connection has ended."""
+        """Ends the connection."""
         self._listener.close()
 
     def _talk(self, link: socket.socket) -> None:

@@ -25,14 +25,14 @@ MOVE_S: Final = 8.0
 """Longest move: 85 mm at 20 mm/s takes 4.3 s."""
 POLL_S: Final = 0.02
 SETTLED_S: Final = 0.15
-"""Fingers that have neither moved nor said so for this long have ended their move."""
+"""Rest of the fingers, without report, after which their move counts as ended."""
 MOVING: Final = 0  # G1: OBJ register, moving
 BY_OBJECT: Final = (1, 2)  # G1: OBJ register, stopped by an object while opening or closing
 
 
 @dataclass(frozen=True, slots=True)
 class GripResult:
-    """The end of a gripper move.
+    """End of a gripper move.
 
     Attributes:
         width_um: opening now.
@@ -60,7 +60,7 @@ class RobotiqGripper:
         self._host = host
 
     def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> GripResult:
-        """The fingers have moved to `width_um`, or against something, or stand where they were when a stop came.
+        """Moves the fingers to `width_um`, against something, or to a stop.
 
         Args:
             width_um: opening.
@@ -97,7 +97,9 @@ class RobotiqGripper:
             return GripResult(self._width(link), object=False, arrived=False)
 
     def activate(self, *, stopped: Callable[[], bool] = lambda: False) -> GripResult:
-        """The gripper is ready to move, or without power to its fingers when a stop came. They close and open once.
+        """Makes the gripper ready; without power to its fingers when a stop came.
+
+        They close and open once.
 
         Args:
             stopped: whether a stop has come since this was decided.
@@ -121,7 +123,7 @@ class RobotiqGripper:
             return GripResult(self._width(link), object=False, arrived=True)
 
     def holds(self) -> bool:
-        """Whether an active gripper's fingers are stopped by something now.
+        """True where something stops an active gripper's fingers now.
 
         Raises:
             RobotError: when the gripper cannot be reached.
@@ -130,7 +132,7 @@ class RobotiqGripper:
             return self._get(link, "STA") == ACTIVE and self._get(link, "OBJ") in BY_OBJECT
 
     def halt(self) -> None:
-        """The fingers stop where they are.
+        """Stops the fingers in their place.
 
         Raises:
             RobotError: when the gripper cannot be reached.
@@ -168,5 +170,5 @@ class RobotiqGripper:
 
 
 def _register(value: int, low: int, high: int) -> int:
-    """The byte nearest to `value` on the scale from `low` to `high`."""
+    """Byte nearest to `value` on the scale from `low` to `high`."""
     return round((value - low) * REGISTER / (high - low))

@@ -1,6 +1,6 @@
-"""What decides about a leased program's commands: the port between its line to the controller and the gate.
+"""Judge of a leased program's commands, as a port between its line to the controller and the gate.
 
-The line holds a command back and asks; the judge answers through what is held. Both live in one event loop.
+The line holds a command back and asks; the judge answers through the held command. Both live in one event loop.
 """
 
 from __future__ import annotations
@@ -17,10 +17,12 @@ if TYPE_CHECKING:
 
 
 class Steps(Protocol):
-    """What judges the later values of a command that the control script reads again in each cycle."""
+    """Judge of the later values of a command that the control script reads again in each cycle."""
 
     def step(self, command: Command) -> Reason | None:
-        """None when it may be sent now; else why not, and the stream is over. Takes microseconds, awaits nothing.
+        """Reason why the value must not be sent, with the stream over; None when it may.
+
+        Takes microseconds, awaits nothing.
 
         Asked for each package that leaves the command standing, one with the same parameters too: it says that the
         program goes on.
@@ -28,16 +30,16 @@ class Steps(Protocol):
         ...
 
     def follow(self, six: Six) -> Reason | None:
-        """As `step`, of the command that was stepped last with these as its angles or speeds and all else as it was."""
+        """Step of the last command with these as its angles or speeds, all else unchanged."""
         ...
 
     def ended(self) -> None:
-        """The stream is over: its program ended it, or the line did. Nothing more will be asked."""
+        """Ends the stream, by its program or by the line. Nothing more will be asked."""
         ...
 
 
 class ProgramOwner(Protocol):
-    """Whose program it is: a lease, or the gateway's own tools."""
+    """Owner of a program: a lease, or the gateway's own tools."""
 
     @property
     def credentials(self) -> Credentials:
@@ -46,25 +48,25 @@ class ProgramOwner(Protocol):
 
 
 class PendingCommand(Protocol):
-    """A command that waits for its decision. Nothing of it has reached the controller. Answered once."""
+    """Command that waits for its decision. No part of it has reached the controller. Answered once."""
 
     @property
     def command(self) -> Command | IoCommand:
-        """What the program asks for."""
+        """Command of the program."""
         ...
 
     @property
     def path(self) -> tuple[Waypoint, ...]:
-        """Where `MovePath` goes: the waypoints of the control script that runs. Empty for every other command."""
+        """Waypoints of `MovePath`, from the control script that runs. Empty for every other command."""
         ...
 
     @property
     def lease(self) -> ProgramOwner:
-        """By whose authority."""
+        """Owner by whose authority it is asked."""
         ...
 
     def forward(self, steps: Steps | None = None) -> bool:
-        """Whether it was sent, exactly as it was judged; False when it waits no longer.
+        """True where it was sent exactly as judged; False when it waits no longer.
 
         Args:
             steps: judges the values that follow, of a command that the script reads in each cycle. Without it none
@@ -73,18 +75,18 @@ class PendingCommand(Protocol):
         ...
 
     def deny(self, reason: Reason, told: str) -> None:
-        """The program is told that the command failed, at once, and why, in a text message."""
+        """Tells the program at once that the command failed, with the reason in a text message."""
         ...
 
     def defer(self, told: str) -> None:
-        """The program goes on waiting, and is told so in a text message.
+        """Tells the program in a text message that it goes on waiting.
 
         One that does not wait (a stream) is told that it failed, and nobody waits any more: `Judge.withdrawn` says so.
         """
         ...
 
     def stop(self, reason: Reason, told: str) -> None:
-        """After it was forwarded: the arm is stopped, and the program told why. The stream is over.
+        """Stops the arm after it was forwarded, and tells the program the reason. The stream is over.
 
         Of an output nothing is taken back.
         """
@@ -92,18 +94,18 @@ class PendingCommand(Protocol):
 
 
 class Judge(Protocol):
-    """Decides about commands that move the arm, let it be moved, switch something or change what a command means."""
+    """Judge of commands that move the arm, let it be moved, switch something or change a command's meaning."""
 
     def judge(self, held: PendingCommand) -> None:
         """Begins to decide, and returns; the answer is given through `held`."""
         ...
 
     def withdrawn(self, held: PendingCommand) -> None:
-        """The program no longer waits for the answer: it cleared the command, or has gone."""
+        """Notes that the program waits no longer: it cleared the command, or has gone."""
         ...
 
     def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
-        """The line has refused something without asking; it goes on record. Returns at once.
+        """Records a refusal of the line's own. Returns at once.
 
         Args:
             holder: whose program it is.
@@ -114,10 +116,10 @@ class Judge(Protocol):
 
 
 class Stopper(Protocol):
-    """Stops the arm whatever the controller runs, and knows when a stop was asked for last."""
+    """Stop of the arm under every program of the controller, with the time of the newest one."""
 
     def stop(self, reason: Reason) -> None:
-        """A stop is on its way when this returns, past the program and its control script. Any thread; never waits.
+        """Sends a stop on its way, past the program and its control script. Any thread; never waits.
 
         Args:
             reason: why, for the record.

@@ -1,4 +1,4 @@
-"""A thread that keeps a connection to the controller: it listens until closed, and comes back when it is lost."""
+"""Thread that keeps a connection to the controller: it listens until closed, and reconnects after a loss."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 CONNECT_S: Final = 2.0
 SILENCE_S: Final = 1.0
-"""A controller that owes an answer and says nothing for this long is asked anew, over a new connection."""
+"""Silence of a controller that owes an answer, after which it is asked anew over a new connection."""
 RETRY_S: Final = 0.5
 
 
@@ -40,15 +40,15 @@ class Listener:
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
 
     def start(self) -> None:
-        """It listens from now on."""
+        """Listens from now on."""
         self._thread.start()
 
     def pause(self, seconds: float) -> bool:
-        """`seconds` later, or at once when it is being closed: then False."""
+        """Waits for `seconds`, or until it is being closed: then False."""
         return not self._ending.wait(seconds)
 
     def close(self) -> None:
-        """The connection has ended, and the thread with it."""
+        """Ends the connection, and the thread with it."""
         self._ending.set()
         link = self._link
         if link is not None:
@@ -68,7 +68,7 @@ class Listener:
 
 
 def received(link: socket.socket) -> bytes:
-    """What arrived next, never empty.
+    """Bytes that arrived next, never empty.
 
     Raises:
         OSError: nothing did, or the other side has closed the connection.
@@ -80,7 +80,7 @@ def received(link: socket.socket) -> bytes:
 
 
 def packages(link: socket.socket, subscription: Subscription) -> Iterator[dict[str, Value]]:
-    """What comes of the subscription, without end.
+    """Packages of the subscription, without end.
 
     Raises:
         OSError: as `received`.

@@ -1,4 +1,4 @@
-"""What the robot has said last, as whoever follows a motion hears it."""
+"""Newest state of the robot for the follower of a motion."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ if TYPE_CHECKING:
     from pep.rtde.robot.state_receiver import RobotState
 
 SILENCE_MS: Final = 300
-"""A moving arm that says nothing for this long is stopped."""
+"""Silence after which a moving arm is stopped."""
 
 
 class NewestState:
-    """What the robot has said last, and for how long it has said nothing.
+    """Newest state of the robot, and the length of its silence.
 
     Raises:
         RobotError: it says nothing to begin with.
@@ -30,23 +30,23 @@ class NewestState:
         self._sent_at: float | None = None
 
     def look(self) -> bool:
-        """The newest word is taken in; whether it is from after the command was sent."""
+        """Takes in the newest state; true where it is from after the command was sent."""
         package = self._newest()
         if package.stamp_s != self._stamp_s and package.state is not None:
             self._stamp_s, self.state, self._heard_ms = package.stamp_s, package.state, self._clock.monotonic_ms()
         return self._stamp_s != self._sent_at
 
     def sent(self) -> int:
-        """What was said up to now is from before the command; the monotonic time in ms."""
+        """Marks earlier states as from before the command; the monotonic time in ms."""
         self._sent_at = self._newest().stamp_s
         return self._clock.monotonic_ms()
 
     @property
     def speeds(self) -> ReportedSpeeds:
-        """What it has said of its speed."""
+        """Reported speeds of the robot."""
         return ReportedSpeeds(self.state.slider, self.state.scaling, self._heard_ms)
 
     @property
     def silent_ms(self) -> int:
-        """For how many milliseconds nothing new was said."""
+        """Milliseconds without a new state."""
         return self._clock.monotonic_ms() - self._heard_ms

@@ -1,6 +1,6 @@
-"""Our own connection to the primary port: what the controller tells of programs, and the way of a stop.
+"""Connection of our own to the primary port: the controller's word on programs, and the way of a stop.
 
-It tells here of each program that starts or ends, whoever sent it. On one event loop.
+It tells here of each program that starts or ends, from every sender. On one event loop.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ HEARD_MS: Final = round(1000 * HEARD_S)
 
 
 class PrimaryLine:
-    """It comes back by itself when it is lost.
+    """Connection that comes back by itself after a loss.
 
     Args:
         host: of the controller.
@@ -40,25 +40,25 @@ class PrimaryLine:
         self._heard_ms: int | None = None
 
     async def begin(self) -> None:
-        """It listens, or tries to, from now on; returns once it is there."""
+        """Listens, or tries to, from now on; returns once connected."""
         await self._robot.begin()
 
     def close(self) -> None:
-        """Nothing more is heard or said."""
+        """Ends the connection."""
         self._robot.close()
 
     @property
     def connected(self) -> bool:
-        """Whether something can be said."""
+        """True while something can be sent."""
         return self._robot.connected
 
     @property
     def hears(self) -> bool:
-        """Whether no start or end is hidden: the connection is there, and not silent for too long."""
+        """True while no start or end is hidden: connected, and not silent for too long."""
         return self._heard_ms is not None and self._clock.monotonic_ms() - self._heard_ms <= HEARD_MS
 
     def send(self, program: bytes) -> None:
-        """To the controller."""
+        """Sends to the controller."""
         self._robot.send(program)
 
     def _begin(self) -> bytes:

@@ -1,8 +1,8 @@
-"""A connection on which what comes is acknowledged at once.
+"""Immediate acknowledgement of bytes that arrive on a connection.
 
 Linux puts an acknowledgement off until there is something to send back, and holds a small message back while an earlier
 one of the same connection is not acknowledged (`tcp_autocorking`): of a stream of commands each then waits for the next
-package of outputs, up to a whole cycle of the controller, whatever its sender has set.
+package of outputs, up to a whole cycle of the controller, under all settings of its sender.
 """
 
 from __future__ import annotations
@@ -15,7 +15,10 @@ if TYPE_CHECKING:
 
 
 def acknowledge(transport: asyncio.Transport) -> None:
-    """What has come so far is acknowledged now. The system forgets that it was told so: to be called for each piece."""
+    """Acknowledges all bytes so far.
+
+    The system forgets the setting: to be called for each piece.
+    """
     sock: socket.socket | None = transport.get_extra_info("socket")
     if sock is not None and not transport.is_closing():
         sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_QUICKACK, 1)

@@ -1,4 +1,4 @@
-"""The `Readiness` port: what a command assumes of the robot, read from connections of our own, without waiting."""
+"""`Readiness` port: assumptions of a command about the robot, read from our own connections without waiting."""
 
 from __future__ import annotations
 
@@ -21,24 +21,26 @@ if TYPE_CHECKING:
 PLAYING: Final = 2  # RTDE runtime_state
 UNDEFINED = 11  # RTDE safety_mode of a robot that says nothing
 OWN_POSE_M: Final = 0.0003
-"""PHY-41: by its own kinematics model and controller reckon with the same numbers; of four arms each is farther
-from every other one, and from nominal, in 94 of 100 poses, and each motion asks again."""
+"""Largest distance of the tool's place by model and by controller for equal kinematics (PHY-41).
+
+Of four arms each is farther from every other one, and from nominal, in 94 of 100 poses, and each motion asks again.
+"""
 
 
 class RunningProgram(Protocol):
-    """What the controller runs."""
+    """Program that the controller runs."""
 
     def undisturbed(self) -> bool:
-        """Whether it is the control script that we sent, as far as that can be known."""
+        """True where it is the control script that we sent, as far as that can be known."""
         ...
 
     def close(self) -> None:
-        """Nobody asks any more."""
+        """Ends the observation."""
         ...
 
 
 class RobotReadiness:
-    """The robot's state against what the model and the committed state say.
+    """Robot's state against the model and the committed state.
 
     Args:
         telemetry: of the robot.
@@ -75,7 +77,7 @@ class RobotReadiness:
         self._expected_payload_g = expected_payload_g
 
     def reading(self) -> RobotReading:
-        """The state now; what the robot does not say reads as unknown. Never raises, never waits."""
+        """State now; a missing report reads as unknown. Never raises, never waits."""
         remote, expected = self._remote.state(), self._expected_payload_g()
         try:
             posture = self._telemetry.read()
@@ -92,12 +94,14 @@ class RobotReadiness:
         )
 
     def close(self) -> None:
-        """The connections have ended."""
+        """Ends the connections."""
         for part in (self._telemetry, self._remote, self._program):
             part.close()
 
     def confirmed(self, *, within_s: float) -> bool:
-        """Whether the controller has the tool where the model has it, as soon as it has taken our tool. Waits for that.
+        """True where the controller has the tool at the model's place, once it has taken our tool.
+
+        Waits for that.
 
         Args:
             within_s: longest wait, s.
@@ -119,7 +123,7 @@ class RobotReadiness:
                 raise ConfigError(PepFault.CONFIG_INVALID, "the controller has another tool than the model")
 
     def equipped(self, posture: TelemetrySample) -> bool:
-        """Whether the controller reckons with our tool."""
+        """True where the controller has our tool."""
         offset_m, offset_rad = posture.tcp_offset[:3], posture.tcp_offset[3:]
         return math.dist(offset_m, self._tcp_m) <= OFFSET_M and math.hypot(*offset_rad) <= OFFSET_RAD
 

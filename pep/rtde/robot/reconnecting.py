@@ -1,4 +1,4 @@
-"""A connection of our own to one port of the controller, on one event loop: it comes back by itself.
+"""Connection of our own to one port of the controller, on one event loop: it comes back by itself.
 
 A controller whose power is cut says no farewell, and who only listens is never told: so one that has been silent for
 too long is lost, as one that was closed.
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class ReconnectingConnection:
-    """One connection after the other.
+    """Connections one after the other.
 
     Args:
         host, port: of the controller.
@@ -47,12 +47,12 @@ class ReconnectingConnection:
         self._task: asyncio.Task[None] | None = None
 
     async def begin(self) -> None:
-        """It is tried from now on; returns once it is there."""
+        """Connects from now on; returns once connected."""
         self._task = asyncio.get_running_loop().create_task(self._keep())
         await self._reached.wait()
 
     def close(self) -> None:
-        """Nothing more is heard or said."""
+        """Ends the connection for good."""
         if self._task is not None:
             self._task.cancel()
         robot, self._robot = self._robot, None
@@ -61,11 +61,11 @@ class ReconnectingConnection:
 
     @property
     def connected(self) -> bool:
-        """Whether something can be said."""
+        """True while something can be sent."""
         return self._robot is not None and self._robot.connected
 
     def send(self, content: bytes) -> None:
-        """To the controller."""
+        """Sends to the controller."""
         if self._robot is not None:
             self._robot.send(content)
 
@@ -83,7 +83,7 @@ class ReconnectingConnection:
             await asyncio.sleep(RETRY_S)
 
     async def _ended(self) -> None:
-        """It is over, or has said nothing for too long."""
+        """Waits until the connection is over, or silent for too long."""
         loop = asyncio.get_running_loop()
         while not self._over.is_set() and (left_s := self._heard_s + SILENCE_S - loop.time()) > 0:
             with contextlib.suppress(TimeoutError):

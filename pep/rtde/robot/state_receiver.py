@@ -1,4 +1,4 @@
-"""What the robot says about itself, over a receive connection of our own, and only when it is saying it now."""
+"""State of the robot, over a receive connection of our own, and only while it is current."""
 
 from __future__ import annotations
 
@@ -17,20 +17,23 @@ from pep.rtde.wire.messages import WireError
 from pep.rtde.wire.subscription import Subscription
 
 FRESH_S: Final = 0.1
-"""Longest wait for a new package, fifty of which are due: a joint state older than 100 ms is none for a move."""
+"""Longest wait for a new package, fifty of which are due.
+
+A joint state older than 100 ms is none for a move.
+"""
 POLL_S: Final = 0.001
 EVERY_CYCLE: Final = -1.0
-"""ur_rtde: as often as the controller has something new."""
+"""Frequency for ur_rtde: as often as the controller has something new."""
 RATE_HZ: Final = 125.0
-"""Of a trial whether it says anything."""
+"""Frequency of the trial whether the controller sends."""
 LOOK_S: Final = 0.5
-"""How often it is looked whether packages still come."""
+"""Period of the checks that packages still come."""
 CLOSE_S: Final = 5.0
-"""Longest wait for a turn that is being taken."""
+"""Longest wait for another thread's turn."""
 NAMES: Final = (
     "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
 )  # fmt: skip
-"""The outputs that are read here; ur_rtde would ask for 58."""
+"""Outputs that are read here; ur_rtde would ask for 58."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 
@@ -55,13 +58,13 @@ class JointState:
 
     @property
     def still(self) -> bool:
-        """Whether every joint is slower than 1 mrad/s."""
+        """True where every joint is slower than 1 mrad/s."""
         return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
 
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """The newest package, whenever it came.
+    """Newest package, at any age.
 
     Attributes:
         stamp_s: the controller's own time of it; one that does not grow is the same package.
@@ -73,19 +76,19 @@ class Package:
 
 
 class RobotState(Protocol):
-    """The robot's state now."""
+    """Port for the robot's state now."""
 
     def read(self) -> JointState:
-        """A package that arrived during the call. Raises `RobotError` when none does."""
+        """Package that arrived during the call. Raises `RobotError` when none does."""
         ...
 
     def newest(self) -> Package:
-        """The newest package, without waiting for one."""
+        """Newest package, without waiting for one."""
         ...
 
 
 class ReceivedState:
-    """`RobotState` over `rtde_receive.RTDEReceiveInterface`, which leaves it to others to come back when it is lost.
+    """`RobotState` over `rtde_receive.RTDEReceiveInterface`, without reconnection of its own.
 
     Two of them take turns then. None is begun anew while others read it, since it is no lock that keeps these apart,
     and none is disposed of, since that holds the interpreter for half a second.
@@ -109,7 +112,7 @@ class ReceivedState:
         self._thread.start()
 
     def read(self) -> JointState:
-        """A package that arrived during the call.
+        """Package that arrived during the call.
 
         Raises:
             RobotError: `ROBOT_STALLED` when none arrives, or one that holds no finite numbers.
@@ -126,13 +129,16 @@ class ReceivedState:
         return state
 
     def newest(self) -> Package:
-        """The newest package. The stamp is read first: a package that comes meanwhile looks older, never younger."""
+        """Newest package.
+
+        The stamp is read first: a package that comes meanwhile looks older, never younger.
+        """
         receive = self._receive
         stamp_s = float(receive.getTimestamp())
         return Package(stamp_s, _said(receive))
 
     def close(self) -> None:
-        """The connection has ended."""
+        """Ends the connection."""
         self._ending.set()
         self._thread.join(CLOSE_S)
         self._receive.disconnect()
@@ -150,7 +156,7 @@ class ReceivedState:
                     self._again()
 
     def _again(self) -> None:
-        """The other one takes over, once packages come on it that are none of its earlier life's."""
+        """Hands over to the other connection, once packages of its new life come on it."""
         if self._spare is None:
             self._spare = _received(self._host)
         else:
@@ -163,7 +169,7 @@ class ReceivedState:
 
 
 def _received(host: str) -> Any:
-    """A connection; raises `RuntimeError` where there is none."""
+    """Connection; raises `RuntimeError` where there is none."""
     from rtde_receive import RTDEReceiveInterface
 
     return RTDEReceiveInterface(host, EVERY_CYCLE, list(NAMES))
@@ -179,7 +185,7 @@ def _said(receive: Any) -> JointState | None:
 
 
 def _goes_on(receive: Any) -> bool:
-    """Whether its newest package is of now: what was there is followed by another one, and that by a third."""
+    """True where its newest package is current: another one follows it, and a third that."""
     until_s = time.monotonic() + SILENCE_S
     stamps = {receive.getTimestamp()}
     while len(stamps) < 3 and time.monotonic() < until_s:
@@ -189,7 +195,7 @@ def _goes_on(receive: Any) -> bool:
 
 
 def _speaks(host: str) -> bool:
-    """Whether the controller sends packages: for one that connects and says nothing ur_rtde waits for ever."""
+    """True where the controller sends packages; for a silent one ur_rtde would wait for ever."""
     try:
         with socket.create_connection((host, RTDE), CONNECT_S) as link:
             link.settimeout(SILENCE_S)

@@ -1,4 +1,4 @@
-"""What the controller says, over a receive connection of the gateway's own: its only truth about the robot."""
+"""State of the controller, over a receive connection of the gateway's own: its only truth about the robot."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 RATE_HZ: Final = 500.0
 FRESH_MS: Final = 40
-"""Twenty packages: what was said longer ago need not hold."""
+"""Age of a package beyond which it need not hold: twenty packages."""
 _NAMES: Final = (
     "actual_qd", "runtime_state", "safety_mode", "target_speed_fraction",
     "input_int_register_0", "output_int_register_0", "input_int_register_24", "output_int_register_24",
@@ -50,12 +50,12 @@ class Sample:
 
     @property
     def still(self) -> bool:
-        """Whether the arm stands."""
+        """True where the arm stands."""
         return self.speed_rad_s < STILL_RAD_S
 
 
 class StateStream:
-    """The newest package. It comes back by itself when the connection is lost.
+    """Newest package. The connection comes back by itself when it is lost.
 
     Args:
         host: of the controller.
@@ -72,21 +72,21 @@ class StateStream:
         self.newest: Sample | None = None
 
     async def begin(self) -> None:
-        """It listens, or tries to, from now on; returns once something was heard."""
+        """Listens, or tries to, from now on; returns after the first package."""
         await self._robot.begin()
         await self._came.wait()
 
     def close(self) -> None:
-        """Nothing more is heard."""
+        """Ends the connection."""
         self._robot.close()
 
     @property
     def version(self) -> ControlVersion | None:
-        """The controller's software; None before it was heard."""
+        """Software of the controller; None before its first word."""
         return self._subscription.version
 
     def silent_ms(self) -> float:
-        """For how long nothing was said."""
+        """Milliseconds of silence."""
         return math.inf if self.newest is None else self._clock.monotonic_ms() - self.newest.arrived_ms
 
     def _begin(self) -> bytes:

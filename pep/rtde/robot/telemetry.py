@@ -1,4 +1,4 @@
-"""What the controller says about arm, tool and outputs, all of it out of one RTDE package."""
+"""Controller's state of arm, tool and outputs, all of it out of one RTDE package."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 PORT: Final = 30004  # RTDE
 RATE_HZ: Final = 125.0
 FRESH_S: Final = 0.1
-"""A package older than this (twelve are due) is none."""
+"""Age beyond which a package does not count; twelve are due."""
 _NAMES: Final = (
     "actual_q", "actual_TCP_pose", "tcp_offset", "payload", "robot_mode", "safety_mode", "runtime_state",
     "actual_digital_output_bits",
@@ -53,7 +53,7 @@ class TelemetrySample:
 
 
 class Telemetry:
-    """The newest package, from a connection of our own.
+    """Newest package, from a connection of our own.
 
     Args:
         host: of the controller.
@@ -77,7 +77,7 @@ class Telemetry:
         return newest
 
     def next(self) -> TelemetrySample:
-        """A package that arrives after this call has begun, waited for at most 100 ms.
+        """Package that arrives after this call has begun, waited for at most 100 ms.
 
         Raises:
             RobotError: `ROBOT_STALLED`.
@@ -91,7 +91,7 @@ class Telemetry:
         return newest
 
     def close(self) -> None:
-        """The connection has ended."""
+        """Ends the connection."""
         self._listener.close()
 
     def _talk(self, link: socket.socket) -> None:

@@ -1,9 +1,9 @@
-"""Whether what arrives on a script port is ur_rtde's control script, byte for byte, and which path it carries.
+"""Recognition of ur_rtde's control script on a script port, byte for byte, with its path.
 
 ur_rtde sends one program for each PolyScope version, with the number of its registers in two places and, after a path
 was asked for, a block of waypoints in a third. The texts come out of the installed library and are pinned by their
-SHA-256, so that a library that was tampered with is no allow-list. What is passed on is written from our own copy and
-from the numbers that were read; not one byte is the client's.
+SHA-256, so that a library that was tampered with is no allow-list. The forwarded program is written from our own copy
+and from the numbers that were read; not one byte is the client's.
 """
 
 from __future__ import annotations
@@ -102,19 +102,19 @@ class Upload:
     path: tuple[Waypoint, ...]
 
     def render(self) -> bytes:
-        """The program to send: our own copy, with the path written anew."""
+        """Program to send: our own copy, with the path written anew."""
         return self.script.head + render_path(self.path) + self.script.tail
 
 
 def installed_body(minor: int) -> str:
-    """What the installed ur_rtde would send to PolyScope 5.`minor`, before anything is put into it; opens nothing."""
+    """Script of the installed ur_rtde for PolyScope 5.`minor`, before any insertion; opens nothing."""
     from script_client import ScriptClient
 
     return str(ScriptClient("127.0.0.1", 5, minor).getScript())
 
 
 def allow_list(body: Callable[[int], str]) -> tuple[ControlScript, ...]:
-    """Every control script there is, each equal to its pin.
+    """Every control script, each equal to its pin.
 
     Args:
         body: what the library would send to PolyScope 5.n, as `installed_body` gives it.
@@ -136,7 +136,7 @@ def allow_list(body: Callable[[int], str]) -> tuple[ControlScript, ...]:
 
 
 def scripts_for(minor: int, scripts: Sequence[ControlScript]) -> tuple[ControlScript, ...]:
-    """Those of them that ur_rtde sends to PolyScope 5.`minor`, one for each offset."""
+    """Control scripts that ur_rtde sends to PolyScope 5.`minor`, one for each offset."""
     since = max(script.since for script in scripts if script.since <= minor)
     return tuple(script for script in scripts if script.since == since)
 
@@ -152,7 +152,7 @@ _CHANGED: Final = InputRefusal(Reason.TOOL_DEFINITION_CHANGED, "control script")
 
 
 class _Follower:
-    """One script, and how much of it has come."""
+    """One script, with its part that has come."""
 
     def __init__(self, script: ControlScript) -> None:
         self._script = script
@@ -194,7 +194,7 @@ class _Follower:
 
 
 def _agreed(expected: bytes, at: int, received: bytes) -> int:
-    """How many bytes of `received` are those of `expected` from `at` on."""
+    """Number of bytes of `received` that agree with `expected` from `at` on."""
     part = expected[at : at + len(received)]
     if received.startswith(part):
         return len(part)
@@ -202,7 +202,9 @@ def _agreed(expected: bytes, at: int, received: bytes) -> int:
 
 
 class Recogniser:
-    """Compares one program with the scripts that may be sent, while it arrives. Keeps at most one line of a path.
+    """Recogniser of one program among allowed scripts, while it arrives.
+
+    It keeps at most one line of a path.
 
     Args:
         scripts: that may be sent, at least one.
@@ -213,13 +215,13 @@ class Recogniser:
         self._over: InputRefusal | None = None
 
     def feed(self, received: bytes) -> Upload | InputRefusal | None:
-        """What the program is, as soon as that is known; None while more is needed.
+        """Recognised program, as soon as it is known; None while more is needed.
 
         Returns:
             Refused as soon as no script goes on so (`TOOL_DEFINITION_CHANGED`), a line of the path is none of ur_rtde's
             (`BODY_MALFORMED`, `NOT_FINITE`, `ROBOT_LIMIT`, at the end of that line), there are too many waypoints
-            (`BODY_TOO_LARGE`), or anything follows the program in the same piece. Whoever has answered refuses what
-            comes later: another program is for another recogniser.
+            (`BODY_TOO_LARGE`), or anything follows the program in the same piece. After an answer all later
+            bytes are refused: another program needs another recogniser.
         """
         if self._over is not None:
             return self._over

@@ -1,4 +1,4 @@
-"""The path that ur_rtde puts into its control script: two lines for each waypoint, in a grammar without any choice.
+"""Path that ur_rtde puts into its control script: two lines for each waypoint, in a grammar without any choice.
 
 A number is written as C++ writes it, with six significant digits. Only that form is taken, so a waypoint has one text
 and the text one waypoint.
@@ -22,13 +22,13 @@ if TYPE_CHECKING:
     from pep.rtde.command.command_values import Six
 
 MAX_WAYPOINTS: Final = 100
-"""Ours: far beyond what anybody has decided about one by one."""
+"""Ours: far more than people decide about one by one."""
 MAX_LINE: Final = 160
 """Bytes of a line without its end; the longest that ur_rtde can write has 139."""
 
 
 class PathMove(StrEnum):
-    """How a waypoint is reached."""
+    """Way to a waypoint."""
 
     MOVEJ = "movej"
     """Straight in joint space: rad/s and rad/s2 of the leading axis."""
@@ -67,7 +67,7 @@ _MOVE: Final = re.compile(
 
 
 class PathBlock:
-    """Reads a path line by line."""
+    """Reader of a path, line by line."""
 
     def __init__(self) -> None:
         self.waypoints: list[Waypoint] = []
@@ -75,7 +75,7 @@ class PathBlock:
 
     @property
     def complete(self) -> bool:
-        """Whether it may end here: each announced waypoint has come."""
+        """True where the path may end here: each announced waypoint has come."""
         return not self._announced
 
     def line(self, line: bytes) -> InputRefusal | None:
@@ -127,7 +127,7 @@ def _waypoint(line: bytes, place: str) -> Waypoint | InputRefusal:
 
 
 def render_path(path: Iterable[Waypoint]) -> bytes:
-    """The lines that say a path, each with its end."""
+    """Lines of a path, each with its end."""
     lines = []
     for index, point in enumerate(path):
         target = ",".join(map(_written, point.target))

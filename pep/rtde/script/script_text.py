@@ -1,4 +1,4 @@
-"""The one canonical text of a URScript tree.
+"""Canonical text of a URScript tree.
 
 For every text that parses: `parse(render(parse(text))) == parse(text)` and `render` of that is the same text again.
 Parentheses stand where the grammar's levels need them, and nowhere else.
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 
 def render(tree: Program) -> str:
-    """The canonical text of `tree`: one statement a line, two spaces a level, no comments, no redundant parentheses."""
+    """Canonical text of `tree`: one statement a line, two spaces a level, no comments, no redundant parentheses."""
     lines: list[str] = []
     for statement in tree.statements:
         _write(statement, 0, lines)
@@ -89,12 +89,12 @@ def _write(statement: Statement, level: int, out: list[str]) -> None:
 
 
 def render_expression(expression: Expression) -> str:
-    """The canonical text of one expression."""
+    """Canonical text of one expression."""
     return _show(expression, 0)
 
 
 def _show(expression: Expression, least: int) -> str:
-    """Text that binds at least as tightly as `least`, in parentheses where it would not."""
+    """Text that binds at least as tightly as `least`, in parentheses where necessary."""
     text, level = _bare(expression)
     return f"({text})" if level < least else text
 

@@ -1,4 +1,4 @@
-"""The statements of a straight-line program as values, and the one text that says them.
+"""Statements of a straight-line program as values, with their one text.
 
 It has a name of ours, so that no such program passes for ur_rtde's control script.
 """
@@ -29,12 +29,12 @@ from pep.rtde.script.syntax_tree import (
 )
 
 NAME: Final = "ztpm_straight_line"
-"""What the program that is passed on is called."""
+"""Name of the forwarded program."""
 
 
 @dataclass(frozen=True, slots=True)
 class WriteOutputInteger:
-    """An integer register that the controller shows is set."""
+    """Sets an integer register that the controller shows."""
 
     register: int
     value: int
@@ -42,7 +42,7 @@ class WriteOutputInteger:
 
 @dataclass(frozen=True, slots=True)
 class WriteOutputDouble:
-    """A double register that the controller shows is set."""
+    """Sets a double register that the controller shows."""
 
     register: int
     value: float
@@ -50,14 +50,14 @@ class WriteOutputDouble:
 
 @dataclass(frozen=True, slots=True)
 class Sleep:
-    """Nothing for so long."""
+    """Waits for so long."""
 
     time_s: float
 
 
 @dataclass(frozen=True, slots=True)
 class TextMessage:
-    """A line in the controller's log, of letters, digits, spaces and . , : _ - alone."""
+    """Writes a line to the controller's log, of letters, digits, spaces and . , : _ - alone."""
 
     text: str
 

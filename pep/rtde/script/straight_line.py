@@ -1,4 +1,4 @@
-"""Programs other than ur_rtde's own: those that are only a list of known statements with plain numbers in them.
+"""Programs other than ur_rtde's own: lists of known statements with plain numbers only.
 
 There is no variable, no branch, no loop, no thread and no function in them, so what they do can be read off and judged
 statement by statement. What is passed on is written anew from them (`pep.rtde.script.statements`).
@@ -62,7 +62,7 @@ OUTPUT_REGISTERS: Final = 48
 
 
 class _Kind(Enum):
-    """What an argument may be, when it is no number in a span."""
+    """Kind of an argument that is no number in a span."""
 
     TARGET = "joint angles or a pose"
     WHOLE = "a whole number"
@@ -81,7 +81,7 @@ class _Parameter:
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """One statement: its parameters in order, and what makes a value of them."""
+    """Form of one statement: its parameters in order, and the function that makes its value."""
 
     parameters: tuple[_Parameter, ...]
     make: Callable[..., Statement]
@@ -222,11 +222,11 @@ _FORMS: Final[Mapping[str, _Form]] = MappingProxyType(
     }
 )
 STATEMENTS: Final = frozenset(_FORMS)
-"""The functions that a program may call."""
+"""Functions that a program may call."""
 
 
 def straight_line(text: str) -> StraightLine | InputRefusal:
-    """The statements of a program. Never raises.
+    """Statements of a program. Never raises.
 
     Args:
         text: one program, as `pep.rtde.script.urscript.ProgramStream` cuts it out: a definition without parameters, or
@@ -277,7 +277,7 @@ def _statement(node: Node) -> Statement | InputRefusal:
 
 
 def _bound(form: _Form, arguments: Sequence[Argument]) -> list[object]:
-    """The values of a form's parameters, in order."""
+    """Values of a form's parameters, in order."""
     given: dict[str, Expression] = {}
     for at, argument in enumerate(arguments):
         if argument.name is None and at >= len(form.parameters):

@@ -228,6 +228,6 @@ Statement: TypeAlias = Assign | Declare | Evaluate | If | While | Return | EndTh
 
 @dataclass(frozen=True, slots=True)
 class Program:
-    """What was sent at once: usually one definition, or one bare statement."""
+    """Text sent at once: usually one definition, or one bare statement."""
 
     statements: tuple[Statement, ...]

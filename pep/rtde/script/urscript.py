@@ -1,11 +1,11 @@
-"""URScript: text to a typed tree, one grammar for whoever runs a program and for whoever judges one.
+"""URScript: text to a typed tree, by one grammar for simulator and judge alike.
 
 The grammar is newline-insensitive but for three places, as real controllers are and as the ur_rtde upload needs (it
 injects numbers at the start of the *next* line): a call's parenthesis, an index bracket and the value of `return` stand
-on the line of what they belong to.
+on the line of their owner.
 
 `parse` gives a tree without layout (`pep.rtde.script.syntax_tree`), and `pep.rtde.script.script_text` its one canonical
-text; `ProgramStream` finds the programs in what arrives on a port.
+text; `ProgramStream` finds the programs in the bytes of a port.
 
 This module knows no robot, no socket and no clock.
 """
@@ -63,7 +63,7 @@ _OPENERS: Final = frozenset({"def", "thread", "sec", "if", "while"})
 
 
 class ScriptFault(StrEnum):
-    """What is wrong with a program text."""
+    """Fault of a program text."""
 
     CHARACTER = "SCRIPT_CHARACTER"
     NUMBER = "SCRIPT_NUMBER"
@@ -73,7 +73,7 @@ class ScriptFault(StrEnum):
 
 
 class ScriptError(ValueError):
-    """A text that is no URScript; `code` says why and `line` (from 1) where."""
+    """Text that is no URScript; `code` is the reason and `line` (from 1) the place."""
 
     def __init__(self, code: ScriptFault, line: int, detail: str) -> None:
         super().__init__(f"line {line}: {detail}")
@@ -388,7 +388,7 @@ def _number(token: _Token) -> Integer | Real:
 
 
 def parse(source: str) -> Program:
-    """The tree of `source`.
+    """Tree of `source`.
 
     Raises:
         ScriptError: the text is outside the grammar, nests too deep, or holds a number that is not finite.
@@ -402,7 +402,7 @@ _WORD: Final = re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'|[A-Za-z_][A-Za-z0-9_]
 
 
 class ProgramStream:
-    """Cuts what arrives on a script port into whole programs, however the bytes were split.
+    """Cutter of a script port's text into whole programs, in pieces of any size.
 
     A program is a top-level block up to its own `end`, or one line outside any block. Only complete lines are looked
     at, so a torn word is never misread; a program counts when the line of its `end` is complete.
@@ -419,7 +419,7 @@ class ProgramStream:
         self._depth = 0
 
     def feed(self, text: str) -> list[str]:
-        """The programs completed by `text`, in order; empty lines and lines of comment alone are dropped.
+        """Programs completed by `text`, in order; empty lines and lines of comment alone are dropped.
 
         Raises:
             ScriptError: more than the limit is held without a program in it. The stream is of no use afterwards.

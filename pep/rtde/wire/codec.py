@@ -1,4 +1,4 @@
-"""The RTDE wire, strict and without IO: bytes to typed messages and back, for controller, client and gateway alike.
+"""RTDE wire, strict and without IO: bytes to typed messages and back, for controller, client and gateway alike.
 
 Every frame is `uint16 size, uint8 kind, payload`, big-endian, the size counting its own header. What is outside the
 protocol raises `WireError` with a code and the stream is of no use afterwards; what is only surprising (a data package
@@ -59,7 +59,7 @@ class RtdeFrame:
     payload: bytes
 
     def encode(self) -> bytes:
-        """The frame's bytes."""
+        """Bytes of the frame."""
         size = HEADER + len(self.payload)
         if size > MAX_FRAME:
             raise WireError(WireFault.TOO_LONG, f"a frame of {size} bytes")
@@ -67,7 +67,7 @@ class RtdeFrame:
 
 
 class Framer:
-    """Cuts a byte stream into frames, however it was torn.
+    """Cutter of a byte stream into frames, in pieces of any size.
 
     Args:
         limit: longest frame accepted, header included.
@@ -78,7 +78,7 @@ class Framer:
         self._held = bytearray()
 
     def feed(self, received: bytes) -> list[RtdeFrame]:
-        """The frames completed by `received`, in order.
+        """Frames completed by `received`, in order.
 
         Raises:
             WireError: a size below the header or above the limit, or an unknown kind; both are seen as soon as the
@@ -117,7 +117,7 @@ _KINDS: Final = {int(kind): kind for kind in FrameKind}
 
 
 def decode_request(frame: RtdeFrame, protocol: int) -> Request:
-    """What a client says with `frame` under protocol version 1 or 2.
+    """Message of a client in `frame` under protocol version 1 or 2.
 
     Raises:
         WireError: a payload of the wrong length, a field list that is empty, not printable ASCII, longer than
@@ -157,7 +157,7 @@ def decode_request(frame: RtdeFrame, protocol: int) -> Request:
 
 
 def encode_request(request: Request, protocol: int) -> bytes:
-    """The frame that says `request`; field lists are written without a trailing comma."""
+    """Frame of `request`; field lists are written without a trailing comma."""
     match request:
         case RequestProtocol(version):
             frame = RtdeFrame(FrameKind.PROTOCOL_VERSION, _pack(">H", version))
@@ -182,7 +182,7 @@ def encode_request(request: Request, protocol: int) -> bytes:
 
 
 def decode_answer(frame: RtdeFrame, protocol: int) -> Answer:
-    """What a controller says with `frame` under protocol version 1 or 2.
+    """Message of a controller in `frame` under protocol version 1 or 2.
 
     Raises:
         WireError: a payload of the wrong length, or a type name that does not exist.
@@ -215,7 +215,7 @@ def decode_answer(frame: RtdeFrame, protocol: int) -> Answer:
 
 
 def encode_answer(answer: Answer, protocol: int) -> bytes:
-    """The frame that says `answer`."""
+    """Frame of `answer`."""
     match answer:
         case ProtocolAnswer(accepted):
             frame = RtdeFrame(FrameKind.PROTOCOL_VERSION, bytes([accepted]))
@@ -272,13 +272,15 @@ class Recipe:
         return self._struct.size
 
     def place(self, name: str) -> int | None:
-        """At which byte of the record that variable begins; None when it is not in it."""
+        """First byte of that variable in the record; None when it is not in it."""
         if name not in self.names:
             return None
         return struct.calcsize(">" + "".join(LAYOUT[kind] for kind in self.types[: self.names.index(name)]))
 
     def unpack(self, packed: bytes) -> dict[str, Value]:
-        """The values by name; a vector is a tuple. Doubles may be NaN or infinite: whoever acts on them judges that.
+        """Values by name; a vector is a tuple.
+
+        Doubles may be NaN or infinite: the code that acts on them judges that.
 
         Raises:
             WireError: not exactly `size` bytes.
@@ -301,7 +303,7 @@ class Recipe:
         return values
 
     def pack(self, values: Mapping[str, Value]) -> bytes:
-        """The record of `values`, which holds at least the recipe's names.
+        """Record of `values`, which holds at least the recipe's names.
 
         Raises:
             WireError: a value that does not fit its type.
@@ -318,7 +320,7 @@ class Recipe:
         return self.pack_flat(flat)
 
     def pack_flat(self, flat: Sequence[object]) -> bytes:
-        """The record of already flattened values: the hot path of a controller."""
+        """Record of already flattened values: the hot path of a controller."""
         try:
             return self._struct.pack(*flat)
         except (struct.error, TypeError) as error:

@@ -1,4 +1,4 @@
-"""The dashboard's language as a closed grammar: what a line says, and the one line that says it.
+"""Language of the dashboard as a closed grammar: the meaning of a line, and its one spelling.
 
 A controller's dashboard hands parts of a line to its own shell (CVE-2026-8153), so nothing of a client's text is ever
 passed on: a line is read into a row of the table and an argument of safe characters, and written anew from them.
@@ -19,14 +19,14 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 MAX_LINE: Final = 256
-"""Bytes of a line, without its end; the longest that can be said has fewer."""
+"""Bytes of a line without its end; the longest line of the grammar has fewer."""
 
 
 class LineClass(Enum):
-    """What becomes of a line."""
+    """Treatment of a line."""
 
     ALLOW = "allow"
-    """Passed on for anybody: it ends motion, or takes a notice away."""
+    """Passed on for every client: it ends motion, or takes a notice away."""
     READ = "read"
     """Passed on: it only asks."""
     DECIDE = "decide"
@@ -40,7 +40,7 @@ class LineClass(Enum):
 
 
 class ArgumentKind(Enum):
-    """What may stand behind the words; never what a shell takes for an option, or a way up."""
+    """Argument behind the words; never a shell's option, or a way up."""
 
     NONE = r""
     FILE = r"(?:[A-Za-z0-9_][A-Za-z0-9_-]*/)*[A-Za-z0-9_][A-Za-z0-9_-]*(?:\.[A-Za-z0-9_-]+)*"
@@ -67,18 +67,18 @@ class LineRow:
 
 @dataclass(frozen=True, slots=True)
 class DashboardLine:
-    """What a client's line says.
+    """Content of a client's line.
 
     Attributes:
         row: the command.
-        argument: what followed it, of the row's characters; empty when the row has none.
+        argument: its argument, of the row's characters; empty when the row has none.
     """
 
     row: LineRow
     argument: str
 
     def render(self) -> bytes:
-        """The line that says it, with its end."""
+        """Line with this content, with its end."""
         return f"{self.row.words} {self.argument}".rstrip(" ").encode("ascii") + b"\n"
 
 
@@ -130,7 +130,7 @@ _BY_LENGTH: Final = sorted(_ROWS, key=lambda row: -len(row.words))
 
 
 def parse_line(line: bytes) -> DashboardLine | InputRefusal:
-    """What a line says. Never raises.
+    """Content of a line. Never raises.
 
     Args:
         line: without its line feed; one carriage return before it is taken for part of the end.

@@ -1,4 +1,4 @@
-"""Cuts a byte stream into pieces that say their own length in four bytes at their start."""
+"""Splitter of a byte stream into pieces that begin with their own length in four bytes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ LENGTH: Final = 4
 
 
 class LengthError(ValueError):
-    """A length that no piece has; `length` is what was said."""
+    """Length that no piece has; `length` is the stated one."""
 
     def __init__(self, length: int) -> None:
         super().__init__(f"a piece of {length} bytes")
@@ -17,7 +17,7 @@ class LengthError(ValueError):
 
 
 class FrameSplitter:
-    """One stream.
+    """Splitter of one stream.
 
     Args:
         least, most: what a length may say.
@@ -30,7 +30,7 @@ class FrameSplitter:
         self._held = bytearray()
 
     def feed(self, received: bytes) -> list[bytes]:
-        """The pieces completed by `received`, in order, each with its length.
+        """Pieces completed by `received`, in order, each with its length.
 
         Raises:
             LengthError: a length outside the bounds, as soon as it is there.
@@ -54,6 +54,6 @@ class FrameSplitter:
         return found
 
     def _is_one(self, received: bytes) -> bool:
-        """Whether that is one whole piece."""
+        """True where that is one whole piece."""
         length = len(received) - self._uncounted
         return self._least <= length <= self._most and received.startswith(length.to_bytes(LENGTH, "big", signed=True))

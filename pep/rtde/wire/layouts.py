@@ -1,4 +1,4 @@
-"""Records of fixed layout: what the frames of the primary and real-time interfaces are made of."""
+"""Records of fixed layout, the parts of frames of the primary and real-time interfaces."""
 
 from __future__ import annotations
 

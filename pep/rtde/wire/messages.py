@@ -1,7 +1,7 @@
-"""What RTDE can say: the kinds of frame, the typed messages of both sides, and the error for what is outside it.
+"""Messages of RTDE: the kinds of frame, the typed messages of both sides, and the error outside the protocol.
 
-`pep.rtde.wire.codec` turns them into bytes and back; nothing here knows a layout. What differs in protocol version 1 is
-said at the message.
+`pep.rtde.wire.codec` turns them into bytes and back; nothing here knows a layout. A difference of protocol version 1 is
+stated at its message.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class WireFault(StrEnum):
-    """What is outside the protocol."""
+    """Fault outside the protocol."""
 
     SIZE = "WIRE_SIZE"
     TOO_LONG = "WIRE_TOO_LONG"
@@ -28,7 +28,7 @@ class WireFault(StrEnum):
 
 
 class WireError(ValueError):
-    """Bytes or values that the protocol has no room for; `code` says why."""
+    """Bytes or values without a place in the protocol; `code` is the reason."""
 
     def __init__(self, code: WireFault, detail: str) -> None:
         super().__init__(detail)
@@ -57,19 +57,19 @@ class RequestProtocol:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolAnswer:
-    """Controller: whether it will."""
+    """Controller: agreement to it."""
 
     accepted: bool
 
 
 @dataclass(frozen=True, slots=True)
 class AskControlVersion:
-    """Client: which software runs."""
+    """Client: question for the software."""
 
 
 @dataclass(frozen=True, slots=True)
 class ControlVersion:
-    """Controller: the software that runs."""
+    """Controller: its software."""
 
     major: int
     minor: int
@@ -79,7 +79,10 @@ class ControlVersion:
 
 @dataclass(frozen=True, slots=True)
 class RtdeMessage:
-    """Either side: a text for people. Level 0 exception, 1 error, 2 warning, 3 information; version 1 has no source."""
+    """Either side: a text for people.
+
+    Level 0 exception, 1 error, 2 warning, 3 information; version 1 has no source.
+    """
 
     text: str
     source: str
@@ -124,7 +127,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartAnswer:
-    """Controller: whether it will."""
+    """Controller: agreement to it."""
 
     accepted: bool
 
@@ -136,7 +139,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class PauseAnswer:
-    """Controller: whether it will."""
+    """Controller: agreement to it."""
 
     accepted: bool
 

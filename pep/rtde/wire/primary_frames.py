@@ -25,7 +25,7 @@ READ_ONLY: Final = 210  # error code that answers a script where none is taken
 
 @dataclass(frozen=True, slots=True)
 class PrimaryState:
-    """What both interfaces send ten times a second."""
+    """State that both interfaces send ten times a second."""
 
     parts: tuple[Part, ...]
 
@@ -89,7 +89,7 @@ Content: TypeAlias = Version | ErrorCode | Key | RuntimeException | OtherMessage
 
 @dataclass(frozen=True, slots=True)
 class PrimaryMessage:
-    """What the controller tells, at its own microseconds."""
+    """Message of the controller, at its own microseconds."""
 
     timestamp_us: int
     source: int
@@ -108,13 +108,13 @@ PrimaryFrame: TypeAlias = PrimaryState | PrimaryMessage | OtherFrame
 
 
 class PrimaryFrameSplitter:
-    """Cuts the bytes of 30001 or 30002, however they were torn, into kinds and bodies that nobody has read yet."""
+    """Splitter of the bytes of 30001 or 30002, in pieces of any size, into kinds and unread bodies."""
 
     def __init__(self) -> None:
         self._cutter = FrameSplitter(HEADER, MAX_FRAME, itself=True)
 
     def feed(self, received: bytes) -> list[tuple[int, bytes]]:
-        """Those completed by `received`, in order.
+        """Frames completed by `received`, in order.
 
         Raises:
             WireError: a size below the header or above `MAX_FRAME`, seen as soon as it is there.
@@ -144,7 +144,7 @@ def encode_primary(frame: PrimaryFrame) -> bytes:
 
 
 def decode_message(body: bytes) -> PrimaryMessage:
-    """The message of a frame of kind `MESSAGE`.
+    """Message in a frame of kind `MESSAGE`.
 
     Raises:
         WireError: it contradicts itself.
@@ -203,7 +203,7 @@ def _encode_content(content: Content) -> tuple[int, bytes]:
 
 
 def check_size(size: int, limit: int) -> None:
-    """The size of a frame, or of a part of a state, is possible.
+    """Checks that the size of a frame, or of a part of a state, is possible.
 
     Raises:
         WireError: it is below the header or above `limit`.

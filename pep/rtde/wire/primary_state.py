@@ -1,4 +1,4 @@
-"""The parts of the robot state that 30001 and 30002 send ten times a second.
+"""Parts of the robot state that 30001 and 30002 send ten times a second.
 
 Layouts: the vendor's client interface guide, PolyScope 5.10 and later.
 """

@@ -16,7 +16,7 @@ REALTIME_SIZE: Final = 1220  # bytes of a frame, its length included
 
 @dataclass(frozen=True, slots=True)
 class RealtimeState(Record):
-    """What 30003 and 30013 send every two milliseconds: doubles alone, the bits among them as numbers."""
+    """State that 30003 and 30013 send every two milliseconds: doubles alone, bits as numbers."""
 
     LAYOUT: ClassVar[str] = (
         "d 6d 6d 6d 6d 6d 6d 6d 6d 6d 6d 6d 6d 6d 6d d 6d d d d 6d d 6d 3d 6d d d d d d d d 6d d d 3d 3d d 3d d 3d 6d"

@@ -1,7 +1,7 @@
-"""Which input recipes a client may set up, and what its packages say under them.
+"""Input recipes that a client may set up, and its packages under them.
 
 ur_rtde's control interface sets up 23 recipes and its IO interface 16. A client may set up any others, as long as they
-are of the same variables: what a package means is judged on the merged image of all of them, never on its recipe.
+are of the same variables: a package is judged by the merged image of all of them, never by its recipe.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pep.rtde.wire.messages import Values
 
 Offset: TypeAlias = Literal[0, 24]
-"""Where a client's registers begin: 0, or 24 with ur_rtde's upper range."""
+"""First register of a client: 0, or 24 with ur_rtde's upper range."""
 OFFSETS: Final[tuple[Offset, ...]] = (0, 24)
 
 INT: Final = tuple(f"input_int_register_{index}" for index in range(48))
@@ -73,10 +73,10 @@ def io_recipes(offset: Offset) -> tuple[tuple[str, ...], ...]:
 
 @dataclass(frozen=True, slots=True)
 class WritableVariables:
-    """What one client may write.
+    """Variables that one client may write.
 
     Attributes:
-        offset: where its registers begin.
+        offset: its first register.
         names: the variables.
     """
 
@@ -92,7 +92,10 @@ class WritableVariables:
 
 @dataclass(frozen=True, slots=True)
 class Ignored:
-    """A package that is not as long as its recipe. ur_rtde sends such: it is dropped, and said in the record."""
+    """Package with another length than its recipe's.
+
+    ur_rtde sends such: it is dropped, and on record.
+    """
 
     recipe: int
     size: int
@@ -111,7 +114,7 @@ class InputRecipes:
         self._recipes: list[Recipe] = []
 
     def set_up(self, names: Sequence[str]) -> Recipe | InputRefusal:
-        """The client's next recipe.
+        """Sets up the client's next recipe.
 
         Args:
             names: the variables in wire order.
@@ -128,7 +131,7 @@ class InputRecipes:
         return recipe
 
     def refusal(self, names: Sequence[str]) -> InputRefusal | None:
-        """Why the client may not have that recipe; None when it may."""
+        """Refusal of that recipe; None when the client may have it."""
         if len(self._recipes) >= MAX_RECIPES:
             return InputRefusal(Reason.BODY_TOO_LARGE, "input recipes")
         if not names or len(set(names)) != len(names):
@@ -139,16 +142,16 @@ class InputRecipes:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Every variable of its recipes, once."""
+        """Every variable of the client's recipes, once."""
         return tuple(dict.fromkeys(name for recipe in self._recipes for name in recipe.names))
 
     def recipe(self, values: Values) -> Recipe | None:
-        """The recipe that a package is of."""
+        """Recipe of a package."""
         number = values.recipe
         return self._recipes[number - 1] if number is not None and 1 <= number <= len(self._recipes) else None
 
     def read(self, values: Values) -> dict[str, Value] | Ignored | InputRefusal:
-        """What a package writes, by name; refused as `TOOL_UNKNOWN` when it is of no recipe."""
+        """Values that a package writes, by name; refused as `TOOL_UNKNOWN` when it has no recipe."""
         number, recipe = values.recipe, self.recipe(values)
         if recipe is None or number is None:
             return InputRefusal(Reason.TOOL_UNKNOWN, "a package of no recipe")

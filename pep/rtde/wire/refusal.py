@@ -1,4 +1,4 @@
-"""How the readers of what a client says answer when they do not take it."""
+"""Refusal by the readers of a client's input."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class InputRefusal:
-    """What a client said is not taken.
+    """Refusal of a client's input.
 
     Attributes:
-        reason: why.
-        place: what it was about, for the record: a parameter, a variable, a place in a text. No text of the client.
-        command: the command id that it came with, when it came with one that exists. Whoever refuses a command that
-            would have stopped the arm stops it itself: a stop that is badly said is still a stop.
+        reason: the code.
+        place: the parameter, variable or place in a text, for the record. No text of the client.
+        command: the command id of the input, when it has one that exists. A refused command that would have stopped the
+            arm is followed by a stop of the refuser's own: a malformed stop is still a stop.
     """
 
     reason: Reason

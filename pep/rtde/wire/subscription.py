@@ -1,4 +1,4 @@
-"""Our own word with the controller: which software runs, packages of the outputs that we ask for, and inputs of ours.
+"""Subscription to the controller: its software, packages of chosen outputs, and inputs of ours.
 
 Bytes alone.
 """
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 class Subscription:
-    """One connection. Send `begin`, then what each piece of the controller's bytes is answered with.
+    """One connection. Send `begin`, and then the answer to each piece of the controller's bytes.
 
     Args:
         names: of the outputs.
@@ -57,17 +57,17 @@ class Subscription:
         self.version: ControlVersion | None = None
 
     def begin(self) -> bytes:
-        """What is said first."""
+        """First bytes to send."""
         return encode_request(self._asked, 1)
 
     def write(self, values: Mapping[str, Value]) -> bytes:
-        """What sets our inputs, all of them; once packages come."""
+        """Bytes that set all our inputs, once packages come."""
         assert self._inputs is not None
         number, recipe = self._inputs
         return encode_request(Values(number, recipe.pack(values)), self._protocol)
 
     def feed(self, received: bytes) -> tuple[bytes, list[dict[str, Value]]]:
-        """What to say now, and the packages that have come.
+        """Bytes to send now, and the packages that have come.
 
         Raises:
             WireError: see `pep.rtde.wire.codec`; a refusal, an output that does not exist, or another answer than asked
