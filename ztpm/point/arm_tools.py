@@ -1,4 +1,4 @@
-"""Tools of a cell, composed over any robot commands: devices, speed slider, and the guarded MCP app."""
+"""The tools of a cell, composed over whatever commands its robot: devices, speed slider, and the guarded MCP app."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ArmTools:
-    """Devices and slider behind the tools.
+    """What the tools move.
 
     Attributes:
         devices: all of it; also the `MotionSlot` port.
@@ -63,7 +63,7 @@ class ArmTools:
         judging: Executor,
         watch: type[Watch],
     ) -> ArmTools:
-        """Tools of an enforcement point.
+        """The tools of an enforcement point.
 
         Args:
             point: which.
@@ -135,6 +135,6 @@ class ArmTools:
         )
 
     async def close(self) -> None:
-        """Stops everything, and blocks every later command."""
+        """Everything stands still, and nothing can be sent any more."""
         await self.devices.close()
         self.slider.close()

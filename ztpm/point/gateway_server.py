@@ -290,7 +290,7 @@ class GatewayServer(RobotPoint):
         return robot.robot_mode == RUNNING and robot.safety_mode in SAFE_MODES and robot.remote_control is True
 
     def _vacated(self) -> bool:
-        """True where the tools have let go of the arm: no motion of theirs runs or is about to begin."""
+        """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
         if not self.tools.devices.reserve(VACATING):
             return False
         try:
@@ -307,7 +307,7 @@ class GatewayServer(RobotPoint):
                     await asyncio.sleep(FAREWELL_S)
 
     def _stopped(self) -> None:
-        """Notes a stop of the arm past the tools: their pending commands are void."""
+        """Somebody has stopped the arm past the tools: what they were about to do is not done."""
         self.control.note_stop()
 
     # ---- the lease

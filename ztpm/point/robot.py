@@ -85,9 +85,9 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
 
 
 async def committed(physics: CellPhysics, control: PermittedControl, holding: CommittedGrip, grip: GripResult) -> None:
-    """Commits the held object after a grip, and tells the controller its load.
+    """What the gripper holds after a grip is committed, and the controller reckons with it.
 
-    A controller that does not take the new payload contradicts the committed object, and TEA-5 denies every motion.
+    A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
     """
 
     def commit() -> None:

@@ -1,9 +1,9 @@
-"""The judge of a leased program's commands: each is a request of the lease's chain, and goes through the one gate.
+"""Judge of a leased program's commands: each is a request of the lease's chain, and passes the one gate.
 
     held command -> request -> gate: evidence, decision, record -> spend the permit -> forward -> watch to its end
 
 One command at a time moves the arm: the slot is taken until our own connection has seen it stand, and the outcome is on
-record. What the gate defers is held until people have answered, and then decided afresh, from where the arm is.
+record. A deferred command is held until people have answered, and then decided afresh, from the arm's place then.
 """
 
 from __future__ import annotations
@@ -41,13 +41,19 @@ if TYPE_CHECKING:
     from policies.evidence.model import Decision
 
 HOLD_MS: Final = 60_000
-"""DESIGN section 8: how long a program waits for people. The question stays open: the same command asks it again."""
+"""DESIGN section 8: time for which a program waits for people.
+
+The ask stays open: the same command asks it again.
+"""
 LOOK_S: Final = 0.05
 """Pause between two looks for an answer."""
 SETTLES_S: Final = 0.25
-"""Longest wait for the end of the command before: a program knows it some milliseconds before it is on record."""
+"""Longest wait for the end of the command before.
+
+A program knows it some milliseconds before it is on record.
+"""
 CLOSE_S: Final = 6.0
-"""Longest wait for what was forwarded to end, once it has been told to stop."""
+"""Longest wait for the end of a forwarded command, once it has been told to stop."""
 
 
 class LeasedJudge:
@@ -55,12 +61,12 @@ class LeasedJudge:
 
     Args:
         gate: decides and records.
-        effects: what is done with a permit.
-        asks: what has become of deferrals.
+        effects: execution of permitted commands.
+        asks: state of deferrals.
         registry: may ask for a higher base tier of an operation, by a tool of its name.
-        readiness: of the robot, for whoever has the lease.
+        readiness: of the robot, for the holder of the lease.
         stopper: of the arm.
-        fitted: what holds of tool and payload now.
+        fitted: tool and payload now.
         audience: canonical URL of the robot.
         clock: both clocks.
     """
@@ -98,7 +104,7 @@ class LeasedJudge:
         case.task = asyncio.get_running_loop().create_task(self._judged(case, before))
 
     def withdrawn(self, held: PendingCommand) -> None:
-        """See `Judge.withdrawn`. What was forwarded is watched to its end all the same."""
+        """Withdraws as `Judge.withdrawn` says. A forwarded command is watched to its end all the same."""
         for case in self._cases:
             if case.held == held and not case.forwarded and case.task is not None:
                 case.withdrawn = True
@@ -109,7 +115,7 @@ class LeasedJudge:
         self._line.note(holder, refused, what)
 
     async def close(self) -> None:
-        """What moves has been told to stop, and has ended; nothing is decided any more."""
+        """Stops every motion and waits for its end; nothing is decided any more."""
         self._stopper.stop(Reason.EFFECT_FAILED)
         tasks = [case.task for case in self._cases if case.task is not None]
         for case in self._cases:
@@ -124,7 +130,7 @@ class LeasedJudge:
             if before:
                 await asyncio.wait(before, timeout=SETTLES_S)
             await self._decide(case)
-        except Exception:  # noqa: BLE001 - whatever breaks on the way is a denial; a narrower net would leave it waiting
+        except Exception:  # noqa: BLE001 - any failure on the way is a denial; a narrower net would leave it waiting
             if not (case.forwarded or case.withdrawn):
                 case.held.deny(Reason.EVIDENCE_MISSING, told(Reason.EVIDENCE_MISSING))
         finally:
@@ -194,7 +200,7 @@ class LeasedJudge:
         return ToolReading(operation.name, digest, digest, tier)
 
     async def _answered(self, ask_id: str, deadline_ms: int) -> bool:
-        """Whether people have answered in time."""
+        """True where people have answered in time."""
         while self._asks.state_of(ask_id) is AskState.OPEN:  # answers come on a thread
             if not self._clock.monotonic_ms() < deadline_ms:
                 return False
@@ -202,7 +208,7 @@ class LeasedJudge:
         return True
 
     async def _refuse(self, held: PendingCommand, refused: InputRefusal) -> None:
-        """Denied before there was a request to decide; that is on record."""
+        """Denies before there was a request to decide, on record."""
         body = refusal_of(held.lease, refused, type(held.command).__name__, clock=self._clock)
         with suppress(JournalError):  # refused either way
             await self._gate.record("refusal", body)
@@ -210,7 +216,7 @@ class LeasedJudge:
 
 
 def _why(decision: Decision) -> str:
-    """The same of a decision, with the parameter that it was about, and what would be permitted."""
+    """Text of a denial for the program: the parameter, and the values that would be permitted."""
     detail = decision.findings[0].detail if decision.findings else {}
     said = [
         f"{name}={detail[name]}" for name in ("parameter", "unit", "nearest_permitted") if detail.get(name) is not None

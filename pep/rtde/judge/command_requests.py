@@ -1,8 +1,8 @@
-"""What a leased program's commands are requests for. Pure: one command, one answer.
+"""Requests of a leased program's commands. Pure: one command, one answer.
 
 A command is free (it stops, asks or clears), a request of one of the cell's operations, or refused: no operation stands
-for it. Refused by default are all commands whose way is not said by their parameters: forces, torques, arms that people
-push, contact, and what leaves it to the controller which joint angles a pose has.
+for it. Refused by default are all commands whose way does not follow from their parameters: forces, torques, arms that
+people push, contact, and those that leave the choice of a pose's joint angles to the controller.
 """
 
 from __future__ import annotations
@@ -46,16 +46,19 @@ if TYPE_CHECKING:
     from pep.rtde.script.move_path import Waypoint
 
 POINTS: Final = frozenset({Point.ACTUATION})
-"""Nothing but what is about to be sent is decided here: there is no tool call before it."""
+"""Points of the request: no tool call comes before it, and only the command itself is decided."""
 CENTRE_M: Final = 1e-3
-"""Ours: a centre of mass this near is the same; three kilograms there turn a joint by 0.03 Nm more."""
+"""Ours: distance within which two centres of mass are the same.
+
+Three kilograms there turn a joint by 0.03 Nm more.
+"""
 _KEPT: Final = (0.0, 0.0, 0.0)
-"""ur_rtde: this centre of mass keeps the one there is."""
+"""Centre of mass by which ur_rtde keeps the present one."""
 
 
 @dataclass(frozen=True, slots=True)
 class ToolSetup:
-    """What arm and controller have to agree on for a pose, or a weight, to mean the same to both.
+    """Tool and load on which arm and controller have to agree, so that poses and weights mean the same.
 
     Attributes:
         tcp_m_rad: tool centre point of the cell's model on the flange.
@@ -70,12 +73,12 @@ class ToolSetup:
 
 @dataclass(frozen=True, slots=True)
 class NoDecisionNeeded:
-    """Needs no decision: it stops, asks, or clears."""
+    """Command without a decision: it stops, asks, or clears."""
 
 
 @dataclass(frozen=True, slots=True)
 class CommandedOperation:
-    """What a command would do.
+    """Operation that a command asks for.
 
     Attributes:
         operation: of the cell.
@@ -87,7 +90,7 @@ class CommandedOperation:
 
     @property
     def stream(self) -> bool:
-        """Whether other values may follow without a request of their own."""
+        """True where other values may follow without a request of their own."""
         return self.operation.sent is Sent.STREAM
 
     @property
@@ -111,12 +114,12 @@ _ROUNDED: Final = frozenset({Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit
 def asked_of(
     command: Command | IoCommand, *, path: Sequence[Waypoint], fitted: ToolSetup
 ) -> CommandedOperation | NoDecisionNeeded | InputRefusal:
-    """What a command is a request for.
+    """Operation that a command asks for.
 
     Args:
         command: of the program.
         path: waypoints that stand in its control script, for a `MovePath`.
-        fitted: what holds of tool and payload.
+        fitted: tool and payload of the arm.
 
     Returns:
         Refused as `NOT_GRANTED` where no operation stands for it, `FRAMES_MISMATCH` for another tool centre point than
@@ -135,7 +138,7 @@ def asked_of(
 
 
 def stands_s(time_s: float) -> float:
-    """How long a speed stands that a program gives for `time_s`, s.
+    """Time for which a speed stands that a program gives for `time_s`, s.
 
     To ur_rtde's script no time is for ever; here it is the longest there is. A stream's own rhythm is the shortest that
     a host can keep.
@@ -165,7 +168,7 @@ _UNSAID: Final = "the controller, not the command, says which joint angles its p
 
 
 def _path(path: Sequence[Waypoint]) -> CommandedOperation | InputRefusal:
-    """A path of joint moves at one speed from rest to rest: what `move_path` can say."""
+    """Path of joint moves at one speed from rest to rest, as `move_path` has it."""
     first = path[0] if path else None
     even = first is not None and all(
         (each.move, each.is_pose, each.blend_m) == (PathMove.MOVEJ, False, 0.0)
@@ -195,7 +198,7 @@ def _streamed(command: v.Held) -> CommandedOperation | InputRefusal:
 
 
 def _set(command: v.Setting, fitted: ToolSetup) -> CommandedOperation | InputRefusal:
-    """What poses and weights mean may be said again, not changed: the model would be another one."""
+    """Setting of tool or payload, which may be repeated but not changed: the model would be another one."""
     match command:
         case v.SetTcp(pose):
             own = fitted.tcp_m_rad

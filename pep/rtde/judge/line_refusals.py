@@ -1,7 +1,7 @@
-"""What the lines of a lease refuse by themselves, on record as the judge's refusals are: never many in a second.
+"""Refusals of a lease's lines, on record as the judge's refusals are: never many in a second.
 
-A program that does not know better says the same thing wrong five hundred times a second. What has no record of its own
-is counted in the next one.
+A faulty program repeats the same mistake five hundred times a second. A refusal without a record of its own is counted
+in the next one.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pep.rtde.wire.refusal import InputRefusal
 
 MOST: Final = 4
-"""Records in a second, of one lease."""
+"""Most records in a second, of one lease."""
 SECOND_S: Final = 1.0
 
 
@@ -45,7 +45,7 @@ class _Second:
 
 
 class LineRefusals:
-    """Their records. On one event loop.
+    """Records of the lines' refusals. On one event loop.
 
     Args:
         record: durable, on a worker of its own.
@@ -59,7 +59,7 @@ class LineRefusals:
         self._tasks: set[asyncio.Task[None]] = set()
 
     def note(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
-        """It goes on record, or is counted there, within a second. Returns at once.
+        """Records the refusal, or counts it in a record, within a second. Returns at once.
 
         Args:
             holder: whose program it is.
@@ -74,7 +74,7 @@ class LineRefusals:
             second.without += 1
 
     async def close(self) -> None:
-        """Everything that was noted is on record, or could not be."""
+        """Waits until all noted refusals are on record, or could not be."""
         for key, second in tuple(self._seconds.items()):
             del self._seconds[key]
             second.timer.cancel()
@@ -95,7 +95,7 @@ class LineRefusals:
             self._count(following)
 
     def _count(self, second: _Second) -> None:
-        """The newest without a record has one, and all others are counted in it."""
+        """Gives the newest refusal a record, and counts all others without one in it."""
         if second.newest is not None:
             refused, what = second.newest
             second.newest, more, second.without = None, second.without - 1, 0
@@ -116,14 +116,14 @@ class LineRefusals:
 def refusal_of(
     holder: ProgramOwner, refused: InputRefusal, what: str, *, clock: Clock, more: int = 0
 ) -> dict[str, object]:
-    """The record of something that a program was refused before there was a request to decide.
+    """Record of a refusal before there was a request to decide.
 
     Args:
-        holder: whose program it is.
+        holder: owner of the program.
         refused: why.
         what: was refused.
         clock: both clocks.
-        more: so many others, of whatever reason, were refused since the record before.
+        more: number of other refusals, of any reason, since the record before.
     """
     where: dict[str, object] = {"command": what, "detail": refused.place}
     return records.refusal(

@@ -1,11 +1,11 @@
-"""The life of the control script in a lease: sent when nothing can make it move, ours when its watchdog is armed.
+"""Life of the control script in a lease: sent when harmless, running once its watchdog is armed.
 
     none -> waiting: for no program, and no command -> sent -> arming: the watchdog -> clearing: that -> running
 
-It acts on the command that it reads first, whenever that was written: so it is not sent before the controller itself
-says that none stands. It is over when the controller tells of any program's start or end after its own start: while
-the arm stands a program takes the place of another from one package to the next. Pure: what the controller says and
-the time are arguments, what follows is an act.
+The script acts on the command that it reads first, even an old one: so it is not sent before the controller itself says
+that none stands. It is over when the controller tells of any program's start or end after its own start: while the arm
+stands a program takes the place of another from one package to the next. Pure: the controller's state and the time are
+arguments, the next step is the result.
 """
 
 from __future__ import annotations
@@ -25,13 +25,13 @@ if TYPE_CHECKING:
 ARM: Final = 35
 """Command id of the watchdog."""
 WAIT_MS: Final = 2_000
-"""For the program before it to end; ur_rtde has told it to."""
+"""Longest wait for the end of the program before it; ur_rtde has told it to end."""
 START_MS: Final = 4_000
-"""ur_rtde waits for 5 s."""
+"""Longest start; ur_rtde waits for 5 s."""
 
 
 class Phase(Enum):
-    """How far it has come."""
+    """Phase of the script's life."""
 
     NONE = "none"
     WAITING = "waiting"
@@ -42,24 +42,24 @@ class Phase(Enum):
 
 
 class ControlStep(Enum):
-    """What is to be done."""
+    """Step to be taken."""
 
     SEND = "send"
-    """The script goes to the controller."""
+    """Send the script to the controller."""
     ARM = "arm"
-    """Its watchdog is set."""
+    """Set its watchdog."""
     CLEAR = "clear"
-    """And the command for that cleared."""
+    """Clear the command of the watchdog."""
     BEGIN = "begin"
-    """The program may command."""
+    """Let the program command."""
     FAIL = "fail"
-    """It did not come so far in time."""
+    """Fail: the script did not come so far in time."""
     END = "end"
-    """It runs no longer."""
+    """End: the script runs no longer."""
 
 
 class ControlProgram:
-    """The control script of one lease."""
+    """Control script of one lease."""
 
     def __init__(self) -> None:
         self.phase = Phase.NONE
@@ -70,34 +70,34 @@ class ControlProgram:
 
     @property
     def starting(self) -> bool:
-        """Whether it is on its way."""
+        """True while the script is on its way."""
         return self.phase not in (Phase.NONE, Phase.RUNNING)
 
     @property
     def sent(self) -> bool:
-        """Whether the controller has it."""
+        """True once the controller has the script."""
         return self.phase not in (Phase.NONE, Phase.WAITING)
 
     def begin(self, upload: Upload, *, at_ms: int) -> None:
-        """It was uploaded; what there was before is over."""
+        """Begins with an uploaded script; the earlier one is over."""
         self.upload = upload
         self._go(Phase.WAITING, at_ms)
 
     def end(self) -> None:
-        """There is none."""
+        """Ends the script."""
         self.phase, self.upload = Phase.NONE, None
 
     def told(self, event: Key) -> None:
-        """The controller tells of a program that starts or ends. What is before its own start was of others."""
+        """Takes in a start or end of a program. Events before the script's own start are of other programs."""
         self._disturbed = self._disturbed or self._begun
         self._begun = self._begun or (self.sent and event.title == STARTED and event.text == OURS)
 
     def unheard(self) -> None:
-        """The controller may have told something that was not heard."""
+        """Notes that an event of the controller may have been missed."""
         self._disturbed = self.sent
 
     def look(self, sample: Sample, *, at_ms: int) -> ControlStep | None:
-        """What the newest package brings about."""
+        """Step after the newest package, or None."""
         if self.upload is None:
             return None
         command, said = sample.registers[self.upload.script.offset]
@@ -125,7 +125,7 @@ class ControlProgram:
         return turn
 
     def late(self, *, at_ms: int) -> ControlStep | None:
-        """What time alone brings about."""
+        """Step after too long a time, or None."""
         limit_ms = WAIT_MS if self.phase is Phase.WAITING else START_MS
         if self.starting and at_ms - self._since_ms > limit_ms:
             self.end()

@@ -1,4 +1,4 @@
-"""The lines of a lease: the shells of what its program says on RTDE, on a script port and to the dashboard."""
+"""Shells of a lease's lines: its program on RTDE, on a script port and on the dashboard."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 class LeasedRtdePort(Conversation):
-    """Serves RTDE: the shell of `LeasedLine`."""
+    """Server of RTDE for a lease: the shell of `LeasedLine`."""
 
     def __init__(self, tenant: ActiveLease, back: ReplyChannel) -> None:
         super().__init__(back)
@@ -47,7 +47,7 @@ class LeasedRtdePort(Conversation):
         tenant.lines.add(self)
 
     def received(self, content: bytes) -> None:
-        """The program sent these bytes."""
+        """Takes bytes of the program."""
         if self._over:
             return
         slider = math.nan if self.line.commands is not None else self._slider()
@@ -59,25 +59,25 @@ class LeasedRtdePort(Conversation):
         self._send(said)
 
     def left(self) -> None:
-        """The program has closed it, or the lease is over."""
+        """Ends: the program has closed the line, or the lease is over."""
         try:
             self._gone_from(LeaseEnding.LEFT)
         finally:
             super().left()
 
     def lose(self, ending: LeaseEnding) -> None:
-        """It cannot go on, and where it is the one that commands, nor can the lease."""
+        """Ends the line after a failure, and the lease with it where the line commands."""
         try:
             self._gone_from(ending)
         finally:
             self.end()
 
     def settle(self) -> None:
-        """What has come together is sent, and the rest done."""
+        """Sends all frames that have come together, and carries out the other acts."""
         self._send(self.line.settle())
 
     def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:
-        """The lease is over: what it moves is stopped, and nothing of it goes further.
+        """Ends the line with its lease: its motion is stopped, and nothing further is passed on.
 
         Args:
             ending: how it is over.
@@ -87,13 +87,13 @@ class LeasedRtdePort(Conversation):
         self.settle()
 
     def look(self, at_ms: int) -> None:
-        """Time has passed."""
+        """Acts on the passing of time."""
         for part in self.line.parts:
             part.look(at_ms=at_ms)
         self.settle()
 
     def answer(self, question: CommandQuestion, steps: Steps | None) -> bool:
-        """The judge permits it; whether it was sent."""
+        """Forwards a permitted command; true where it was sent."""
         self._asked.pop(question, None)
         if self.line.commands is not None:
             sent = self.line.commands.forward(question, steps, at_ms=self._now())
@@ -103,7 +103,7 @@ class LeasedRtdePort(Conversation):
         return sent
 
     def refuse(self, question: CommandQuestion, reason: Reason, told: str) -> None:
-        """The judge does not."""
+        """Denies a command."""
         self._asked.pop(question, None)
         for part in self.line.parts:
             part.deny(question, reason, told)
@@ -161,7 +161,7 @@ class LeasedRtdePort(Conversation):
         self._account(acts)
 
     def _account(self, acts: list[Act]) -> None:
-        """What was refused is told and recorded; neither before, nor in place of, what is done about it."""
+        """Tells and records refusals, after their acts."""
         for act in acts:
             if isinstance(act, Tell):
                 with contextlib.suppress(Exception):
@@ -170,7 +170,7 @@ class LeasedRtdePort(Conversation):
                 self._tenant.note(act.refused, act.what)
 
     def _slider(self) -> float:
-        """Where it stands; NaN when that is not known."""
+        """Position of the slider; NaN when that is not known."""
         feed = self._tenant.ports.feed
         newest = feed.newest
         return newest.slider if newest is not None and feed.silent_ms() <= FRESH_MS else math.nan
@@ -180,7 +180,7 @@ class LeasedRtdePort(Conversation):
 
 
 class _Held:
-    """A question, as the judge has it."""
+    """Held question, as the judge has it."""
 
     def __init__(self, port: LeasedRtdePort, question: CommandQuestion, lease: ProgramOwner) -> None:
         self._port = port
@@ -217,7 +217,7 @@ class _Held:
 
 
 class LeasedScriptPort(StreamPort):
-    """Serves a script port: the stream of states, and the programs of `LeasedScripts`."""
+    """Server of a script port for a lease: the stream of states, and the programs of `LeasedScripts`."""
 
     def __init__(self, tenant: ActiveLease, back: ReplyChannel, scripts: Sequence[ControlScript]) -> None:
         super().__init__(back)
@@ -225,7 +225,7 @@ class LeasedScriptPort(StreamPort):
         self._programs = LeasedScripts(scripts)
 
     def received(self, content: bytes) -> None:
-        """The program sent these bytes."""
+        """Takes bytes of the program."""
         found = self._programs.feed(content)
         if isinstance(found, InputRefusal):
             self._refuse(found)
@@ -237,19 +237,19 @@ class LeasedScriptPort(StreamPort):
                 self._refuse(refused)
 
     def left(self) -> None:
-        """The program has closed it, or the lease is over."""
+        """Ends: the program has closed the line, or the lease is over."""
         self._tenant.left(self)
         super().left()
 
     def _refuse(self, refused: InputRefusal) -> None:
-        """Told where the program listens, and closed."""
+        """Tells the refusal where the program listens, and closes the line."""
         _refuse(self._tenant, self._back, refused, "script")
         self._tenant.left(self)
         self.end()
 
 
 class LeasedDashboardPort(DashboardPort):
-    """Serves the dashboard as for anybody, and tells the program what was refused."""
+    """Server of the dashboard as without a lease, which also tells the program of refusals."""
 
     def __init__(self, tenant: ActiveLease, back: ReplyChannel) -> None:
         super().__init__(back, stopping=tenant.ports.note)
@@ -260,7 +260,7 @@ class LeasedDashboardPort(DashboardPort):
 
 
 def _refuse(tenant: ActiveLease, back: ReplyChannel, refused: InputRefusal, what: str) -> None:
-    """On record, and told on the line that commands; whoever runs the program hears of it without such a line, too."""
+    """Records a refusal and tells it on the commanding line, or else beside the connection."""
     tenant.note(refused, what)
     text = said(refused.reason, f"{what}: {refused.place}")
     if tenant.control is not None:

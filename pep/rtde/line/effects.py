@@ -1,4 +1,4 @@
-"""What follows from what the program of a lease says: the closed sum of all that its line does about it."""
+"""Effects of a leased program's input: the closed sum of all acts of its line."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CommandQuestion:
-    """A command that waits for its decision; each is itself alone.
+    """Command that waits for its decision; each is itself alone.
 
     Attributes:
         command: what the program asks for.
@@ -30,28 +30,28 @@ class CommandQuestion:
 
 @dataclass(frozen=True, slots=True)
 class Write:
-    """These variables are written to the controller; what they do not name stays as it was written last."""
+    """Write these variables to the controller; the others stay as written last."""
 
     values: Mapping[str, Value]
 
 
 @dataclass(frozen=True, slots=True)
 class AskJudge:
-    """The judge is asked."""
+    """Ask the judge."""
 
     question: CommandQuestion
 
 
 @dataclass(frozen=True, slots=True)
 class Withdraw:
-    """The judge is told that nobody waits any more."""
+    """Tell the judge that the program waits no longer."""
 
     question: CommandQuestion
 
 
 @dataclass(frozen=True, slots=True)
 class Tell:
-    """The program is told, in a text message: why something was refused, or that it waits."""
+    """Tell the program in a text message of a refusal, or that it waits."""
 
     text: str
     level: int
@@ -59,7 +59,7 @@ class Tell:
 
 @dataclass(frozen=True, slots=True)
 class Note:
-    """The line has refused this by itself, and that goes on record.
+    """Record a refusal of the line's own.
 
     Attributes:
         refused: why.
@@ -72,21 +72,21 @@ class Note:
 
 @dataclass(frozen=True, slots=True)
 class Refresh:
-    """The program sees the newest truthful package at once: what it was shown instead is over."""
+    """Show the program the newest truthful package at once: its substitute is over."""
 
 
 @dataclass(frozen=True, slots=True)
 class StopWritten:
-    """A stop was written to the registers: whether the arm obeys is to be watched."""
+    """Watch a stop that was written to the registers, until the arm obeys."""
 
 
 @dataclass(frozen=True, slots=True)
 class Halt:
-    """No register stops the arm: the control script is to be replaced by a program that does."""
+    """Replace the control script by a program that stops the arm, since no register does."""
 
 
 Act: TypeAlias = Write | AskJudge | Withdraw | Tell | Note | Refresh | StopWritten | Halt
 
 ERROR, INFORMATION = 1, 3  # levels of an RTDE text message
 PATIENCE_MS: Final = 60_000
-"""What waits for a decision is denied then; ur_rtde itself waits for 300 s."""
+"""Time after which a waiting command is denied; ur_rtde itself waits for 300 s."""

@@ -1,4 +1,4 @@
-"""The controller's ports as everybody else sees them: what has no lease gets state and stop.
+"""Ports of the controller for clients without a lease, who get state and stop.
 
 Each connection is ended here and begun anew at the robot; nothing goes through as it came.
 """
@@ -31,25 +31,31 @@ if TYPE_CHECKING:
     from pep.rtde.wire.dashboard_grammar import DashboardLine
 
 MAX_STOP: Final = 4_096
-"""Characters of a program that only stops."""
+"""Most characters of a program that only stops."""
 STOP_PROGRAM: Final = "stop program"
-"""What UR's own client says on the primary port."""
+"""Stop program of UR's own client on the primary port."""
 FRAME_BYTES: Final = 65_536
-"""Of a stream of states: the controller's longest has some 1.5 KiB, a popup's text may have more."""
+"""Largest frame of a stream of states.
+
+The controller's longest has some 1.5 KiB, a popup's text may have more.
+"""
 ANSWER_BYTES: Final = 4_096
-"""Of one line of the dashboard."""
+"""Longest answer line of the dashboard."""
 GUESTS: Final = 16
-"""Strangers at once on one port; each has a connection to the controller, which has other clients too."""
+"""Most strangers at once on one port.
+
+Each has a connection to the controller, which has other clients too.
+"""
 LINES: Final = 64
-"""Of the dashboard, in one piece: each takes time, and nobody asks so much before an answer."""
+"""Most lines for the dashboard in one piece: each takes time, and no client asks so much before an answer."""
 STOPS: Final = 8
-"""Programs in one piece."""
+"""Most programs in one piece."""
 STOPPING: Final = {"stop": StopMeans.DASHBOARD, "pause": StopMeans.REGISTERS, "power off": StopMeans.DASHBOARD}
-"""Lines that stop the arm, and how hard the least stop is that they must come to."""
+"""Lines that stop the arm, with the least stop that each must come to."""
 
 
 class StatePort(Conversation):
-    """Serves RTDE without a lease.
+    """Server of RTDE without a lease.
 
     Args:
         back: the way back to the client.
@@ -60,7 +66,7 @@ class StatePort(Conversation):
         self._relay = StateRelay()
 
     def received(self, content: bytes) -> None:
-        """The client sent these bytes."""
+        """Takes bytes of the client."""
         try:
             said = self._relay.asked(content)
         except WireError:
@@ -82,7 +88,7 @@ class StatePort(Conversation):
 
 
 class DashboardPort(Conversation):
-    """Serves the dashboard without a lease: questions, and what ends motion or takes a notice away.
+    """Server of the dashboard without a lease: questions, and lines that end motion or take a notice away.
 
     Args:
         back: the way back to the client.
@@ -95,7 +101,7 @@ class DashboardPort(Conversation):
         self._asked, self._said = bytearray(), bytearray()
 
     def received(self, content: bytes) -> None:
-        """The client sent these bytes."""
+        """Takes bytes of the client."""
         self._asked += content
         if content.count(b"\n") > LINES:
             self.end()
@@ -109,7 +115,10 @@ class DashboardPort(Conversation):
             self.end()
 
     def _answers(self, line: DashboardLine | InputRefusal) -> bool:
-        """Whether the conversation goes on. What is refused is told in the dashboard's own way, without the text."""
+        """True where the conversation goes on.
+
+        A refusal is told in the dashboard's own way, without the text.
+        """
         if isinstance(line, InputRefusal):
             self._back.send(b"could not understand\n")
             return True
@@ -130,7 +139,7 @@ class DashboardPort(Conversation):
         return True
 
     def _refused(self, words: str) -> None:
-        """A line that is in the table was refused."""
+        """Hook for a refused line of the table."""
 
     def _heard(self, content: bytes) -> None:
         self._said += content
@@ -143,7 +152,7 @@ class DashboardPort(Conversation):
 
 
 class StreamPort(Conversation):
-    """Serves a read-only port: its stream of states, frame by frame; nothing that the client says is heard.
+    """Server of a read-only port: its stream of states, frame by frame; the client's bytes are dropped.
 
     Args:
         back: the way back to the client.
@@ -154,7 +163,7 @@ class StreamPort(Conversation):
         self._cutter = FrameSplitter(LENGTH, FRAME_BYTES, itself=True)
 
     def received(self, content: bytes) -> None:
-        """Dropped, as a controller drops it."""
+        """Drops the bytes, as a controller does."""
 
     def _heard(self, content: bytes) -> None:
         try:
@@ -167,26 +176,26 @@ class StreamPort(Conversation):
 
 
 def only_stops(text: str) -> bool:
-    """Whether a program does nothing but stop the arm."""
+    """True for a program that only stops the arm."""
     program = straight_line(text)
     stops = isinstance(program, StraightLine) and all(isinstance(s, StopJ | StopL) for s in program.statements)
     return stops or text.strip() == STOP_PROGRAM
 
 
 def stop_text(stop_deceleration_rad_s2: float) -> bytes:
-    """The program that stops the arm, to be sent in place of whatever stop was asked for."""
+    """Program that stops the arm, sent in place of every requested stop."""
     return StraightLine((StopJ(stop_deceleration_rad_s2, asynchronous=False),)).render().encode()
 
 
 class ScriptPort(StreamPort):
-    """Serves a script port without a lease: the same stream, and programs that do nothing but stop the arm.
+    """Server of a script port without a lease: the stream of states, and programs that only stop the arm.
 
     Any other ends the connection.
 
     Args:
         back: the way back to the client.
-        stop_deceleration_rad_s2: of the cell's stop model. Whatever stop is asked for, the arm is stopped so: a weak
-            one would be a motion.
+        stop_deceleration_rad_s2: of the cell's stop model. Every requested stop becomes this one: a
+            weaker one would be a motion.
         stopping: is told of each stop.
     """
 
@@ -199,7 +208,7 @@ class ScriptPort(StreamPort):
         self._stop = stop_text(stop_deceleration_rad_s2)
 
     def received(self, content: bytes) -> None:
-        """The client sent these bytes."""
+        """Takes bytes of the client."""
         try:
             programs = self._programs.feed(content.decode("ascii"))
         except (ScriptError, UnicodeDecodeError):
@@ -216,12 +225,12 @@ class ScriptPort(StreamPort):
 
 
 class StatePorts:
-    """What anybody gets: `pep.rtde.robot.connections.Ports` without a lease.
+    """Ports of clients without a lease: `pep.rtde.robot.connections.Ports` for state and stop.
 
     Args:
         robot: host of the controller.
         stop_deceleration_rad_s2: of the cell's stop model.
-        stopping: is told of each stop that somebody sends to the controller, and how hard it is.
+        stopping: is told of each stop that a client sends to the controller, and how hard it is.
     """
 
     def __init__(
@@ -232,7 +241,7 @@ class StatePorts:
         self._stopping = stopping
 
     async def open(self, lease: object, port: int, back: ReplyChannel) -> connections.ProgramConnection | Reason:  # noqa: ARG002 - the port's own form
-        """A connection to that port."""
+        """Connection to that port."""
         line: StatePort | DashboardPort | ScriptPort | StreamPort
         if port == RTDE:
             line = StatePort(back)
@@ -248,7 +257,7 @@ class StatePorts:
 
 
 class Gateway:
-    """Listens where the controller would.
+    """Listener in the controller's place.
 
     Args:
         ports: what a connection without a lease is opened to.
@@ -260,7 +269,7 @@ class Gateway:
         self.guests: list[_Guest] = []
 
     async def listen(self, host: str) -> None:
-        """From now on.
+        """Listens from now on.
 
         Raises:
             OSError: an address cannot be had.
@@ -272,7 +281,10 @@ class Gateway:
             )
 
     def admits(self, guest: _Guest) -> bool:
-        """Whether there is room at its port: for an address that has fewer of them, the oldest of the one with most."""
+        """True where there is room at the guest's port, if need be after dropping another guest.
+
+        The oldest of the address with most guests goes, where the new one's has fewer.
+        """
         there = [other for other in self.guests if other.port == guest.port]
         if len(there) >= GUESTS:
             many = Counter(other.address for other in there)
@@ -286,12 +298,12 @@ class Gateway:
         return True
 
     def leaves(self, guest: _Guest) -> None:
-        """It is gone."""
+        """Removes a guest that has gone."""
         if guest in self.guests:
             self.guests.remove(guest)
 
     def close(self) -> None:
-        """Nobody is served any more."""
+        """Stops serving."""
         for server in self._servers:
             server.close()
         for guest in tuple(self.guests):
@@ -299,7 +311,7 @@ class Gateway:
 
 
 class _Guest(AcceptedConnection):
-    """A client without a lease."""
+    """Client without a lease."""
 
     def __init__(self, gateway: Gateway, ports: Ports, port: int) -> None:
         super().__init__()
@@ -325,7 +337,7 @@ class _Guest(AcceptedConnection):
             self.begin(line)
 
     def drop(self) -> None:
-        """Its connection has ended, whatever was still to be sent."""
+        """Aborts the connection, with all unsent bytes."""
         self._transport.abort()
 
     def connection_lost(self, exc: Exception | None) -> None:

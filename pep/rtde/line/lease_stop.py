@@ -1,6 +1,6 @@
-"""The stop ladder of a lease: registers, a program of our own, the dashboard; each when the one before does not help.
+"""Stop ladder of a lease: registers, a program of our own, the dashboard; each after the one before failed.
 
-Pure: what the controller says and the time are arguments, which rung is to be taken is the answer.
+Pure: the controller's state and the time are arguments, the next rung is the result.
 """
 
 from __future__ import annotations
@@ -18,22 +18,22 @@ STOPPED: Final = 1
 PLAYING: Final = 2
 """`runtime_state` of a program that runs."""
 OBEYS_MS: Final = round(1000 * STOP_DELAY_S) + 40
-"""An arm that is no slower then has not heard the registers: the brakes' delay, and a little."""
+"""Time after which an arm that is no slower has not heard the registers: the brakes' delay, and a little."""
 
 
 class StopMeans(Enum):
     """One way to stop the arm."""
 
     REGISTERS = "registers"
-    """The control script was told to; it goes on."""
+    """Order the control script to stop; it goes on."""
     PROGRAM = "program"
-    """A program that only stops takes its place."""
+    """Replace the script by a program that only stops."""
     DASHBOARD = "dashboard"
-    """Whatever runs is ended."""
+    """End the running program, of any sender."""
 
 
 class LeaseStopLadder:
-    """The stops of one robot, and how far up they have gone."""
+    """Stops of one robot, with the rung that they have reached."""
 
     def __init__(self) -> None:
         self._rung: StopMeans | None = None
@@ -42,18 +42,18 @@ class LeaseStopLadder:
 
     @property
     def over(self) -> bool:
-        """Whether no stop is under way: the arm was seen to stand."""
+        """True while no stop is under way: the arm was seen to stand."""
         return self._rung is None
 
     def begin(self, rung: StopMeans, *, newest: Sample | None, at_ms: int) -> bool:
-        """A stop is under way; whether its rung is to be taken now. A lower one than before changes nothing."""
+        """Begins a stop; true where its rung is to be taken now. A lower one than before changes nothing."""
         if self._rung is not None and _ORDER.index(rung) <= _ORDER.index(self._rung):
             return False
         self._take(rung, newest, at_ms)
         return True
 
     def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> StopMeans | None:
-        """The rung that is to be taken now; None when there is none. What was said before the stop tells nothing.
+        """Rung to be taken now, or None. A report from before the stop does not count.
 
         Args:
             newest: what the controller has said last.
@@ -79,7 +79,7 @@ class LeaseStopLadder:
 
     def _done(self, newest: Sample, *, carried_out: bool) -> bool:
         # A stop by register leaves the script running, and its threads until it has carried the stop out.
-        # One that is paused is not ended: somebody could let it go on.
+        # A paused program is not ended: a person could let it go on.
         return carried_out if self._rung is StopMeans.REGISTERS else newest.runtime_state == STOPPED
 
     def _take(self, rung: StopMeans, newest: Sample | None, at_ms: int) -> None:

@@ -1,7 +1,7 @@
-"""What the program of a lease sets without any command: outputs, the speed slider and free registers.
+"""Settings of a leased program beside its commands: outputs, the speed slider and free registers.
 
-Each is judged, and written by itself: a package of ours never repeats what an earlier one has set. The slider may be
-lowered by anybody who may write it. ur_rtde does not wait for any of this, so a refusal is a text message alone.
+Each is judged, and written by itself: a package of ours never repeats an earlier setting. The slider may be lowered by
+every program that may write it. ur_rtde does not wait for any of this, so a refusal is a text message alone.
 """
 
 from __future__ import annotations
@@ -35,11 +35,11 @@ if TYPE_CHECKING:
     from pep.rtde.wire.recipes import WritableVariables
 
 WAITING: Final = 8
-"""Outputs that may wait for their decisions."""
+"""Most outputs that wait for their decisions."""
 
 
 class LeasedOutputs:
-    """One IO connection's outputs.
+    """Outputs of one IO connection.
 
     Args:
         profile: what it may write.
@@ -53,12 +53,12 @@ class LeasedOutputs:
         self._held: dict[CommandQuestion, int] = {}
 
     def take(self) -> list[Act]:
-        """What follows from all that was said since the last time, in order."""
+        """Acts since the last call, in order."""
         acts, self._acts = self._acts, []
         return acts
 
     def package(self, values: Mapping[str, Value], *, slider: float, at_ms: int) -> None:
-        """The program wrote these variables.
+        """Takes in the variables that the program wrote.
 
         Args:
             values: by name.
@@ -80,7 +80,7 @@ class LeasedOutputs:
             if isinstance(command, SetExternalWrench) or not self._claimed.issuperset(self._written(command)):
                 self._refuse(InputRefusal(Reason.NOT_GRANTED, "its registers were not set up"), type(command).__name__)
             elif isinstance(command, SetSpeedSlider) and command.fraction == slider:
-                pass  # it stands there; written again it could raise what somebody lowers in this moment
+                pass  # it stands there; written again it could raise a slider that is just being lowered
             elif isinstance(command, SetSpeedSlider) and command.fraction < slider:
                 self._write(command)
             elif len(self._held) >= WAITING:
@@ -91,13 +91,13 @@ class LeasedOutputs:
                 self._acts.append(AskJudge(question))
 
     def _supersede(self, command: IoCommand) -> None:
-        """What waits and would set the same is not wanted any more, however it is decided."""
+        """Withdraws waiting commands that would set the same."""
         for question in [q for q in self._held if isinstance(q.command, IoCommand) and sets(q.command) & sets(command)]:
             del self._held[question]
             self._acts.append(Withdraw(question))
 
     def forward(self, question: CommandQuestion) -> bool:
-        """Whether it was written."""
+        """Writes a permitted command; true where it was written."""
         if self._held.pop(question, None) is None:
             return False
         assert isinstance(question.command, IoCommand)
@@ -105,24 +105,24 @@ class LeasedOutputs:
         return True
 
     def deny(self, question: CommandQuestion, reason: Reason, told: str) -> None:
-        """The program is told."""
+        """Tells the program of the denial."""
         if self._held.pop(question, None) is not None:
             self._tell(reason, told)
 
     def defer(self, question: CommandQuestion, told: str) -> None:
-        """The program is told that it is not set yet."""
+        """Tells the program that the output is not set yet."""
         if question in self._held:
             self._acts.append(Tell(told, INFORMATION))
 
     def look(self, *, at_ms: int) -> None:
-        """What time alone brings about."""
+        """Denies commands that have waited for too long."""
         for question in [q for q, since_ms in self._held.items() if at_ms - since_ms > PATIENCE_MS]:
             del self._held[question]
             self._acts.append(Withdraw(question))
             self._tell(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
 
     def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:  # noqa: ARG002 - as of commands
-        """The program has gone, or its lease is over."""
+        """Withdraws all: the program has gone, or its lease is over."""
         self._acts += map(Withdraw, self._held)
         self._held.clear()
 
@@ -137,7 +137,7 @@ class LeasedOutputs:
         self._acts.append(Write({name: value for name, value in after.values.items() if name in self._claimed}))
 
     def _refuse(self, refused: InputRefusal, what: str) -> None:
-        """Nobody else was asked, so it goes on record."""
+        """Records and tells a refusal of the line's own."""
         self._acts.append(Note(refused, what))
         self._tell(refused.reason, f"{what}: {refused.place}")
 

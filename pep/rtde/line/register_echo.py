@@ -1,8 +1,8 @@
-"""How far the controller is behind what was written to its command register.
+"""Lag of the controller behind the ids that were written to its command register.
 
-What it says of that register is some milliseconds old: a register that "is" 0 may be about to get a command, and one
-that has a command may have had the same one before. Ids go out in an order, and come back in that order; some of them
-are overwritten before the controller looks.
+The controller's report of that register is some milliseconds old: a register that "is" 0 may be about to get a command,
+and one that has a command may have had the same one before. Ids go out in an order, and come back in that order; some
+of them are overwritten before the controller looks.
 """
 
 from __future__ import annotations
@@ -11,9 +11,9 @@ from collections import deque
 from typing import Final
 
 QUIET: Final = 50
-"""Packages (0.1 s) that all say the same: whatever was written before them and not said was overwritten."""
+"""Equal packages (0.1 s) after which every earlier unreported id was overwritten."""
 MOST: Final = 32
-"""Ids that are followed one by one."""
+"""Most ids that are followed one by one."""
 
 
 class RegisterEcho:
@@ -27,11 +27,11 @@ class RegisterEcho:
 
     @property
     def newest(self) -> bool:
-        """Whether the controller has what was written last, and not only an earlier one of the same id."""
+        """True where the controller has the id that was written last, and not only an earlier equal one."""
         return not self._ahead
 
     def wrote(self, command: int) -> None:
-        """That id was written."""
+        """Notes that the id was written."""
         self._same = 0
         if command != (self._ahead[-1] if self._ahead else self._told):
             self._ahead.append(command)
@@ -40,7 +40,7 @@ class RegisterEcho:
                 self._ahead.popleft()
 
     def told(self, command: int) -> None:
-        """The controller has that id."""
+        """Notes that the controller reports the id."""
         if not self._ahead:
             return
         self._same = self._same + 1 if command == self._ahead[-1] else 0

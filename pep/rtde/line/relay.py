@@ -1,7 +1,7 @@
-"""One client's RTDE connection between the client and the controller: both ends are read, and said anew.
+"""Relay of one client's RTDE connection to the controller: both ends are read, and written anew.
 
-Whoever has no lease gets outputs, at the frequency it asks for, one for one; the inputs it asks for belong to somebody
-else, as a controller says of those that another client owns. Bytes in, bytes out; what is outside the protocol raises
+A client without a lease gets outputs, at the frequency it asks for, one for one; the inputs it asks for are answered as
+taken, as by a controller whose inputs another client owns. Bytes in, bytes out; bytes outside the protocol raise
 `WireError`, and the connection ends.
 """
 
@@ -38,15 +38,21 @@ if TYPE_CHECKING:
 
 SetUpAnswer: TypeAlias = ProtocolAnswer | ControlVersion | OutputsAnswer | InputsAnswer | StartAnswer | PauseAnswer
 UNANSWERED: Final = 8
-"""Requests that may wait for their answers. No client library sends a second one before the first is answered."""
+"""Most requests that wait for their answers.
+
+No client library sends a second one before the first is answered.
+"""
 AT_ONCE: Final = 64
-"""Requests in one piece from a client without a lease: no library says two before it has heard, and each takes time."""
+"""Requests in one piece from a client without a lease, at most.
+
+No library sends two before an answer, and each takes time.
+"""
 RECIPES: Final = 255
 
 
 @dataclass(frozen=True, slots=True)
 class OutgoingFrames:
-    """What is to be sent now, each in whole frames."""
+    """Frames to be sent now, whole."""
 
     to_robot: bytes = b""
     to_client: bytes = b""
@@ -60,7 +66,7 @@ class OwnInputs:
 
 
 class Relay:
-    """Both ends of a connection; what becomes of inputs is for a subclass to say."""
+    """Both ends of a connection; the treatment of inputs is a subclass's."""
 
     def __init__(self) -> None:
         self._from_client, self._from_robot = Framer(), Framer(MAX_FRAME)
@@ -98,7 +104,7 @@ class Relay:
         return said
 
     def _ask(self, request: Request) -> None:
-        """The controller is asked, and its answer expected."""
+        """Asks the controller, and expects its answer."""
         self._wait(request)
         self._to_robot += encode_request(request, self._protocol)
 
@@ -108,27 +114,27 @@ class Relay:
         self._waiting.append(what)
 
     def _written(self, values: Values) -> None:
-        """The client wrote inputs."""
+        """Takes in the client's inputs."""
         raise NotImplementedError
 
     def _inputs(self, names: tuple[str, ...]) -> InputsAnswer | None:
-        """The answer to a client that wants inputs; None when the controller gives it."""
+        """Answer to a client that asks for inputs; None when the controller gives it."""
         raise NotImplementedError
 
     def _had(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
-        """The controller's answer to a client that wanted inputs; the client is told it."""
+        """Takes in the controller's answer to a client's request for inputs, and passes it on."""
         raise NotImplementedError
 
     def _granted(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
-        """The controller's answer to us."""
+        """Takes in the controller's answer to a request of ours."""
         raise NotImplementedError
 
     def _shown(self, values: Values) -> Values:
-        """What the client sees of a package of outputs."""
+        """Package of outputs as the client sees it."""
         return values
 
     def _judged(self, request: Request) -> InputsAnswer | None:
-        """The answer that the controller is not asked for; None for a request that goes on to it."""
+        """Answer that the controller is not asked for; None for a request that goes on to it."""
         match request:
             case RequestProtocol():
                 if self._set_up or self._waiting:
@@ -153,7 +159,7 @@ class Relay:
         return None
 
     def _passed(self, frame: RtdeFrame) -> bytes:
-        """What the client is told of a frame."""
+        """Bytes for the client in place of a frame."""
         answer = decode_answer(frame, self._protocol)
         match answer:
             case Values(number, packed):
@@ -163,7 +169,7 @@ class Relay:
                 shown = self._shown(answer)
                 return frame.encode() if shown is answer else encode_answer(shown, self._protocol)
             case RtdeMessage():
-                # Before the stream begins a client takes the next frame for its answer, whatever it is.
+                # Before the stream begins a client takes any next frame for its answer.
                 return encode_answer(answer, self._protocol) if self._started else b""
             case _:
                 return self._taken(answer)
@@ -196,15 +202,15 @@ class Relay:
 
 
 def belongs_to_others(names: tuple[str, ...]) -> InputsAnswer:
-    """What a client is told of inputs that it does not get."""
+    """Answer to a client whose inputs belong to others."""
     return InputsAnswer(tuple(VariableType.IN_USE if name in INPUTS else VariableType.NOT_FOUND for name in names), 0)
 
 
 class StateRelay(Relay):
-    """A connection without a lease."""
+    """Relay without a lease."""
 
     def asked(self, received: bytes) -> OutgoingFrames:
-        """The client sent these bytes.
+        """Takes bytes of the client.
 
         Raises:
             WireError: see `pep.rtde.wire.codec`; too many requests at once, a protocol version in the middle, or
@@ -214,7 +220,7 @@ class StateRelay(Relay):
         return self._said()
 
     def answered(self, received: bytes) -> OutgoingFrames:
-        """The controller sent these bytes.
+        """Takes bytes of the controller.
 
         Raises:
             WireError: see `pep.rtde.wire.codec`; an answer that nobody asked for.

@@ -1,4 +1,4 @@
-"""The RTDE connection of a program that has the lease: bytes of either side in, bytes and acts out.
+"""RTDE connection of a program with the lease: bytes of either side in, bytes and acts out.
 
 Outputs pass as they are, one for one; what the program sets up as inputs it has from the controller, as far as it is
 ur_rtde's. But not one of its packages goes further: once its recipes are set up, one of our own of the same variables
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 STOPPED: Final = (1).to_bytes(4, "big")
 """`runtime_state` of no program."""
 RUNNING_BIT: Final = 2
-"""Of `robot_status_bits`: a program runs."""
+"""Bit of `robot_status_bits`: a program runs."""
 SOURCE: Final = "ZTPM"
 _PROFILES: Final = tuple(
     (WritableVariables.of(offset, control=control, io=not control), control)
@@ -73,18 +73,21 @@ class LeasedLine(Relay):
         self.commands: LeasedCommands | None = None
         self.outputs: LeasedOutputs | None = None
         self.running = False
-        """Whether its control script runs. A line that commands sees no other program, and not this one too early."""
+        """True while its control script runs.
+
+        A commanding line sees no other program, and this one not too early.
+        """
 
     @property
     def parts(self) -> tuple[LeasedCommands | LeasedOutputs, ...]:
-        """What reads its packages: one of both, or neither while it has written nothing."""
+        """Reader of its packages: commands or outputs, or none while it has written nothing."""
         part = self.commands or self.outputs
         return () if part is None else (part,)
 
     # ---- bytes
 
     def said(self, received: bytes, *, slider: float, at_ms: int) -> OutgoingFrames:
-        """The client sent these bytes.
+        """Takes bytes of the client.
 
         Args:
             received: by the client.
@@ -113,7 +116,7 @@ class LeasedLine(Relay):
         return self.settle()
 
     def answered(self, received: bytes) -> OutgoingFrames:
-        """The controller sent these bytes.
+        """Takes bytes of the controller.
 
         Raises:
             WireError: as `StateRelay.answered`; inputs that the client has and we do not.
@@ -122,7 +125,7 @@ class LeasedLine(Relay):
         return self.settle()
 
     def settle(self) -> OutgoingFrames:
-        """What is to be sent now, of all that was said and answered; the other acts are in `take`."""
+        """Frames to be sent now after all input; the other acts are in `take`."""
         for part in self.parts:
             for act in part.take():
                 match act:
@@ -138,28 +141,28 @@ class LeasedLine(Relay):
         return self._said()
 
     def take(self) -> list[Act]:
-        """What is left to be done."""
+        """Remaining acts."""
         rest, self._rest = self._rest, []
         return rest
 
     def rewrite(self) -> None:
-        """What the controller has is written again: the watchdog hears it, and nothing changes."""
+        """Writes the last values again: the watchdog hears it, and nothing changes."""
         if self._last_written is not None:
             self._to_robot += self._last_written
 
     def refresh(self) -> None:
-        """The newest truthful package of each recipe again."""
+        """Shows the newest truthful package of each recipe again."""
         for values in self._newest.values():
             self._to_client += encode_answer(self._shown(values), self._protocol)
 
     def tell(self, text: str) -> None:
-        """The program is told in a text message, and whoever runs it beside that."""
+        """Tells the program in a text message, and its operator beside that."""
         self._tell(text, ERROR)
 
     # ---- inside
 
     def _follow(self) -> None:
-        """What the controller has now may be a value that others follow."""
+        """Begins to follow the written value, where others may follow it."""
         commands, package, frame = self.commands, self._last_had, self._last_written
         if self._following is not None or commands is None or commands.stands is None:
             return
@@ -172,7 +175,7 @@ class LeasedLine(Relay):
             )
 
     def _next(self, received: bytes, at_ms: int) -> OutgoingFrames | None:
-        """The next value of what stands is judged, and written if it may be; None where it is anything else."""
+        """Judges the next value of the standing command and writes it; None where it is anything else."""
         following, commands = self._following, self.commands
         if following is None or commands is None or commands.stands is None or self._from_client.pending:
             return None
@@ -229,7 +232,7 @@ class LeasedLine(Relay):
             self._write(values)
 
     def _seal(self) -> None:
-        """The client has all its recipes: ours is added."""
+        """Adds our recipe after the client's last one."""
         if self._sealed or self._inputs_had is None:
             return
         self._sealed = True
@@ -269,7 +272,7 @@ class LeasedLine(Relay):
 
     def _tell(self, text: str, level: int) -> None:
         text = fitted(text)
-        if self._started:  # before that a client takes the next frame for its answer, whatever it is
+        if self._started:  # before that a client takes any next frame for its answer
             self._to_client += encode_answer(RtdeMessage(text, SOURCE, level), self._protocol)
         self._rest.append(Tell(text, level))
 

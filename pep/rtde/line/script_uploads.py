@@ -1,6 +1,6 @@
-"""What the holder of the lease says on a script port: ur_rtde's control script, a program that only stops, or no more.
+"""Programs of a lease's holder on a script port: ur_rtde's control script, or a program that only stops.
 
-Bytes in. Nothing of them is kept but the numbers of a path: what is sent is written from our own copy.
+Bytes in. Nothing of them is kept but the numbers of a path: the sent program is written from our own copy.
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ if TYPE_CHECKING:
 
 
 class OnlyStops:
-    """A program that only stops the arm."""
+    """Program that only stops the arm."""
 
 
 ONLY_STOPS: Final = OnlyStops()
 
 
 class LeasedScripts:
-    """The programs of one connection.
+    """Programs of one connection.
 
     Args:
         scripts: control scripts for this controller.
@@ -40,7 +40,7 @@ class LeasedScripts:
         self._others: ProgramStream | None = None
 
     def feed(self, received: bytes) -> list[Upload | OnlyStops] | InputRefusal:
-        """The programs completed by `received`; refused for what is neither, as soon as that is known."""
+        """Programs completed by `received`; any other is refused as soon as it is known."""
         if self._others is not None:
             return self._stops(received)
         found = self._recogniser.feed(received)

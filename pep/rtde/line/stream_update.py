@@ -1,7 +1,7 @@
-"""A stream that goes on: its next value is read and written by the six doubles in which it differs from the one before.
+"""Fast path of a running stream: each next value is read and written by the six doubles that changed.
 
-A program that streams says one package five hundred times a second, and nothing in it changes but six doubles in a row.
-Whatever else is different, or comes torn or with something else, goes the long way through the image
+A streaming program sends one package five hundred times a second, and nothing in it changes but six doubles in a row.
+Every other change, and a package that comes torn or with more, goes the long way through the image
 (`pep.rtde.command.image_changes`), as the first value does.
 """
 
@@ -27,17 +27,17 @@ if TYPE_CHECKING:
 _SIX: Final = struct.Struct(">6d")
 _DOUBLE_BYTES: Final = 8
 _PROTOCOL: Final = 2
-"""A client's values are the same in both."""
+"""Protocol version of the frames: a client's values are the same in both."""
 
 
 class Following:
-    """What may change from one value to the next, and where. Use `of`.
+    """Places of the doubles that may change from one value to the next. Use `of`.
 
     Args:
         said: the client's frame, in which everything else stays.
-        first: at which byte of it the six doubles begin.
+        first: first byte of the six doubles in it.
         frame: that was written for it.
-        places: at which bytes of that the six doubles begin.
+        places: first bytes of the six doubles in that.
     """
 
     def __init__(self, said: bytes, first: int, frame: bytes, places: tuple[int, ...]) -> None:
@@ -50,7 +50,7 @@ class Following:
     def of(
         cls, package: Values, recipe: Recipe, *, frame: bytes, own: Recipe, command: Command, offset: Offset
     ) -> Following | None:
-        """What follows a command that is of one package, and was written in one frame.
+        """Follower of a command that came in one package, and was written in one frame.
 
         Args:
             package: newest of the client, of the form of `recipe`.
@@ -58,7 +58,7 @@ class Following:
             frame: newest of ours; it ends with values of the form of `own`.
             own: ours.
             command: that was written.
-            offset: where the registers of both begin.
+            offset: first register of both.
 
         Returns:
             None where values of this command do not follow each other in six doubles, or one package does not say it.
@@ -94,7 +94,7 @@ class Following:
 
 
 def _runs(places: Iterable[tuple[int, int]]) -> list[tuple[int, int, int]]:
-    """From where to where each double goes, and how many bytes; those side by side in both go together."""
+    """Runs of adjacent bytes to copy: source, target and length of each."""
     runs: list[tuple[int, int, int]] = []
     for at, place in places:
         if runs and (at, place) == (runs[-1][0] + runs[-1][2], runs[-1][1] + runs[-1][2]):

@@ -1,4 +1,4 @@
-"""One way to stop that may block: on a thread of its own, so that whoever asks for it never waits."""
+"""One way to stop that may block, on a thread of its own, so that its caller never waits."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ class Brake:
         self._given: Future[None] | None = None
 
     def take(self) -> Future[None]:
-        """It is being given, or is about to be; how that ends."""
+        """Gives the stop, or has it given next; the future of its end."""
         with self._lock:
             if self._given is None or self._given.done():
                 self._given = Future()

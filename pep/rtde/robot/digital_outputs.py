@@ -1,4 +1,4 @@
-"""Digital outputs of the controller behind permits: switched once, and done only when the robot reports it."""
+"""Digital outputs of the controller behind permits: switched once, and told as done only when the robot has it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SEEN_S: Final = 0.5
 
 
 class DigitalOutputs:
-    """Standard digital outputs.
+    """The standard digital outputs.
 
     Args:
         io: the raw `RTDEIOInterface`; keep no other reference to it.
@@ -39,7 +39,7 @@ class DigitalOutputs:
         self._sender = ThreadPoolExecutor(1, "outputs")
 
     async def set(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
-        """Sets the output, and waits until the robot has the value.
+        """The robot has this value at this output.
 
         Args:
             pin: 0 to 7.
@@ -53,7 +53,7 @@ class DigitalOutputs:
         await asyncio.get_running_loop().run_in_executor(self._sender, self._set, pin, value, permit)
 
     def close(self) -> None:
-        """Ends the connection."""
+        """The connection has ended."""
         self._sender.shutdown(wait=True, cancel_futures=True)
         self._io.disconnect()
 

@@ -1,4 +1,4 @@
-"""Speed slider of the controller, set in a thread of its own, so that the watch never waits."""
+"""The controller's speed slider: set in a thread of its own, so that nobody who looks at the arm waits for it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class SpeedSlider:
-    """`Slider` port over ur_rtde.
+    """The `Slider` port over ur_rtde.
 
     The connection may be that of the digital outputs: one motion or one output acts at a time, so they never meet.
 
@@ -24,17 +24,17 @@ class SpeedSlider:
         self._newest: Future[Any] | None = None
 
     def set(self, fraction: float) -> None:
-        """Begins to set the slider, after earlier settings; only the robot can tell whether it has it."""
+        """It is being set, after what was asked for before; whether the robot has it, only the robot can say."""
         self._newest = self._sender.submit(self._io.setSpeedSlider, fraction)
 
     @property
     def failed(self) -> bool:
-        """True where the controller did not take the newest setting."""
+        """Whether the controller did not take the newest setting."""
         newest = self._newest
         if newest is None or not newest.done():
             return False
         return newest.cancelled() or newest.exception() is not None or not newest.result()
 
     def close(self) -> None:
-        """Ends the settings."""
+        """Nothing is set any more."""
         self._sender.shutdown(wait=False, cancel_futures=True)
