@@ -233,7 +233,7 @@ def to_plain(question: Asked, said: Assessment, proof: bytes | PitError) -> dict
     """The answer as JSON.
 
     Args:
-        question: what was asked.
+        question: the question.
         said: the answer.
         proof: its document, or why there is none.
     """

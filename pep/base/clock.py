@@ -102,7 +102,7 @@ class HeldClock:
     Args:
         machine: the clocks underneath.
         mark: the latest time that an earlier process judged by.
-        skew_s: how far back the wall time may go; as for proofs (`Caps.skew_s`), and more than `MARK_PERIOD_S`.
+        skew_s: most by which the wall time may go back; as for proofs (`Caps.skew_s`), and more than `MARK_PERIOD_S`.
 
     Raises:
         PepError: `STATE_UNREADABLE`.

@@ -29,7 +29,7 @@ class OperationKind(Enum):
     MOTION = "motion"
     """Something moves: physics is computed, one at a time."""
     SWITCH = "switch"
-    """Something wired to the robot is switched; any effect counts as motion, one at a time."""
+    """Something wired to the robot is switched, and may move; one at a time."""
     STOP = "stop"
     """Motion ends. Never subject to a permit."""
 

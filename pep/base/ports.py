@@ -146,7 +146,7 @@ class RemainingVerdict:
         holds: whether its index is proven to be at most the authorised one.
         index_milli: proven upper bound of its index in thousandths, or None when none can be told.
         cause: kind and object of what leads, for the record.
-        fault: why it could not be judged, a `policies.words.reason_table.Reason` code; "" when it was.
+        fault: reason why it could not be judged, a `policies.words.reason_table.Reason` code; "" when it was.
         age_ms: age of the view it was judged on, transit included, or None when there was no view.
         shown: what that view shows, old or new (`pep.perception.sensor_frames.Seen.content`); None when there was
             no view.
@@ -240,7 +240,7 @@ class Physics(Protocol):
         """One look at perception and robot state, one assessment. Never raises; a time-out is a fault.
 
         Args:
-            request: what would be done.
+            request: the request to be judged.
             touch: objects that the authority behind it lets the arm touch on purpose; the cell has its own say.
         """
         ...
@@ -251,7 +251,7 @@ class Physics(Protocol):
         For `unsafe_observe` alone: what was denied before physics begins somewhere, and leads somewhere, too.
 
         Args:
-            request: what is done unassessed.
+            request: the request whose motion is kept unassessed.
         """
         ...
 

@@ -84,7 +84,7 @@ class NotAdmitted:
     """Value that must not reach the agent.
 
     Attributes:
-        decision: why; DENY or DEFER.
+        decision: the decision, DENY or DEFER.
         record: hash of its record, or "" when it could not be recorded.
     """
 
@@ -108,7 +108,7 @@ class Admits(Protocol):
         """Admits the value into that context, on record; or returns the reason why not. Never raises.
 
         Args:
-            item: what is known of it: kind, id, label, provenance. Screening is added here, and taints the label.
+            item: its known properties: kind, id, label, provenance. Screening is added here, and taints the label.
             value: plain JSON, mostly a text; at most 1 MiB in canonical form.
             into: the context that it would enter (`Flow.context` for a holder, `Flow.fresh` for a reader).
         """
@@ -127,17 +127,17 @@ class Admission:
     """Judges everything that would enter a context. Any thread; all IO is in its ports.
 
     Args:
-        policies: what is decided by.
+        policies: the policies of decisions.
         clock: both clocks.
         journal: durable; nothing is admitted before its answer.
         audience: canonical URL of this admission point; its receipts name it.
         key: of this PEP; signs receipts.
-        flow: what entered which context.
+        flow: contents of all contexts.
         standing: the authority behind a context.
-        people: whose word is an instruction.
+        people: people whose word is an instruction.
         forms: of instructions and messages.
-        conversations: which messages were heard.
-        replay: which intents were carried out.
+        conversations: messages heard before.
+        replay: intents carried out before.
         caps: the bounds.
     """
 

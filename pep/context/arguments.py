@@ -103,7 +103,7 @@ def arguments(
     Args:
         request: in integers.
         presented: receipts that came with the call.
-        known: where it is judged.
+        known: the context of the judgement.
     """
     wanted: dict[str, _Test] = {quantity.name: _quantity(quantity) for quantity in request.values}
     return _readings(wanted, presented, known)
@@ -117,7 +117,7 @@ def named_arguments(
     Args:
         call: arguments by name, in order.
         presented: receipts that came with the call.
-        known: where it is judged.
+        known: the context of the judgement.
     """
     wanted: dict[str, _Test] = {name: _json(value) for name, value in call.items()}
     return _readings(wanted, presented, known)

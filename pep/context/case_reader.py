@@ -37,8 +37,8 @@ class AdmissionCase:
     """One case of admission, to be judged.
 
     Attributes:
-        item, evidence: what is known of it.
-        value: what would be admitted, or why it is no value.
+        item, evidence: known properties of the content.
+        value: value to be admitted, or the fault for which it is none.
         into: the context.
         proof: name of the proof that it came with, for the record.
         claim: called once everything permits it, and before anything is recorded: None, or why it is taken already.
@@ -59,11 +59,11 @@ class Reader:
 
     Args:
         clock: both clocks.
-        flow: what entered which context.
-        people: whose word is an instruction.
+        flow: contents of all contexts.
+        people: people whose word is an instruction.
         forms: of instructions and messages.
-        conversations: which messages were heard.
-        replay: which intents were carried out.
+        conversations: messages heard before.
+        replay: intents carried out before.
         caps: the bounds.
     """
 

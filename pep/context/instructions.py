@@ -45,7 +45,7 @@ class Instruction:
     Attributes:
         reading: for CII-1.
         item: the same text as something that would enter a context, offered as authority, for CII-2.
-        intent: what was signed; None when the signature is not believed.
+        intent: the signed intent; None when the signature is not believed.
         read: its body, of its form; None when it is of none.
     """
 

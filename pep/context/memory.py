@@ -77,7 +77,7 @@ class Memory:
         key: of this enforcement point.
         audience: its canonical URL.
         verifier: that verified the writers' chains.
-        feed: what is revoked.
+        feed: the revocation feed.
         clock: wall time.
         caps: the bounds.
 

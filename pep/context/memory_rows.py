@@ -101,7 +101,7 @@ class History:
 
     Args:
         rows: as the store returns them.
-        owner: whose they should be.
+        owner: owner of the rows.
         seen: the newest that was ever written.
 
     Attributes:

@@ -78,10 +78,10 @@ class ReceivedMessage:
 
     Attributes:
         reading: for CII-6.
-        message: what was said; None when the signature is not believed.
+        message: the signed message; None when the signature is not believed.
         hop: the sender's, in the chain; None when it is none of the chain's.
         read: its body, of its form; None when it is of none.
-        line: where it was said; None when that is not known.
+        line: direction of the message; None when that is not known.
         until_s: until when a message under this hop may count.
     """
 

@@ -60,7 +60,7 @@ class Curated:
     Args:
         collection: in its store.
         name, content: of the collection, as its manifests must state them.
-        curators: who may sign them.
+        curators: curators who may sign manifests.
         feed: revoked keys; a key of kind `key` with its thumbprint revokes a curator.
         marks: the newest manifest that was ever accepted, over restarts.
         clock: wall time for ages and ends.

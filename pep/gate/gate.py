@@ -92,9 +92,9 @@ class Gate(Edge):
         registry: trust in agents, and what is known of their conduct.
         limits: the robot's own limits.
         slot: one motion at a time.
-        sequence: what was done with the robot just now.
+        sequence: the recent acts of the robot.
         physics: runtime impact.
-        policies: what is decided by.
+        policies: the policies of decisions.
         journal: durable; nothing moves before its answer.
         asks: deferrals, what people answered, and what was used of it.
         announcer: tells people of a new deferral.
@@ -102,7 +102,7 @@ class Gate(Edge):
             so, and happens all the same. None, as everywhere else, enforces.
 
     Attributes:
-        conduct: what is known of holders' conduct; it hears what is recorded here.
+        conduct: holders' conduct; it hears of each record made here.
     """
 
     def __init__(

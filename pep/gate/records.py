@@ -92,8 +92,8 @@ def outcome(
         what: "done", "failed", "refused" (nothing was sent), "cancelled" or "unknown" (the PEP died in between).
         reason: a code, when it is not "done".
         detail: for the record.
-        result: what the effect reported.
-        watch: what the watch saw when it ended the effect.
+        result: report of the effect.
+        watch: finding of the watch that ended the effect.
         returned: the use of an approval that is free again, because nothing was sent and nothing can be any more.
     """
     body: dict[str, object] = {"request_id": request.request_id, "decision": record, "outcome": what}
@@ -121,7 +121,7 @@ def refusal(
         reason: the code.
         status: HTTP status of the answer; 200 for a tool result.
         credentials: as far as they were verified; None when they were not looked at.
-        where: what is known of the request: method, path, tool, digest of the body.
+        where: known parts of the request: method, path, tool, digest of the body.
     """
     evidence = Evidence(at=at, at_ms=at_ms)
     fault = None

@@ -75,7 +75,7 @@ class Patience:
     """Retries that wait a moment for people's answers.
 
     Args:
-        asks: what has become of each deferral.
+        asks: state of each deferral.
     """
 
     def __init__(self, asks: Asks) -> None:

@@ -65,15 +65,15 @@ class Guard(Extension):
     """SDK extension that stands before every tool.
 
     Args:
-        server: whose live definitions are pinned.
+        server: server with pinned definitions.
         gate: decides and enforces.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
-        asks: what has become of deferrals, for a retry that waits.
+        asks: state of deferrals, for a retry that waits.
         readiness: of the robot, for these tools.
         audience: canonical URL of the server.
         clock: both clocks.
-        vouching: where values come from; None where nothing is known of it: no receipt is believed, and none given.
+        vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
     """
 
     identifier = EXTENSION
@@ -254,12 +254,12 @@ def guard(
         authority: steps 1 to 10.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
-        asks: what has become of deferrals.
+        asks: state of deferrals.
         readiness: of the robot, for these tools.
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
-        vouching: where values come from; None where nothing is known of it: no receipt is believed, and none given.
+        vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
 
     Raises:
         RuntimeError: when this SDK does not let the guard stand before the tools.

@@ -168,7 +168,7 @@ class Refusals:
             status: of HTTP.
             reason: the code.
             credentials: as far as they were verified; None when they were not looked at.
-            where: what is known of the request, as in `records.refusal`.
+            where: known parts of the request, as in `records.refusal`.
             headers: further ones of the answer.
         """
         body = records.refusal(

@@ -98,7 +98,7 @@ class Vouching:
         key: of this enforcement point.
         audience: its canonical URL.
         admitters: raw public key by canonical URL of every registered admission point, as of now.
-        flow: what entered which context, as far as it is known here.
+        flow: contents of all contexts, as far as they are known here.
         caps: the bounds.
     """
 
@@ -142,7 +142,7 @@ class Vouching:
             request: that was decided, and done.
             reading: of its arguments.
             tool: as it was registered and served before and after it answered.
-            leaf: who called.
+            leaf: last hop of the caller.
             proof: name of the call's proof.
             at: now, seconds since the epoch.
         """

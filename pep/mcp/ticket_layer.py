@@ -58,7 +58,7 @@ class TicketLayer:
         edge: takes records; the gate.
         tools: their operations, by name: stops need no ticket.
         peps: raw public key of each enrolled tool server, by its id, as of now.
-        feed: what is revoked.
+        feed: the revocation feed.
         replay: ids of tickets; may be the store of proofs.
         audience: canonical URL of the cell; its path is where the app answers.
         url: canonical URL at which this layer answers.

@@ -67,8 +67,8 @@ class Asks:
     Args:
         clock: both clocks.
         journal: takes each ask, answer and end before it counts.
-        timeout_ms: how long a deferral stays open.
-        asker: who asks.
+        timeout_ms: time for which a deferral stays open.
+        asker: author of the asks.
         approvers: the registered approvers' keys.
         caps: bounds on statements.
     """

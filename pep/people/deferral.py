@@ -59,8 +59,8 @@ class AskNotice:
     Attributes:
         ask_id: the request id of the call that opened it.
         agent: leaf agent that asked.
-        request_digest: what it asked for.
-        reason: why it was deferred.
+        request_digest: digest of its request.
+        reason: reason of the deferral.
         expires_ms: monotonic time of its end.
         expires_at: the same in seconds since the epoch, for people.
         url: the page on which people see it.
@@ -82,8 +82,8 @@ class Deferral:
     """A deferral with its votes and uses.
 
     Attributes:
-        ask, question, key: what was asked.
-        state: what has become of it.
+        ask, question, key: the ask, and the question it puts.
+        state: state of the deferral.
         ballots: verified votes by the digest of their text; what was heard once is not unheard.
         rejected: digests of votes that do not count.
         word_ms: monotonic time at which the nonce of the provider's newest word about it was sent; None since start.
@@ -153,7 +153,7 @@ class Deferral:
             request_id: of the request.
             at_ms: monotonic time of the evidence.
             counted: its votes.
-            standing: how it stands.
+            standing: standing of the deferral.
         """
         question = self.question
         left, use = self.next_use(request_id, counted.uses, at_ms)

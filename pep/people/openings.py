@@ -46,8 +46,8 @@ class Openings:
         """The opening `named`, else the one that ends last; of those in force for this agent and act, or None.
 
         Args:
-            chain: whose act.
-            request: which.
+            chain: chain of the act.
+            request: the act.
             registered: raw key of each approver who is registered now, by id.
             named: the opening that an ask rests on, or "".
             now_s: seconds since the epoch.

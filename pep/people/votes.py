@@ -79,9 +79,9 @@ class Tally:
     """The votes on one ask, counted.
 
     Attributes:
-        count: what they come to.
+        count: outcome of the votes.
         approvers: the different people who approve, sorted.
-        uses: how often the approval may be used in all: the least of what they gave; 0 when nobody approves.
+        uses: number of uses of the approval in all: the least of the votes; 0 when nobody approves.
         not_after: seconds since the epoch, the earliest of theirs; 0 when nobody approves.
         sees_clear: every one of them attests to seeing the cell clear.
     """
@@ -155,7 +155,7 @@ def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[str
 
     Args:
         ballots: verified votes on `question`.
-        question: how many different people are wanted; of two at most one is the sponsor.
+        question: the ask, with the number of different people wanted; of two at most one is the sponsor.
         approvers: raw key of each approver who is registered now, by id.
     """
     standing = [ballot for ballot in ballots if approvers.get(ballot.vote.approver) == ballot.key]

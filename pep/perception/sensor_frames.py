@@ -67,7 +67,7 @@ class SensorFrame:
     """A believed frame.
 
     Attributes:
-        observation: what was seen.
+        observation: the signed observation.
         arrived_ms: monotonic time of arrival.
         transit_ms: counted as age on arrival: the declared longest transit, or more by its sender's clock.
         judged_as: the registration it was judged by. Once the registry says something else, nobody vouches for it.
@@ -185,7 +185,7 @@ class Look:
         Args:
             now_ms: monotonic time at which the decision uses it.
             limit_ms: a frame of a greater age is stale.
-            witnesses: what independent sources say of it (`pep.perception.consistency.witnessed`).
+            witnesses: comparisons with independent sources (`pep.perception.consistency.witnessed`).
         """
         readings = []
         for one in self.heard:

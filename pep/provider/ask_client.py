@@ -51,7 +51,7 @@ class AskClient:
     Args:
         asks: takes what was answered.
         http: client of the identity provider.
-        asker: who asks; its key makes the proofs.
+        asker: author of the asks; its key makes the proofs.
         trust: keys of the registry, which sign answers.
         caps: bounds on statements.
         clock: both clocks.

@@ -60,7 +60,7 @@ class FeedMark:
     """The high-water mark that survives restarts.
 
     Attributes:
-        issuer: whose feed it is; another issuer's mark is no mark.
+        issuer: issuer of the feed; another issuer's mark is no mark.
         epoch: highest accepted.
         registry_version: highest accepted.
     """

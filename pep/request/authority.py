@@ -48,7 +48,7 @@ class Credentials:
         token: bytes of the token, or None when there was none to read.
         chain: the verified chain, or the fault of steps 1 to 9.
         proof: True after step 10, its fault, or `NOT_COLLECTED` after an earlier fault.
-        proof_name: what the replay store knows the proof by (hex), or "" when no proof was verified.
+        proof_name: name of the proof in the replay store (hex), or "" when no proof was verified.
     """
 
     token: bytes | None
@@ -109,7 +109,7 @@ class Authority:
         """The caller's credentials, with the first fault of steps 1 to 10.
 
         Args:
-            presented: what came over the wire.
+            presented: the caller's credentials, unverified.
             lease_ms: oldest acceptable revocation view.
         """
         if presented.token is None:

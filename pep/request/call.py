@@ -24,10 +24,10 @@ class Call:
         request: in integers.
         operation: of it.
         tool: as it is registered and as it is served now.
-        credentials: what the caller presented, after steps 1 to 10.
+        credentials: the caller's credentials, after steps 1 to 10.
         arrived_ms: monotonic time of arrival.
         readiness: of the robot, for those who command it the way of this call.
-        context: what its parameters derive from.
+        context: provenance of its parameters.
     """
 
     request: Request

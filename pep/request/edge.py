@@ -18,7 +18,7 @@ class Edge:
     """Leases of the policies and records in the journal, which a worker of their own writes one after the other.
 
     Args:
-        policies: what is decided by.
+        policies: the policies of decisions.
         journal: durable.
     """
 

@@ -53,18 +53,18 @@ class Permit:
 
     Attributes:
         request_id: of the request that was decided.
-        agent: whose request it was; "" when nobody needs to know.
+        agent: agent of the request; "" when nobody needs to know.
         digest: `Request.digest` of what was decided.
         since_ms: monotonic time at which the request arrived; a stop after that voids the permit.
         deadline_ms: monotonic time after which nothing may be sent.
-        request: what was decided, for who judges what is left of it; None only where nothing moves.
+        request: the decided request, for judgements of the rest of its motion; None only where nothing moves.
         index_milli: the authorised impact index in thousandths; 0 allows no impact at all.
         sighted: whether it was given on fresh perception; then it lasts only while there is some.
         touch: objects that the token grants to be touched.
         spent: whether `spend` has succeeded.
-        refusal: why the last `spend` failed, or None.
+        refusal: reason why the last `spend` failed, or None.
         concluded: whether its outcome has been handed to the journal.
-        watched: what the watch saw when it ended the effect, as plain JSON for its record; None while it has not.
+        watched: finding of the watch that ended the effect, as plain JSON for its record; None while it has not.
     """
 
     def __init__(

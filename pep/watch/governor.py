@@ -37,8 +37,8 @@ class ReportedSpeeds:
     """The robot's word on its speed, as fractions of the commanded one.
 
     Attributes:
-        slider: where its speed slider stands (`target_speed_fraction`).
-        scaling: how fast it goes (`speed_scaling`).
+        slider: position of its speed slider (`target_speed_fraction`).
+        scaling: actual fraction of the commanded speed (`speed_scaling`).
         heard_ms: monotonic time at which the package was heard.
     """
 
@@ -58,10 +58,10 @@ class Offer:
     """Speeds that a judgement of the rest of a motion allows.
 
     Attributes:
-        holds: what is left is inside what was authorised, at the speed that was asked about.
+        holds: the rest of the motion is inside the authorised index, at the speed in question.
         fraction: the highest speed at which it would be, or None.
         index_milli: of what is left, or None.
-        cause: what speaks against it, "" when it holds.
+        cause: cause against it, "" when it holds.
     """
 
     holds: bool
@@ -78,7 +78,7 @@ class Change:
         at_ms: monotonic time at which it was asked for.
         after_ms: the same, since the motion began.
         fraction: of the commanded speed, from then on.
-        cause: what made it necessary; "clear" when nothing does any more, "ended" after the motion.
+        cause: cause of the change; "clear" when there is none any more, "ended" after the motion.
         index_milli: of what was left at the speed before, or None.
         confirmed_ms: monotonic time at which the robot said so, or None when it never did.
     """
@@ -109,7 +109,7 @@ class Pacing:
     Attributes:
         delay_ms, change_ms: slowing down from a fraction r is seen after `delay_ms` + r * `change_ms` at the latest.
         slowest: fraction of the commanded speed below which a motion is stopped.
-        dwell_ms: how long a higher speed has to hold before it is taken up.
+        dwell_ms: time for which a higher speed has to hold before it is taken up.
         gain: by how much it has to be higher; full speed always is.
     """
 
@@ -142,7 +142,7 @@ class Governor:
         slider: of the controller; this motion's alone while it lasts.
         pacing: of the cell.
         least: fraction of this motion's speed below which it could not be told from standstill.
-        speeds: what the robot says before the motion begins. Its slider is put back to where it stands there.
+        speeds: reported speeds before the motion begins. Its slider is put back to that position.
         now_ms: monotonic time.
 
     Attributes:
@@ -221,7 +221,7 @@ class Governor:
         Args:
             offer: of a judgement.
             running: the speed that it was asked about.
-            heard_ms: when the robot was heard where it was asked about.
+            heard_ms: time at which the robot was heard in the judged place.
             now_ms: monotonic time.
         """
         if offer.holds:

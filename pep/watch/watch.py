@@ -60,7 +60,7 @@ class Alarm:
         end: `AUTHORITY_LOST` or `WORLD_CHANGED`.
         reason: a `Reason` code.
         seen_ms: monotonic time at which it was seen.
-        what: what was seen, for the record.
+        what: finding for the record.
         index_milli: index of what is left, in thousandths, or None when it was not that.
         authorised_milli: index of the verdict.
     """
@@ -76,8 +76,8 @@ class Alarm:
         """The same for the record of the motion that it ended.
 
         Args:
-            at_rad: where the arm was when it was seen, six joint angles.
-            stood_rad: where it then stood; None when nobody saw it stand.
+            at_rad: joint angles of the arm when it was seen, six.
+            stood_rad: joint angles at its standstill; None when nobody saw it stand.
         """
         return {
             "outcome": str(self.end),
@@ -130,7 +130,7 @@ class Watch:
     Args:
         permit: that the motion was given; its index, its sight and its authority are what must stand.
         remaining: judges what is left.
-        views: what the sensors see.
+        views: the sensors' views.
         limits: of ages.
         clock: the monotonic one counts.
         submit: has the judgement made on a worker; a slow one delays no look.
@@ -168,7 +168,7 @@ class Watch:
 
         Args:
             q_rad: measured joint angles now, six.
-            speeds: what the robot said of its speed with them; needed where there is a governor.
+            speeds: reported speeds of the same time; needed where there is a governor.
         """
         now = self._clock.monotonic_ms()
         since_ms, self._looked_ms = now - self._looked_ms, now

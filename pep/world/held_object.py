@@ -24,7 +24,7 @@ class CommittedGrip:
 
     Args:
         robot: the arm with its tool and empty fingers.
-        cell: what is known of the parts that may be carried, and of what is mounted besides.
+        cell: known parts that may be carried, and the constant load.
     """
 
     def __init__(self, robot: Robot, cell: CellParameters) -> None:
@@ -49,7 +49,7 @@ class CommittedGrip:
 
         Args:
             q_rad: measured joint angles.
-            objects: what sensors show, in the base frame; nothing that was only surveyed.
+            objects: objects seen by sensors, in the base frame; no surveyed ones.
         """
         self._hold(gripped(self._empty, q_rad, objects, self._cell) or unknown_part(self._empty, self._cell))
 

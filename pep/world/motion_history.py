@@ -34,12 +34,12 @@ class Act:
     """An act of the arm or gripper, done or about to be done.
 
     Attributes:
-        agent: who did it.
+        agent: agent of the act.
         operation: object and operation.
         values: of the request, in its own units.
-        at_ms: when, monotonic.
-        start_urad: where the arm stood; () when that is not known or does not matter.
-        points: where it led, waypoint by waypoint; () for what moves no arm.
+        at_ms: monotonic time of the act.
+        start_urad: joint angles at its beginning; () when they are not known or do not matter.
+        points: its targets, waypoint by waypoint; () for an act that moves no arm.
         speed, acceleration: of the leading axis, urad/s and urad/s2; 0 for what moves no arm.
     """
 
@@ -77,9 +77,9 @@ class Joined:
     """Several acts together as one straight move.
 
     Attributes:
-        start_urad: where it would have begun, in line with this act: as far behind the arm as the first of them began.
+        start_urad: its own beginning, in line with this act: as far behind the arm as the first of them began.
         request: a `move_joint` from there, to where the last one leads, at that one's speed and acceleration.
-        acts: how many of them were done before.
+        acts: number of earlier acts among them.
     """
 
     start_urad: Angles
@@ -91,7 +91,7 @@ def joined(request: Request, now: Act, before: Sequence[Act]) -> Joined | None:
     """Longest straight way that ends with this act's first leg; None when no earlier act belongs to it.
 
     Args:
-        request: what is asked.
+        request: the request.
         now: the act that it is.
         before: earlier acts in their order; those that move no arm are passed over.
     """

@@ -51,7 +51,7 @@ class Sequence:
         """The request joined with the acts before it, to be assessed as one; None when it stands alone.
 
         Args:
-            request: what would be done.
+            request: the request.
             impact: of the request: where the arm is.
         """
         with self._lock:
@@ -71,12 +71,12 @@ class Sequence:
         """Reading of the sequence for this request of that agent, as of now.
 
         Args:
-            request: what would be done.
-            agent: who asks.
+            request: the request.
+            agent: agent of the request.
             impact: of the request: where the arm is, and its tier.
             robot: its readiness: what it is known to hold.
             unfinished: whether a motion is under way that the request is no part of.
-            together: what physics says of what `joined` gave, or None when it gave nothing. A fault there is no tier.
+            together: judgement of the acts that `joined` gave, or None when it gave none. A fault there is no tier.
         """
         seen = impact if isinstance(impact, ImpactReading) else None
         whole_milli = together.index_milli if isinstance(together, Together) else None
@@ -105,8 +105,8 @@ class Sequence:
         """Notes that the request is sent: the arm's resting place is not known until it has ended.
 
         Args:
-            request: what is sent.
-            agent: whose it is.
+            request: the request.
+            agent: agent of the request.
             impact: of the request: where the arm is.
         """
         operation = operation_of(request.object, request.operation)

@@ -70,7 +70,7 @@ class CellPhysics:
         cell: its parameters and surveyed objects.
         valid_until_s: end of the signed cell file that they come from, seconds since the epoch.
         frames: the believed perception.
-        state: what the robot says about itself.
+        state: the robot's state.
         clock: ages on its monotonic, the cell file's end on its wall time.
     """
 

@@ -35,7 +35,7 @@ class Cell:
 
     Attributes:
         layout: its directory.
-        addresses: where it listens.
+        addresses: addresses of the cell.
         passphrase: of its keys.
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
@@ -194,7 +194,7 @@ class Cell:
         """Registers the enforcement points.
 
         Args:
-            admin: who registers.
+            admin: the person who registers.
             only: ids, or None for all.
         """
         for name, key in self.peps.items():

@@ -91,7 +91,7 @@ def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]
     """Differences between the registry and the cell's present enforcement points, sensor and tools.
 
     Args:
-        cell: whose keys count.
+        cell: cell with the present keys.
         snapshot: as registered.
     """
     found, known = [], {entry.id: entry.key for entry in snapshot.peps}
@@ -137,7 +137,7 @@ def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, .
 
     Args:
         cell: its identity provider runs.
-        admin: who registers.
+        admin: the person who registers.
         trust: holds the registry's key.
 
     Raises:

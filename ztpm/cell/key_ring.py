@@ -52,8 +52,8 @@ def prepare(
 
     Args:
         layout: of the cell.
-        role: what the key will sign.
-        algorithm: what it will sign with.
+        role: role of the key.
+        algorithm: algorithm of its signatures.
         passphrase: of all keys of the provider.
         at: seconds since the epoch.
 

@@ -184,14 +184,14 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
 
     Args:
         layout: an empty or missing directory; the lock of a `ztpm up` does not count.
-        addresses: where the cell will listen.
+        addresses: addresses of the new cell.
         passphrase: encrypts every private key.
         policy: name of a shipped policy set, or a path.
-        defer_timeout_s: how long the PEP waits for an answer to a deferral.
+        defer_timeout_s: time for which the PEP waits for an answer to a deferral.
 
     Raises:
         ztpm.base.layout.LayoutError: when the directory has anything in it.
-        SetupError: when the services would not start on what is asked for.
+        SetupError: when the services would not start on these settings.
         OSError: when the directory cannot be written.
     """
     missing = not layout.root.exists()

@@ -110,13 +110,13 @@ class Supervision:
 
     Args:
         cell: its identity provider runs already.
-        scene: what the sensor is to see.
+        scene: scene of the sensor.
         log: of what happens.
         ended: set it, from anywhere, to end.
         clock: monotonic, seconds.
 
     Attributes:
-        restarts: how often each process was started again.
+        restarts: number of restarts of each process.
     """
 
     def __init__(

@@ -40,7 +40,7 @@ def draft(text: str, *, at: int, days: int) -> cell.Cell:
     Args:
         text: TOML.
         at: seconds since the epoch.
-        days: how long it is in force.
+        days: days for which it is in force.
 
     Raises:
         DraftError: `DRAFT_MALFORMED`, or a code of `pep.pit.SurveyFault` for a draft that contradicts itself.

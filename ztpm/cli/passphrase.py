@@ -19,7 +19,7 @@ def ask_passphrase(*, new: bool, as_json: bool) -> bytes:
 
     Args:
         new: whether it is for keys that will be made: it is asked for twice and must be long enough.
-        as_json: how a failure is told.
+        as_json: form of a failure's message.
     """
     passphrase = os.environ.get(VARIABLE, "")
     if not passphrase:

@@ -91,7 +91,7 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
         name: the person's id.
         issuer: the identity provider, with `key`, instead of `directory`.
         key: file of the person's key.
-        as_json: how a failure is told.
+        as_json: form of a failure's message.
     """
     from ztpm_idp.client import Operator
 

@@ -42,8 +42,8 @@ class Program:
     """The program under way, in an agent's lease. Use it as a context: it has ended afterwards.
 
     Args:
-        stage: where; its gateway runs.
-        agent: whose lease; its token is the stage's.
+        stage: the running stage, with its gateway.
+        agent: holder of the lease; its token is the stage's.
         to: joint angles of the move, rad.
         speed: of the leading axis, rad/s.
         acceleration: likewise, rad/s2.

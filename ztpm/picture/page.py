@@ -58,8 +58,8 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 
     Args:
         shown: everything that is drawn.
-        subtitle: what was asked, one line.
-        advice: what would lower the tier, one sentence.
+        subtitle: the question, in one line.
+        advice: advice that would lower the tier, in one sentence.
     """
     room = resources.files("ztpm.picture")
     library = (room / "vendored" / THREE).read_text("utf-8")

@@ -49,7 +49,7 @@ class Body:
     Attributes:
         tier: that of a zone that has one.
         source: the sensor, or "" for the signed cell file.
-        age_s: how old its sighting was, all in all; 0 for what was surveyed.
+        age_s: age of the sighting, all in all; 0 for a surveyed object.
     """
 
     kind: str

@@ -133,7 +133,7 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
     Args:
         robot: the arm, its tool and what that holds.
         motion: that was assessed.
-        cell: how the arm stops: a held speed goes on until it has.
+        cell: the arm's stop: a held speed goes on until it has ended.
         perception_age_s: of the view; until it has stopped, a stream goes on, too.
 
     Raises:

@@ -65,9 +65,9 @@ class CellConfig(PointConfig):
 
     Attributes:
         robot_host: address of the controller.
-        perception_port: where sensors push frames, on `host`.
-        defer_timeout_s: how long a deferral waits for a person.
-        cell_file: what stands in the cell, signed by a person (`ztpm cell sign`).
+        perception_port: TCP port for sensors' frames, on `host`.
+        defer_timeout_s: time for which a deferral waits for a person.
+        cell_file: surveyed objects, signed by a person (`ztpm cell sign`).
         cell_signer_key: that person's public key: 32 raw bytes in base64url.
         cell: numbers of the physics engine; what stands in the cell is not among them.
         calibration_file: the arm's own kinematics, as its vendor's tool exports them (PHY-41); None for an arm that is
@@ -123,7 +123,7 @@ def read_robot(config: CellConfig, *, tool: str) -> Robot:
 
     Args:
         config: names the calibration.
-        tool: what it carries.
+        tool: the mounted tool.
 
     Raises:
         ConfigError: `CONFIG_INVALID`: no such tool; a calibration that cannot be read, is not strictly of the vendor's

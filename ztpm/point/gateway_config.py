@@ -24,7 +24,7 @@ class GatewayConfig(CellConfig):
         url: canonical URL of the door; the `htu` of openings.
         calls_url: canonical URL at which tool servers' calls are taken.
         listen_host: address that has the controller's ports for everybody.
-        carriage_port: where leases are carried, on `host`.
+        carriage_port: TCP port for carriages of leases, on `host`.
     """
 
     url: str

@@ -33,7 +33,7 @@ class PointConfig:
 
     Attributes:
         audience: canonical URL of the cell; also the `htu` of every proof of a tool call.
-        host, port: where it listens.
+        host, port: address of its door.
         pep_id: this PEP's registered id.
         issuer: base URL of the identity provider.
         trust_file: its public trust bundle.

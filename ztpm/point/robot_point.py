@@ -143,7 +143,7 @@ class RobotPoint(EnforcementPoint):
         """Gate over these parts.
 
         Args:
-            policies: what is decided by.
+            policies: the policies of decisions.
             slot: one motion at a time.
         """
         return Gate(

@@ -34,7 +34,7 @@ async def report_of(
         robot: the model in use.
         cell: the signed cell's parameters.
         state: read in a worker thread.
-        perception: what physics and registry say of the sensors, plain JSON.
+        perception: state of the sensors by physics and registry, plain JSON.
         view: the newest frames.
         at_ms: monotonic time of the view.
     """

@@ -35,7 +35,7 @@ class ToolProxy(EnforcementPoint):
         config: of it.
         trust: the issuer's public keys.
         key: of this PEP; it signs the tickets.
-        policies: how fresh the view of revocations must be, by operation.
+        policies: policies with the greatest age of the revocation view, by operation.
         http: client of the identity provider.
     """
 

@@ -158,7 +158,7 @@ def resend(exchange: Exchange, *, headers: Mapping[str, str] | None = None, body
     """The answer to the same bytes once more, with some headers or the body exchanged.
 
     Args:
-        exchange: what was sent before.
+        exchange: the earlier exchange.
         headers: replaces headers of the same name, written in lower case.
         body: replaces the body.
     """

@@ -61,7 +61,7 @@ def sweep_scope(audience: str, *, delegates: frozenset[str], now: int, lifetime_
         audience: canonical URL of the cell's tool server.
         delegates: agents that the planner may lend to.
         now: seconds since the epoch.
-        lifetime_s: how long.
+        lifetime_s: lifetime of the scope.
     """
     angle, speed, acceleration = Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2
     joints = tuple(Limit(Parameter(f"q{i}", angle), Range(-3_000_000, 3_000_000)) for i in range(6))

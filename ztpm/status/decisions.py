@@ -38,11 +38,11 @@ class Decided:
         at_ms: wall clock, milliseconds since the epoch.
         request_id: of a decision; "" for a refusal before there was a request.
         agent: leaf of the verified chain, or "".
-        operation: what was asked for, as far as it is known.
+        operation: the asked operation, as far as it is known.
         effect, reason: PERMIT, DENY or DEFER, and why.
         tier: or None.
-        outcome: what came of a PERMIT: "done", "failed", "refused", "cancelled", "unknown"; "" when nothing has yet.
-        owed: what people or the identity provider have to do because of it, each a key of `OWED`.
+        outcome: outcome of a PERMIT: "done", "failed", "refused", "cancelled", "unknown"; "" when there is none yet.
+        owed: duties of people or the identity provider because of it, each a key of `OWED`.
     """
 
     at_ms: int
@@ -63,7 +63,7 @@ class OpenAsk:
     Attributes:
         ask_id: its id.
         agent, operation, reason, tier: of the decision that deferred.
-        expires_at_ms: when silence denies, milliseconds since the epoch.
+        expires_at_ms: time of denial by silence, milliseconds since the epoch.
     """
 
     ask_id: str

@@ -17,8 +17,8 @@ class Part:
         name: for people.
         pid: None while there is none, between its death and its restart.
         answers: whether it does; None for one that is not asked.
-        up_s: how long it has been running, seconds.
-        restarts: how often it was started again.
+        up_s: time since its start, seconds.
+        restarts: number of restarts.
     """
 
     name: str

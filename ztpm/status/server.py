@@ -55,7 +55,7 @@ def status_app(picture: Callable[[], Snapshot], *, host: str, port: int, owners:
     Args:
         picture: takes one.
         host: the address where it listens; a request that names another host is refused, even one for this machine.
-        port: where it listens.
+        port: TCP port of the page.
         owners: user ids that may look.
     """
 

@@ -52,7 +52,7 @@ def assess(
     Args:
         robot: the arm with its tool, which must be the one that the cell names, and with what that holds.
         scene: the newest valid view, or None when there is none.
-        motion: what would be sent.
+        motion: motion to be assessed.
         cell: the cell's parameters.
         perception_age_s: age of the view, or None when there is none.
         touch: names of objects that the token grants to touch; with the cell's contacts they make a touch a meant one.

@@ -91,7 +91,7 @@ class _View:
         since: the clock then.
         seen: the scene, or the cell alone.
         unheld: the same without what the tool holds; None where that is not seen, or nothing is held.
-        fault: what makes the view unfit; then it is the answer to every step.
+        fault: defect of the view; then it is the answer to every step.
     """
 
     scene: Scene | None

@@ -17,7 +17,7 @@ class Stopping:
         reaction_s: T_r, from an event to the start of braking.
         brake_s: T_s, from the start of braking to standstill.
         travel_s: metres travelled while braking, per m/s of speed at its start.
-        person_speed_m_s: how fast people come nearer meanwhile.
+        person_speed_m_s: speed at which people approach meanwhile.
     """
 
     reaction_s: float

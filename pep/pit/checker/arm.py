@@ -28,7 +28,7 @@ class CheckerRoute(ABC):
     """Robot on some way of its joints; every configuration and every body there is computed once.
 
     Attributes:
-        met_by: how many places say where something is met on it: one, or the ends of an interval.
+        met_by: number of places that name a met violation on it: one, or the ends of an interval.
     """
 
     met_by: ClassVar[int] = 1

@@ -63,7 +63,7 @@ class CheckerCourse(CheckerRoute):
             robot: the arm.
             bounds: of the pieces, which tile the way.
             nodes: joint angles and their derivative by s at checked places.
-            tail: how it goes on after the last of them.
+            tail: its course after the last of them.
         """
         super().__init__(robot)
         self.bounds = bounds

@@ -34,7 +34,7 @@ class FixedAnswer:
     Attributes:
         index: of it; the view's floor counts beside it where it moves at all.
         violations: of it.
-        doubt: why nothing of it is proven, or None when it is no motion.
+        doubt: reason why nothing of it is proven, or None when it is no motion.
     """
 
     index: float
@@ -47,11 +47,11 @@ class CheckerTimedCourse:
     """A course with its timing.
 
     Attributes:
-        course: where the joints go.
-        timing: how fast.
+        course: path of the joints.
+        timing: its timing.
         push: the greatest s'' that the motion itself asks for, 1/s^2.
         tool_speed: that is commanded for the tool point, m/s.
-        doubt: why it is not proven to its end, or None.
+        doubt: reason why it is not proven to its end, or None.
         end: joint angles where it ends, when it is proven to there.
     """
 

@@ -40,7 +40,7 @@ def held_speed(
     s counts seconds at full speed.
 
     Raises:
-        Refusal: what is recorded is not this motion's course.
+        Refusal: the record is not this motion's course.
     """
     largest = max(map(abs, motion.velocity))
     if not largest > 0:

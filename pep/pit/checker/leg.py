@@ -55,8 +55,8 @@ class CheckerLeg:
     """Leg that has a way.
 
     Attributes:
-        way: where the joints go.
-        timing: how fast.
+        way: path of the joints.
+        timing: its timing.
         cuts: intervals that tile it, on which speeds of the whole way are bounded.
         ratios: joint_speed and acceleration by their limits.
         tool_speed: commanded for the tool point, m/s; 0 when none is.
@@ -83,7 +83,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
     Args:
         asked: robot, cell, view and scene.
         leg: its way and its timing.
-        answer: what is claimed.
+        answer: the claimed answer.
         proof: its `cover`, `retreating`, `meant` and `met`.
 
     Raises:

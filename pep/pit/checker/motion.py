@@ -53,7 +53,7 @@ class CheckerLine:
 
     Attributes:
         speed, acceleration: of the tool point, m/s and m/s2.
-        stated: where the robot says that its tool is at the start, or None.
+        stated: place of the tool at the start by the robot's word, or None.
     """
 
     target: Joints

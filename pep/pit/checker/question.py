@@ -146,7 +146,7 @@ class Obstacle:
     Attributes:
         region: of a person, else "".
         core, radius: its shape, metre.
-        uncertainty: how much nearer than said it may be, metre.
+        uncertainty: distance by which it may be nearer than stated, metre.
         detail: intrusion of an unseen limb (m) of a person, band (m) of a thing, declared tier of a zone.
         touched_by: "tool" and "payload" where a touch is declared and granted.
     """

@@ -105,7 +105,7 @@ class CheckerTracedLine:
     """Line whose trace was checked.
 
     Attributes:
-        pieces: what holds on each, in order.
+        pieces: bounds of each piece, in order.
         nodes: the arm at every recorded place.
     """
 

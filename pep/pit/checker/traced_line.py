@@ -42,7 +42,7 @@ def followed_line(
     """Line from rest to rest, as it is recorded.
 
     Raises:
-        Refusal: what is recorded is not this line's course.
+        Refusal: the record is not this line's course.
     """
     if beyond(robot, start):
         return fixed(row, HIGHEST, ("joint_limit",), "joint_limit")
@@ -121,7 +121,7 @@ def broken_off(
     """Line that breaks off and comes to rest; its end is tried again.
 
     Raises:
-        Refusal: what is recorded is not this line's course, or it can well be followed further.
+        Refusal: the record is not this line's course, or the line can well be followed further.
     """
     doubt = word(row["doubt"], f"{PLACE}.doubt", among=("singular", "unreachable", "joint_limit"))
     until = whole(row["until"], f"{PLACE}.until", low=0, high=GRID - 1)

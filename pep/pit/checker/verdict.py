@@ -41,7 +41,7 @@ class Verified:
     Attributes:
         index: proven upper bound of the impact index, 0 to 4.
         tier: of the index.
-        rows: how many were recomputed.
+        rows: number of recomputed rows.
         question: SHA-256 (hex) of the question in its canonical form; compare it with that of what was asked.
         model: SHA-256 (hex) that names the robot, its tool and what it holds.
         scene: SHA-256 (hex) that names the scene.
@@ -60,8 +60,8 @@ class Unverified:
     """Verdict that nothing is verified.
 
     Attributes:
-        code: why.
-        place: where in the document, for a person; short, and never a text of the document itself.
+        code: the reason.
+        place: place in the document, for a person; short, and never a text of the document itself.
     """
 
     code: Code

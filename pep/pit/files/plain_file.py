@@ -73,7 +73,7 @@ def formed(form: TypeAdapter[T], value: object, *, place: str) -> T:
     Args:
         form: strict, without further members.
         value: plain.
-        place: what the value is called where it is wrong.
+        place: name of the value in an error.
 
     Raises:
         FileError: `FRAMES_MISMATCH` for an unknown frame, `NOT_FINITE` for a number that is none, else

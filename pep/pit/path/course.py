@@ -32,7 +32,7 @@ class Cells:
         low, high: of each piece, in 1 / GRID, shape (n,).
         q, dq, ddq: configuration and derivatives in its middle, (n, 6), rad per power of s.
         first, second, third: bounds on the size of the derivatives, (n, 6).
-        stray: how far the arm may be beside the course there, (n, 6), rad.
+        stray: distance of the arm beside the course there, at most, (n, 6), rad.
         hurry: by how much its joint speeds may differ from the course's, (n, 6), rad per unit of s.
     """
 
@@ -112,8 +112,8 @@ def straight_cells(
     Args:
         start: joint angles at `low`, (6,).
         delta: derivative by s, (6,).
-        low: where it begins, in 1 / GRID.
-        high: where it ends.
+        low: its beginning, in 1 / GRID.
+        high: its end.
         stray: as in `Cells`, (6,).
         hurry: likewise.
         count: of equal pieces.

@@ -23,7 +23,7 @@ class Track:
 
     Attributes:
         twist: the line of the tool by the course's own parameter, or None when there is none.
-        until: where the line ends, s; 0 when there is none.
+        until: end of the line, s; 0 without one.
         q, dq: joint angles there, (6,), rad, and their derivative by s, which is the tangent's.
         fade: way by s on which the joints then come evenly to rest; infinite when they do not.
     """

@@ -46,7 +46,7 @@ class LineTrace:
         reached: their end, in 1 / GRID.
         q: joint angles there, (6,), rad.
         dq: their derivative by s, (6,); 0 where it has none, which is never at the end of a piece.
-        stuck: why no further, or None when all that was asked for is proven.
+        stuck: reason of its end, or None when the whole line is proven.
     """
 
     cells: Cells

@@ -66,8 +66,8 @@ class Route(ABC):
     Places on it are whole multiples of 1 / GRID.
 
     Attributes:
-        robot: whose joints they are.
-        delta: how far each joint goes: the difference of a straight path's ends, a bound on a course, (6,), rad.
+        robot: robot with these joints.
+        delta: way of each joint: the difference of a straight path's ends, a bound on a course, (6,), rad.
     """
 
     robot: Robot

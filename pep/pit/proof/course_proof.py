@@ -123,7 +123,7 @@ def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[
     Args:
         way: the course.
         places: that its rows need, in 1 / GRID.
-        motion: what was asked.
+        motion: the assessed motion.
 
     Raises:
         ProofError: no piece shows why it breaks off.

@@ -107,7 +107,7 @@ def document(
     Nothing of it is kept or computed before it is asked for: this costs about as much as the assessment did.
 
     Args:
-        answer: what `assess` said.
+        answer: the answer of `assess`.
         robot: the others are what `assess` was asked, unchanged.
         scene: likewise.
         motion: likewise.

@@ -75,9 +75,9 @@ class ProofRows:
         """Makes rows of which nothing is examined yet.
 
         Args:
-            way: where the joints go.
-            profile: how fast.
-            stop: how it ends when it must.
+            way: path of the joints.
+            profile: its timing.
+            stop: the stop of the motion.
             pairs: as the assessment had them, but for what is meant to be touched.
             cell: its parameters.
             slack: by how much a row's index may be above the answer's.

@@ -34,7 +34,7 @@ class RobotJoint:
     """One revolute joint, turning about its own z axis, and the link that it carries.
 
     Attributes:
-        offset_m, rpy_rad: where the joint stands in the frame of the link before it.
+        offset_m, rpy_rad: frame of the joint in that of the link before it.
         position_limit_rad: highest angle.
         inertia_kg_m2: xx, yy, zz about the centre of mass.
         position_low_rad: lowest angle, at most 0; None is the highest, negated.

@@ -42,7 +42,7 @@ class Outfit:
         flange: the link whose frame the tool's numbers are in; its z axis is that of the last joint.
         payload_limit_kg: tool included, as the arm's maker states it.
         acceleration_limit_rad_s2: of any joint.
-        tools: what may be mounted; the form is that of the shipped models.
+        tools: tools that may be mounted; the form is that of the shipped models.
         base: the link whose frame the controller calls its base; "" is the first link of the file. The UR description's
             `base_link` is half a turn off the controller's; there it is `base`.
         apart: pairs that are not watched.

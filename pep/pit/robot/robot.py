@@ -54,10 +54,10 @@ class Robot:
         model: the file.
         tool: the tool that it carries.
         model_digest: SHA-256 (hex) of the file's content, the tool's name and what it holds.
-        held: what the tool holds, or None.
+        held: the held object, or None.
         bodies: first the moving capsules seen from the world, then those seen from other links, then the tracked
             points.
-        world_bodies: how many of `bodies` are moving capsules seen from the world.
+        world_bodies: number of `bodies` that are moving capsules seen from the world.
         self_pairs: (index of a body, capsule of that body's reference link) that must stay apart.
         reach: shape (bodies, 6), metre: bound on the distance of a body's endpoints from each joint's axis, 0 where the
             joint does not move it.

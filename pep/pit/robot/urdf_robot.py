@@ -42,7 +42,7 @@ def robot_of(urdf: str, outfit: Outfit, *, tool: str) -> Robot:
 
     Args:
         urdf: the file's text.
-        outfit: what the file leaves open.
+        outfit: the person's outfit of the arm.
         tool: name of one of the outfit's tools.
 
     Raises:

@@ -42,7 +42,7 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
         q: measured joint angles, rad.
         objects: as the sensors show them in the base frame at that configuration; not the surveyed ones, which nobody
             lifts, though the fingers may be near them.
-        cell: how near counts, and what is known of the parts that may be carried.
+        cell: distance that counts as near, and known properties of parts.
 
     None is to be treated as `unknown_part`: the gripper says that it holds something.
     """

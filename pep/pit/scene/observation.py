@@ -27,7 +27,7 @@ def scene_observed(observations: Iterable[wire.Observation], cell: CellParameter
 
     Args:
         observations: one of each sensor; each thing's source is its sensor.
-        cell: what stands there anyway.
+        cell: the surveyed objects.
         complete: all of the watched space was seen.
 
     Raises:

@@ -92,10 +92,10 @@ class Obstacles:
     """Obstacles in a row.
 
     Attributes:
-        names, sources: what each is called, and who says that it is there.
+        names, sources: name and source of each.
         whole: shape, kind and group of each in the kernel's columns; a group is the same number for the same kind and
             name, from 0 in the order in which they come.
-        groups: how many of these.
+        groups: number of groups.
         solids: their shapes, with the numbers of their laws.
     """
 
@@ -127,9 +127,9 @@ def seen_in(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float) ->
 
     Args:
         robot: the arm and its tool.
-        scene: what is around it.
+        scene: surroundings of the arm.
         cell: bands, uncertainties and limits.
-        grown_m: how much farther than seen people may be, because the view is old.
+        grown_m: growth of people beyond their seen place, because the view is old.
     """
     kinds: list[int] = []
     names: list[str] = []

@@ -46,9 +46,9 @@ class Pairs:
         uncertainty: taken off the clearance before the law is asked, metre.
         violated_below: attained clearance (uncertainty not taken off) below which the pair is a violation; -inf where
             it cannot be.
-        column: which obstacle, an index into `names` and `sources`.
+        column: obstacle, an index into `names` and `sources`.
         names: of each obstacle.
-        sources: who says that it is there: a sensor, or "" for the cell file and the arm itself.
+        sources: source of the obstacle: a sensor, or "" for the cell file and the arm itself.
         group: the same number for rows of the same kind and name.
         touchable: declared by the cell and granted by the token: may be touched, once the touch is proven gentle.
         contact_speed: fastest that a meant contact may be, m/s.
@@ -182,9 +182,9 @@ def pairs_of(
 
     Args:
         robot: the arm and its tool.
-        scene: what is around it.
+        scene: surroundings of the arm.
         cell: bands, uncertainties and limits.
-        grown_m: how much farther than seen people may be, because the view is old.
+        grown_m: growth of people beyond their seen place, because the view is old.
         touch: names of objects that the token grants to touch; none makes every contact an accident.
     """
     return _LAST.of(robot, scene, cell, grown_m, touch)

@@ -65,7 +65,7 @@ class Person:
 
     Attributes:
         source: the sensor that says so.
-        age_s: how old its sighting was when it said so: not seen since, the person may have walked on for so long.
+        age_s: age of the sighting when its sensor told of it; the person may have walked on for so long.
     """
 
     id: str
@@ -89,9 +89,9 @@ class Thing:
     """An object.
 
     Attributes:
-        uncertainty_m: how far its surface may be from where it is said to be.
+        uncertainty_m: distance of its surface from its stated place, at most.
         source: the sensor that says so, or `CELL_FILE`.
-        age_s: how old its sighting was when it said so; 0 for what was surveyed.
+        age_s: age of the sighting when its sensor told of it; 0 for a surveyed object.
     """
 
     id: str

@@ -19,12 +19,12 @@ class View:
 
     Attributes:
         scene: the newest valid one, or the surveyed cell alone.
-        perception: how good it is.
+        perception: quality of the view.
         age_s: of the frame, None when there is none.
-        stopping_age_s: what enters the reaction time.
-        grown_m: how far people may be from where they were seen.
+        stopping_age_s: addition to the reaction time.
+        grown_m: distance of people from their seen place, at most.
         floor: index that the view itself forces.
-        source: whose oldest sighting makes it stale where the frames themselves are fresh; otherwise "".
+        source: source of the oldest sighting, where it is stale and the frames are fresh; otherwise "".
     """
 
     scene: Scene

@@ -31,7 +31,7 @@ class Engine:
     Attributes:
         name: in every assessment and record.
         path: a straight path of one robot.
-        demands: what a move on such a path demands of the arm.
+        demands: demands of a move on such a path.
         trace: the joints' path under a line of the tool.
         pose_exists: whether joint angles were found for the rest of a line.
         course: a course of one robot, from its cells and where exactly it is.

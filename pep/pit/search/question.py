@@ -188,7 +188,7 @@ def view_around(
         age_s: its age.
         q: measured joint angles, rad.
         cell: tolerances.
-        lag_m: how far what is held may have come since it was seen.
+        lag_m: distance of the held object from its seen place, at most.
     """
     if scene is not None:
         seen = view_of(scene, age_s, cell)  # refuses a scene that must not be reasoned about before it is taken apart

@@ -47,13 +47,13 @@ class TimedCourse:
     """A course with its timing.
 
     Attributes:
-        course: where the joints go.
-        profile: how fast; its lengths are metres for a line and seconds at full speed for a held one.
+        course: path of the joints.
+        profile: its timing; its lengths are metres for a line and seconds at full speed for a held one.
         push: greatest second derivative of the path parameter by time that the motion itself asks for, 1/s^2, forward
             and backward.
         tool_speed_m_s: that is commanded for the tool point, 0 when none is.
         slower: whether another commanded speed is the same motion, only slower.
-        doubt: why it ends before the motion does, or None.
+        doubt: reason why it ends before the motion does, or None.
     """
 
     course: CompiledCourse
@@ -89,7 +89,7 @@ class Nowhere:
     """Motion that leaves the arm at its place, or of which nothing could be traced.
 
     Attributes:
-        doubt: why nothing was, or None when it is no motion.
+        doubt: reason why nothing was traced, or None when it is no motion.
     """
 
     doubt: Doubt | None = None

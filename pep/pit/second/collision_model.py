@@ -33,7 +33,7 @@ class Stage:
         distances: of each pair, where coal writes what it found.
         turns, origins: of all links, where pinocchio writes their poses, (links, 3, 3) and (links, 3).
         things: each thing's body, and its shape.
-        placed: what each of these stands for now; None while it is half placed.
+        placed: present meaning of each of these; None while it is half placed.
         own_radius: radii of the arm's own pairs, which stand last.
         own_body, own_link, own_center, own_half: of the arm's own pairs: the moving body, and the capsule it must mind:
             its link, its middle there and half its axis.

@@ -45,7 +45,7 @@ class Sight:
 
     Attributes:
         q: joint angles of the places, (places, 6), rad.
-        measured: how many of the places coal measured, the first ones.
+        measured: number of the places that coal measured, the first ones.
         near: signed clearances, (places, pairs); where nothing was measured, a lower bound.
         speed: surface speeds, (places, bodies).
         agrees: whether the first engine found the same clearances where coal measured.
@@ -82,9 +82,9 @@ def doubted(
 
     Args:
         pairs: of them the laws.
-        stop: how the motion ends when it must.
+        stop: the stop of the motion.
         asked: a pair each.
-        clearance: how far it is apart at least, metre.
+        clearance: lower bound of its clearance, metre.
         speed: of its body, m/s.
         upper: the index that none may exceed, or that of each.
         violated: kinds of which violations were found.

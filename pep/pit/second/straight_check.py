@@ -59,10 +59,10 @@ def cross_check(
 
     Args:
         path: the joint path.
-        pairs: what could meet what; of it only the laws are used.
+        pairs: pairs of bodies and obstacles; only their laws are used.
         scene: the same scene, from which coal's geometry is built anew.
         profile: the path's timing.
-        stop: how the motion ends when it must.
+        stop: the stop of the motion.
         certified: the answer in question.
         rows: the pairs that `certified` speaks of.
         seed: digest of the command.
@@ -96,7 +96,7 @@ def look(
         q: joint angles, (places, 6), rad.
         qd: their speeds, (places, 6), rad/s.
         kernel: the first engine's clearances at the first places, (measured, pairs).
-        stop: how the motion ends when it must.
+        stop: the stop of the motion.
         since: the first place of which what is open counts.
         upper: the index that the first engine proved of the motion.
     """
@@ -110,8 +110,8 @@ def judged_where_near(
 
     Args:
         world: the second engine.
-        sight: what it saw; what is open is measured in place.
-        stop: how the motion ends when it must.
+        sight: view of the second engine; open rows are measured in place.
+        stop: the stop of the motion.
         certified: the answer in question; it counts at least as much as any motion.
         rows: the pairs that `certified` speaks of.
     """

@@ -91,10 +91,10 @@ class CommandRow:
     """One command.
 
     Attributes:
-        id: what stands in integer register 0.
+        id: value of integer register 0.
         name: ur_rtde's method.
-        command_class: what kind of authority it needs.
-        wait: how the client goes on.
+        command_class: kind of authority that it needs.
+        wait: continuation of the client.
         make: the command's type.
         fields: its parameters in order.
     """

@@ -59,9 +59,9 @@ def judged(value: float, span: Span, place: str, register: int | None = None) ->
 
     Args:
         value: to judge.
-        span: where it may lie.
-        place: what it is, for the record.
-        register: which of them, if they are numbered.
+        span: range of the value.
+        place: name for the record.
+        register: number of the register, if it has one.
 
     Raises:
         WrongParameterError: `NOT_FINITE`, or `ROBOT_LIMIT` outside the span.

@@ -29,7 +29,7 @@ class RegisterImage:
     """Values of every input variable of a profile.
 
     Attributes:
-        profile: what may be written, and where the registers begin.
+        profile: variables that may be written, and the first register.
         values: of each of its variables.
     """
 

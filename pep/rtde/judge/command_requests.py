@@ -250,7 +250,7 @@ def request_of(asked: CommandedOperation, *, request_id: str, audience: str, at:
     """The request, in integers.
 
     Args:
-        asked: what would be done.
+        asked: the operation that the command asks for.
         request_id: made by the enforcement point.
         audience: canonical URL of the robot.
         at: wall clock of arrival, seconds since the epoch.

@@ -62,8 +62,8 @@ class LineRefusals:
         """Records the refusal, or counts it in a record, within a second. Returns at once.
 
         Args:
-            holder: whose program it is.
-            refused: why.
+            holder: owner of the program.
+            refused: the refusal.
             what: was refused.
         """
         second = self._seconds.get(id(holder)) or self._begun(holder)
@@ -120,7 +120,7 @@ def refusal_of(
 
     Args:
         holder: owner of the program.
-        refused: why.
+        refused: the refusal.
         what: was refused.
         clock: both clocks.
         more: number of other refusals, of any reason, since the record before.

@@ -53,10 +53,10 @@ class Lease:
 
     Attributes:
         id: `ID_BYTES` random bytes.
-        agent: who holds it.
+        agent: agent that holds it.
         credentials: token and proof it was opened with, verified.
         session: the gateway's end.
-        not_after: when the session ends, seconds since the epoch.
+        not_after: end of the session, seconds since the epoch.
     """
 
     id: bytes

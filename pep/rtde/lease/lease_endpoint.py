@@ -61,7 +61,7 @@ class LeaseEndpoint:
         url: canonical, of this door; what the proofs of openings name.
         audience: canonical URL of the cell, as tokens name it.
         signer: this enforcement point's key, by which a holder knows that it talks to it.
-        port: where carriages arrive.
+        port: TCP port for carriages.
         lease_ms: oldest acceptable view of revocations: that of motion.
         vacated: true once the robot's owner without a lease has let go of it; asked where there is none.
         random: source of so many random bytes.

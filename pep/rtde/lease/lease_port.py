@@ -34,7 +34,7 @@ class LeasePort:
 
     Args:
         leases: of the robot.
-        ports: what the lines are opened to.
+        ports: ports that the lines are opened to.
         clock: both clocks.
         begun: is told of a lease whose carriage has come: its program is told from now on how the arm stands.
         ended: is told of a lease that is over, before anything else; the arm is stopped there.

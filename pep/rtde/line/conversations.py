@@ -80,7 +80,7 @@ class LeasedRtdePort(Conversation):
         """Ends the line with its lease: its motion is stopped, and nothing further is passed on.
 
         Args:
-            ending: how it is over.
+            ending: ending of the lease.
         """
         for part in self.line.parts:
             part.leave(ending)

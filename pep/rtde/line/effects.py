@@ -20,8 +20,8 @@ class CommandQuestion:
     """Command that waits for its decision; each is itself alone.
 
     Attributes:
-        command: what the program asks for.
-        path: where `MovePath` goes.
+        command: command of the program.
+        path: waypoints of `MovePath`.
     """
 
     command: Command | IoCommand
@@ -62,7 +62,7 @@ class Note:
     """Record a refusal of the line's own.
 
     Attributes:
-        refused: why.
+        refused: the refusal.
         what: was refused: the name of a command.
     """
 

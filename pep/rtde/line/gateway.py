@@ -260,7 +260,7 @@ class Gateway:
     """Listener in the controller's place.
 
     Args:
-        ports: what a connection without a lease is opened to.
+        ports: ports for connections without a lease.
     """
 
     def __init__(self, ports: Ports) -> None:

@@ -56,7 +56,7 @@ class LeaseStopLadder:
         """Rung to be taken now, or None. A report from before the stop does not count.
 
         Args:
-            newest: what the controller has said last.
+            newest: newest state of the controller.
             at_ms: monotonic time.
             carried_out: whether the control script is in no stop by register, and about to be in none.
         """

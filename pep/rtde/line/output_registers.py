@@ -42,7 +42,7 @@ class LeasedOutputs:
     """Outputs of one IO connection.
 
     Args:
-        profile: what it may write.
+        profile: variables that it may write.
         claimed: the variables that it has from the controller.
     """
 
@@ -62,7 +62,7 @@ class LeasedOutputs:
 
         Args:
             values: by name.
-            slider: where the controller's speed slider stands now; NaN when that is not known.
+            slider: position of the controller's speed slider; NaN when that is not known.
             at_ms: monotonic time.
         """
         after = self._client.merge(values)

@@ -91,7 +91,7 @@ class LeasedLine(Relay):
 
         Args:
             received: by the client.
-            slider: where the controller's speed slider stands; NaN when that is not known.
+            slider: position of the controller's speed slider; NaN when that is not known.
             at_ms: monotonic time.
 
         Raises:

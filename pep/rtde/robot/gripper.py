@@ -38,8 +38,8 @@ class GripResult:
         width_um: opening now.
         object: whether the fingers were stopped by something.
         arrived: whether the move has ended by itself.
-        end: how it ended, by who watched it.
-        reason: why it was cut short, a code; "" when it was not.
+        end: end of the move.
+        reason: reason code of an early end; "" for none.
     """
 
     width_um: int

@@ -108,8 +108,8 @@ class Judge(Protocol):
         """Records a refusal of the line's own. Returns at once.
 
         Args:
-            holder: whose program it is.
-            refused: why.
+            holder: owner of the program.
+            refused: the refusal.
             what: was refused.
         """
         ...
@@ -122,7 +122,7 @@ class Stopper(Protocol):
         """Sends a stop on its way, past the program and its control script. Any thread; never waits.
 
         Args:
-            reason: why, for the record.
+            reason: reason for the record.
         """
         ...
 

@@ -45,12 +45,12 @@ class RobotReadiness:
     Args:
         telemetry: of the robot.
         remote: of the robot.
-        program: what the controller runs.
+        program: the program that the controller runs.
         commanding: whether the control connection stands; while it does, the controller lends its registers to nobody
             else.
-        tool_position: where the model has the tool centre point in the base frame (m) at six joint angles (rad).
+        tool_position: tool centre point by the model, in the base frame (m), at six joint angles (rad).
         tcp_m: of the model's tool, in the flange frame; it is not turned against it.
-        pose_m: how far the controller may have the tool centre point from where the model has it.
+        pose_m: allowed distance of the controller's tool centre point from the model's.
         expected_payload_g: tool and held part by the committed state; for a part that nobody can name, all that the arm
             may carry.
     """

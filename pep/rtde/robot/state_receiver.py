@@ -45,8 +45,8 @@ class JointState:
     Attributes:
         q_rad, qd_rad_s: actual joint angles and speeds.
         robot_mode, safety_mode: as the controller numbers them.
-        slider: where its speed slider stands (`target_speed_fraction`); full speed where nothing is said.
-        scaling: how fast it goes of what was commanded (`speed_scaling`); likewise.
+        slider: position of its speed slider (`target_speed_fraction`); full speed where it is not told.
+        scaling: actual fraction of the commanded speed (`speed_scaling`); likewise.
     """
 
     q_rad: tuple[float, ...]
@@ -68,7 +68,7 @@ class Package:
 
     Attributes:
         stamp_s: the controller's own time of it; one that does not grow is the same package.
-        state: what it says, or None when it holds no six finite numbers.
+        state: state of the package, or None when it holds no six finite numbers.
     """
 
     stamp_s: float

@@ -36,7 +36,7 @@ class Sample:
     Attributes:
         speed_rad_s: of the fastest joint; infinite when the package has no number there.
         runtime_state, safety_mode: as the controller numbers them.
-        slider: where the speed slider stands.
+        slider: position of the speed slider.
         registers: by offset, the command register as the controller has it and what the control script says.
         arrived_ms: monotonic time.
     """

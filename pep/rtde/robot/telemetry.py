@@ -35,7 +35,7 @@ class TelemetrySample:
         q_rad: actual joint angles.
         tool_pose: of the tool centre point in the base frame: position in m, rotation vector in rad.
         tcp_offset: of the tool centre point in the flange frame, likewise.
-        payload_kg: what the controller reckons with.
+        payload_kg: payload in the controller.
         robot_mode, safety_mode, runtime_state: as the controller numbers them.
         output_bits: digital outputs: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool.
         arrived_s: monotonic time of arrival.

@@ -78,7 +78,7 @@ class ControlScript:
 
     Attributes:
         since: the first PolyScope 5 minor version that it is for.
-        offset: where its registers begin.
+        offset: first register of the client.
         head: its bytes before the path.
         tail: its bytes after the path.
     """
@@ -94,7 +94,7 @@ class Upload:
     """A control script that was recognised.
 
     Attributes:
-        script: which one.
+        script: the recognised script.
         path: the waypoints that it carries.
     """
 
@@ -117,7 +117,7 @@ def allow_list(body: Callable[[int], str]) -> tuple[ControlScript, ...]:
     """Every control script, each equal to its pin.
 
     Args:
-        body: what the library would send to PolyScope 5.n, as `installed_body` gives it.
+        body: text for PolyScope 5.n by the library, as `installed_body` gives it.
 
     Raises:
         ConfigError: `CONFIG_INVALID` when a script is not what was pinned.

@@ -43,7 +43,7 @@ class Waypoint:
     """One waypoint of a path.
 
     Attributes:
-        move: how it is reached.
+        move: way to the waypoint.
         is_pose: whether the target is a pose, else joint angles.
         target: x, y, z [m] and a rotation vector [rad], or six angles [rad].
         speed: in the unit of the move.

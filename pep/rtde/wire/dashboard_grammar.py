@@ -55,9 +55,9 @@ class LineRow:
     """One command of the dashboard.
 
     Attributes:
-        words: how it begins.
-        line_class: what becomes of it.
-        argument: what follows.
+        words: beginning of the line.
+        line_class: treatment of the line.
+        argument: kind of its argument.
     """
 
     words: str

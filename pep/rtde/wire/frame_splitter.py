@@ -20,7 +20,7 @@ class FrameSplitter:
     """Splitter of one stream.
 
     Args:
-        least, most: what a length may say.
+        least, most: range of a length.
         itself: whether a length counts its own four bytes.
     """
 

@@ -106,7 +106,7 @@ class InputRecipes:
     """The recipes of one client, numbered from 1 as the controller numbers them.
 
     Args:
-        profile: what they may be made of.
+        profile: variables that they may have.
     """
 
     def __init__(self, profile: WritableVariables) -> None:

@@ -37,7 +37,7 @@ class Subscription:
 
     Args:
         names: of the outputs.
-        rate_hz: how often.
+        rate_hz: frequency of the packages.
         inputs: variables that we write; none, to listen alone.
 
     Attributes:

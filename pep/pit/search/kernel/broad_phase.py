@@ -87,7 +87,7 @@ def swept(nodes: Nodes, first: int, cut: int, arm: Arm, bodies: Whole) -> Floats
     Args:
         nodes: the arm stands in `FIRST` configurations from `first` on.
         first: the first of them.
-        arm, bodies: which.
+        arm, bodies: the arm, and the bodies in question.
     """
     frames, turning, links, swept = (
         nodes.frames,

@@ -82,8 +82,8 @@ def trace(
         robot: the arm.
         twist: the line of its tool.
         start: joint angles at `since`, (6,).
-        since: where the part that is asked for begins.
-        until: where it ends; `pieces` times a power of two divides it.
+        since: beginning of the part in question.
+        until: its end; `pieces` times a power of two divides it.
         pieces: of the first cut; more of them are each bounded more tightly.
         fastest: a rate of the joints, (6,), rad per unit of s, beyond which nothing more is to be proven.
         check_time: raises when the answer would come too late.

@@ -83,7 +83,7 @@ class Demands:
 
         Args:
             move: at the commanded speed, at which some ratio's is.
-            index: what none may exceed.
+            index: index that none may exceed.
             slowest: a slower one is of no use, rad/s.
             check_time: raises when the answer would come too late; asked once, all takes less than one look elsewhere.
         """

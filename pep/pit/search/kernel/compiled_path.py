@@ -183,14 +183,14 @@ class CompiledPath(Path):
         """The proven index of these pairs on this path, by branch and bound.
 
         Args:
-            pairs: what could meet what.
+            pairs: pairs of bodies and obstacles.
             profile: the path's timing.
-            stop: how the motion ends when it must.
+            stop: the stop of the motion.
             rows: the pairs to ask about.
             floor: an index that holds anyway; pairs that cannot exceed it are not looked at more closely.
             check_time: raises when the answer would come too late.
             told: with a witness for each obstacle that may raise the index.
-            slower: what a slower speed is found by, where one is asked for.
+            slower: numbers for the search of a slower speed, where one is wanted.
 
         Raises:
             WorkLimitError: more rows than `ROWS_MOST` were needed.

@@ -405,8 +405,8 @@ def certify(
     Args:
         known: the course's configurations.
         curve, field: the course, and all pairs.
-        pairs: which to ask about.
-        groups: how many groups of pairs there are.
+        pairs: pairs in question.
+        groups: number of groups of pairs.
         profile, law: timing and stop.
         floor: an index that holds anyway, at least `MOVING`.
         first: intervals of the first cut, a power of two.

@@ -54,7 +54,7 @@ class Tree(NamedTuple):
         posed: shape (n,), whether the links stand there yet.
         spans: shape (n, SPAN).
         rates: shape (n, RATES), ds/dt on each span, 1/s.
-        counts: how many nodes and spans are in use.
+        counts: numbers of nodes and spans in use.
         q: room for one configuration.
     """
 

@@ -269,7 +269,7 @@ def under(
         equal, bears: as `laid_out` gives them.
         timing: way, commanded speed, acceleration and braking of the leading axis.
         slowest: a slower one is of no use, rad/s; where it is no slower than the commanded one, none is looked for.
-        index: what no ratio may exceed; at the commanded speed one does.
+        index: index that no ratio may exceed; at the commanded speed one does.
 
     Returns:
         Every quantity by its limit at the commanded speed, in the order of `QUANTITIES`.

@@ -62,7 +62,7 @@ def ready_of(robot: Robot, pairs: Pairs, cell: CellParameters, *, sighted_s: flo
         robot: the arm with its tool and what that holds.
         pairs: of the view, people where they were seen.
         cell: its numbers.
-        sighted_s: how old the oldest sighting was when it was told of; infinite where not all was seen.
+        sighted_s: age of the oldest sighting when its sensor told of it; infinite for an incomplete view.
     """
     shares = speed_shares(robot, cell)
     rules = np.empty(RULES)

@@ -168,8 +168,8 @@ def certify(
             and target of the joints, timing, law, and `STOP` numbers that a slower speed is found by.
         arm_numbers, arm_whole: the arm (`arm.blocks_of`).
         pair_balls, pair_numbers, pair_whole: all pairs (`rows.Field`).
-        pairs: which to ask about.
-        groups: how many groups of pairs there are.
+        pairs: pairs in question.
+        groups: number of groups of pairs.
         floor: an index that holds anyway, at least `MOVING`.
         looks: at each group that does not decide, so that it can be told of.
         slows: whether a slower speed is looked for.

@@ -277,7 +277,7 @@ def interval_gap(
         ends: bodies as placed; low, mid, high: the rows of the interval's three nodes.
         body, numbers, pair, shape: the pair.
         gap: in the middle.
-        sag: how far the axis can leave the chord between neighbouring nodes.
+        sag: distance of the axis from the chord between neighbouring nodes, at most.
     """
     _, x, y, z = gap
     radii = numbers[pair, RADII]

@@ -47,9 +47,9 @@ class Curve(NamedTuple):
     Attributes:
         arm, wrist: the robot.
         low, high: of the cells, (cells,), in 1 / GRID.
-        cells: what holds of the joints there, (cells, HELD, 6).
-        bends: what follows for the bodies, (cells, BENDS, bodies).
-        track: where exactly it is.
+        cells: bounds of the joints there, (cells, HELD, 6).
+        bends: bounds of the bodies, (cells, BENDS, bodies).
+        track: exact joint angles.
     """
 
     arm: Arm

@@ -51,7 +51,7 @@ def pair_index(kind: int, numbers: Floats, pair: int, clearance: float, speed: f
         numbers, pair: its row.
         clearance: signed, uncertainty not taken off.
         speed: of the body.
-        law: how the motion ends, and the common bands.
+        law: the motion's end, and the common bands.
     """
     if not speed > 0.0:
         return 0.0

@@ -49,7 +49,7 @@ class TracedLine(NamedTuple):
     Attributes:
         low, high: of each piece, (n,), in 1 / GRID.
         rows: (n, 7, 6): q, dq, ddq in its middle, bounds of the three derivatives, what strays.
-        reached: where the pieces end.
+        reached: end of the pieces.
         q, dq: joint angles there, and their derivative by s, (6,).
         stuck: `PROVEN`, `SINGULAR` or `JOINT_LIMIT`.
     """

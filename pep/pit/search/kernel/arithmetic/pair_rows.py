@@ -67,8 +67,8 @@ class Field(NamedTuple):
     """The pairs, a row each, with columns as `pep.pit.base.pair_columns` names them.
 
     Attributes:
-        balls: what is asked of every pair on every span of the first cut.
-        numbers, whole: what is asked of those that are near; behind the pairs' numbers stand the rows of polytopes.
+        balls: numbers of every pair for every span of the first cut.
+        numbers, whole: numbers of near pairs; behind the pairs' numbers stand the rows of polytopes.
     """
 
     balls: Floats

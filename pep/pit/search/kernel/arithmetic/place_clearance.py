@@ -37,7 +37,7 @@ def clearances(
         pair_numbers, pair_whole: all pairs (`rows.Field`).
         asked: start and way of the joints, side by side, rad.
         key: the place, in 1 / GRID.
-        pairs: which to ask about.
+        pairs: pairs in question.
     """
     arm = arm_in(arm_numbers, arm_whole)
     joints = arm.offsets.shape[0]

@@ -92,7 +92,7 @@ def sorted_out(
     Args:
         whole, numbers: the rows.
         kept_whole, kept_numbers: those that are kept.
-        used: how many are.
+        used: number of rows in use.
         kinds, laws: of all pairs (`rows.Field`).
         profile, law: the timing, and how it ends.
         index: to be proven.

@@ -111,7 +111,7 @@ def speeds_at(arm: Arm, delta: Floats, cosines: Floats, sines: Floats) -> tuple[
     Both per unit of ds/dt; nothing stands there of other bodies.
 
     Args:
-        arm: whose bodies.
+        arm: arm with these bodies.
         delta: way of the joints, rad.
         cosines, sines: of the joints' angles at each node, (joints, nodes).
     """
@@ -167,7 +167,7 @@ def rush_on(arm: Arm, asked: Floats, low: Whole, high: Whole, rush: Floats) -> t
     """Bound on every body's surface speed per unit of ds/dt on these intervals, written to `rush`, (n, bodies).
 
     Args:
-        arm: whose bodies.
+        arm: arm with these bodies.
         asked: start and way of the joints, side by side, rad.
         low, high: the intervals, in 1 / GRID; one that follows the one before shares a node with it.
         rush: written.
