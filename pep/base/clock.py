@@ -118,7 +118,7 @@ class HeldClock:
         self._highest_s = mark.read() + skew_s - machine.monotonic_ms() / 1000
 
     def wall_s(self) -> float:
-        """Seconds since the epoch, never more than the skew behind what was returned before."""
+        """Seconds since the epoch, never more than the skew below any earlier value."""
         with self._lock:
             passed_s = self._machine.monotonic_ms() / 1000
             stated_s = self._machine.wall_s()

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 class Clock(Protocol):
-    """Two clocks, never mixed: the wall for what others wrote, the monotonic one for ages and durations."""
+    """Two clocks, never mixed: the wall for times of others, the monotonic one for ages and durations."""
 
     def wall_s(self) -> float:
         """Seconds since the epoch."""
@@ -107,7 +107,7 @@ class Sensors(Protocol):
 
 
 class Approvers(Protocol):
-    """The people who may answer, from the newest verified registry snapshot."""
+    """People who may answer, from the newest verified registry snapshot."""
 
     def approvers(self) -> Mapping[str, bytes]:
         """Raw Ed25519 public key by person; empty while no snapshot has been verified."""
@@ -164,7 +164,7 @@ class RemainingVerdict:
 
 
 class RemainingImpact(Protocol):
-    """The physical impact of what is left of a motion that is under way."""
+    """Port for the physical impact of the rest of a running motion."""
 
     def left(
         self,
@@ -211,7 +211,7 @@ class Readiness(Protocol):
     """Port for the robot's word on its readiness, and for the PEP's own hold on it."""
 
     def reading(self) -> RobotReading:
-        """The state now. Never raises and never waits: what is not known now reads as unknown."""
+        """State now. Never raises and never waits: an unknown value reads as unknown."""
         ...
 
 

@@ -1,4 +1,4 @@
-"""The numbers of the one stop model, for everybody who stops the arm or computes with its stop.
+"""Numbers of the one stop model, for all code that stops the arm or computes with its stop.
 
 An arm at w rad/s stands T_s = `STOP_DELAY_S` + w / a after a stop is sent, and goes no further than w * (`STOP_DELAY_S`
 + w / 2a) in between. These are the defaults of a cell's parameters; here, since the simulator must not load physics.

@@ -87,7 +87,7 @@ class Reader:
         self._caps = caps
 
     def instruction(self, text: str, credentials: Credentials, into: Context) -> AdmissionCase:
-        """A signed intent, as an instruction to the holder whose context this is."""
+        """Reads a signed intent as an instruction to the holder of this context."""
         people = self._people.people()
         chain = _holding(credentials, into)
         said = self._read(text, people, chain)
@@ -105,7 +105,7 @@ class Reader:
         )
 
     def message(self, text: str, credentials: Credentials, into: Context, intent: str | None) -> AdmissionCase:
-        """A signed message, as what its sender says to the holder whose context this is."""
+        """Reads a signed message as its sender's words to the holder of this context."""
         chain = credentials.chain if isinstance(credentials.chain, Chain) else None
         heard = messages.read(
             text,

@@ -86,7 +86,7 @@ class Incident:
 
 @dataclass(frozen=True, slots=True)
 class Retrieval:
-    """The answer to one query, every content judged, and what is wrong with the collection."""
+    """Answer to one query: every content judged, and the faults of the collection."""
 
     items: tuple[Retrieved, ...]
     incidents: tuple[Incident, ...]

@@ -54,7 +54,7 @@ PHYSICS_TIMEOUT_S: Final = 3.0
 ATTEMPTS: Final = 8
 """Decisions taken on fresh evidence while the record outlasts their lifetime; after the last one DENY."""
 SEQUENCE: Final = "TEA-6"
-"""The primitive behind `BUSY`: a command together with what is unfinished."""
+"""Primitive behind `BUSY`: a command together with unfinished ones."""
 STATE: Final = "TEA-5"
 """The primitive that looks at the robot's own state, which is cheap to have."""
 
@@ -427,7 +427,7 @@ class Gate(Edge):
         return GateResult(decision)
 
     def _abandoned(self, request: Request, decided: Future[str]) -> None:
-        """The outcome of a PERMIT whose caller went away. On the recorder, so after the decision's own record."""
+        """Records the outcome of a PERMIT after its caller went away, behind the decision's own record."""
         if not decided.cancelled() and decided.exception() is None:
             self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
 
@@ -443,7 +443,7 @@ def _denied(decided: Decision, reason: Reason) -> Decision:
 
 
 def _agent(call: Call) -> str:
-    """The holder who calls, or "" while nobody is known to."""
+    """Holder that calls, or "" while none is known."""
     chain = call.credentials.chain
     return chain.leaf.agent if isinstance(chain, Chain) else ""
 

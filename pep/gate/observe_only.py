@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pep.watch.watch import Alarm
 
 OBSERVED: Final = "observed"
-"""Key in the body of every record, and in what a caller is told, that says so."""
+"""Key in the body of every record, and in answers to callers, for unenforced decisions."""
 LASTS_MS: Final = 1_000
 """Longest time from a decision to the begin of its observed effect."""
 HIGHEST_MILLI: Final = 4_000

@@ -1,1 +1,1 @@
-"""The durable journal, what was seen of each holder's conduct, and the proofs already used."""
+"""Durable journal, conduct of holders as seen here, and the proofs already used."""

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 OPEN: Final = 256
-"""PERMITs whose outcome is waited for: far more than can be under way at a time."""
+"""PERMITs that wait for their outcome, at most: far more than can be under way at a time."""
 RECALLED: Final = 1_024
 """Records that are recalled after a restart, in about half a second.
 
@@ -67,7 +67,7 @@ class Conduct:
         self._behaviour = NOTHING_KNOWN
 
     def append(self, kind: str, body: dict[str, object]) -> str:
-        """The record's hash (hex); it survives a power cut, and what it says of conduct counts.
+        """Appends a durable record and counts its conduct; the record's hash (hex).
 
         Raises:
             JournalError: as the journal.

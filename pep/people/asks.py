@@ -91,7 +91,7 @@ class Asks:
         self._high_s = 0.0
 
     def _wall_s(self) -> float:
-        """Wall time that never goes back, not even over a restart: what was over stays over."""
+        """Wall time that never goes back, not even over a restart, so that no ended deferral lives again."""
         self._high_s = max(self._high_s, self._clock.wall_s())
         return self._high_s
 
@@ -246,7 +246,7 @@ class Asks:
         return None
 
     def expire(self) -> tuple[AskNotice, ...]:
-        """The deferrals whose time was over now; for each a denial is on record.
+        """Ends the deferrals whose time is over, each with a denial on record.
 
         Raises:
             pep.base.errors.JournalError: when one could not be recorded; it then stays open, and the next call tries

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Openings:
-    """The openings that the provider told of last. The caller serialises the calls."""
+    """Openings of the provider's last word. The caller serialises the calls."""
 
     def __init__(self) -> None:
         self._known: dict[str, VerifiedOpening] = {}

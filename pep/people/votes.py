@@ -1,4 +1,4 @@
-"""Counting what people have signed: each vote and opening verified with its author's registered key. Pure.
+"""Counting of votes and openings, each verified with its author's registered key. Pure.
 
 The identity provider carries votes and cannot make one. What it says about the state of an ask is advice; this decides.
 """

@@ -1,4 +1,4 @@
-"""The physics room: what could this command do to people, things and the robot, before it is sent?
+"""Physics room: possible impact of a command on people, things and the robot, before it is sent.
 
 `assess` gives a proven upper bound of the physical impact index over the whole motion, or a fault; `remaining` says of
 a motion under way whether what is left of it stays inside what was authorised. They claim no safety function: the

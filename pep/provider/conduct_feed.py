@@ -1,4 +1,4 @@
-"""Following the identity provider's word on conduct: what changed since the last one, with an age of its own.
+"""Follower of the identity provider's word on conduct: changes since the last one, with an age of its own.
 
 The age runs on our monotonic clock from the moment the nonce was sent, as that of revocations does; but it is another
 view, pulled less often: an identity provider that cannot say how agents behave can still say what is revoked.

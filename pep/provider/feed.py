@@ -330,7 +330,7 @@ class ProviderFollower:
         self._known = AcceptedFeed(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
 
     async def _ask_all(self, since: int) -> tuple[RevocationIndex, frozenset[tuple[str, str]]]:
-        """Everything after `since`, page by page: the last index, and what was revoked."""
+        """Everything after `since`, page by page: the last index, and the revocations."""
         fresh: set[tuple[str, str]] = set()
         while True:
             nonce = secrets.token_urlsafe(NONCE_BYTES)

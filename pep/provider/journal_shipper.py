@@ -27,7 +27,7 @@ TIMEOUT_S: Final = 10.0
 
 
 class JournalShipper:
-    """Posts what the ledger does not have yet, in order, with this PEP's proof.
+    """Shipper of records that the ledger lacks, in order, with this PEP's proof.
 
     Args:
         journal: read only.

@@ -73,7 +73,7 @@ NOBODY: Final = Credentials(None, NO_TOKEN)
 
 
 class Authority:
-    """Verifies what callers present, with the live revocation view.
+    """Verifier of callers' credentials, with the live revocation view.
 
     Args:
         verifier: steps 1 to 9, cached by digest.

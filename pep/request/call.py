@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Call:
-    """One request with what the shell knows about it.
+    """One request with the shell's knowledge of it.
 
     Attributes:
         request: in integers.

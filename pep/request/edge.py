@@ -29,13 +29,13 @@ class Edge:
         self._recorder = ThreadPoolExecutor(1, "journal")
 
     def lease_ms(self, request: Request | None) -> int:
-        """Oldest acceptable revocation view in ms, for a request, or (None) for what asks for no operation."""
+        """Oldest acceptable revocation view in ms, for a request, or (None) for a call without operation."""
         if request is None:
             return self._policies.parameters.lease_other_ms
         return requirement(request, self._policies).lease_ms
 
     async def record(self, kind: str, body: dict[str, object]) -> str:
-        """The hash of a durable record, of a decision or of what a shell has to say beside decisions.
+        """Makes a durable record of a decision or another event of the shell; its hash.
 
         Raises:
             JournalError: when it cannot be one: the caller then has no effect to give.

@@ -1,1 +1,1 @@
-"""The robot: what RTDE clients say, what becomes of it, and the controller behind."""
+"""Robot shell: input of RTDE clients, its treatment, and the controller behind."""

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from pep.watch.governor import Governor, ReportedSpeeds
 
 LOOK_MS: Final = 8
-"""Longest pause between two looks at what moves: four packages of the controller."""
+"""Longest pause between two looks at a moving device: four packages of the controller."""
 PAUSE_S: Final = LOOK_MS / 2000
 """Pause between two looks: half of the longest, so that waking up late has the other half."""
 FRAME_PERIOD_MS: Final = 25
@@ -107,7 +107,7 @@ class WatchAges:
 
     @staticmethod
     def of(cell: CellParameters) -> WatchAges:
-        """The limits that the cell's stop model reckons with (docs/physics.md, PHY-2).
+        """Limits of the cell's stop model (docs/physics.md, PHY-2).
 
         T_r = `watch_age_limit_s` + `reaction_s` is the time from an event to the stop: an arm that is judged on older
         frames than that is stopped later than the index assumes.

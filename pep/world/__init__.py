@@ -1,1 +1,1 @@
-"""The world of a request: robot, people and objects, and what the arm did before."""
+"""World of a request: robot, people and objects, and the recent acts of the arm."""

@@ -173,7 +173,7 @@ class CellPhysics:
                 self._motions.popitem(last=False)
 
     def remember(self, request: Request) -> None:
-        """See `Physics.remember`. A motion that cannot be told begins nowhere, and is refused."""
+        """Keeps a motion as `Physics.remember` says. A motion that cannot be derived begins nowhere, and is refused."""
         _told(partial(self._remember, request))
 
     def _remember(self, request: Request) -> None:
@@ -340,7 +340,7 @@ class AgedScene:
 
 
 def sight_of(look: Look, cell: CellParameters, *, allowance_ms: int = 0) -> AgedScene | ImpactFault:
-    """The scene that a look shows and the age to reckon with, or why it must not be believed.
+    """Scene of a look with the age to compute with; or the reason why it must not be believed.
 
     Args:
         look: at the sensors.

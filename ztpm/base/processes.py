@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
 READY_S: Final = 180.0
-"""Longest wait for a ready line, or for word of what is being prepared."""
+"""Longest wait for a ready line, or for a line about preparation."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""
 KEPT_LINES: Final = 200

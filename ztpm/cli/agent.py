@@ -99,7 +99,7 @@ def attest(agent: AgentName, *, software: Software, directory: CellDirectory = N
 def list_(
     *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
 ) -> None:
-    """List every agent: whose it is, whether it is active, how far it is trusted, how it behaves."""
+    """List every agent with its sponsor, state, trust and behaviour."""
     person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
         rows = person.agents()
@@ -167,7 +167,7 @@ def restore(
 
 
 def agent_of(agent: str, software: Path, *, directory: Path | None, as_json: bool) -> Agent:
-    """The agent with the key in the cell's directory and the measurement of what it runs, or the command ends."""
+    """Agent with its key from the cell's directory and its software's measurement, or the end of the command."""
     from ztpm_idp.client import Agent
 
     key = key_of(agent, directory=directory, as_json=as_json)

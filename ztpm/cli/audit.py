@@ -75,7 +75,7 @@ def show(
 
 
 class _MalformedError(Exception):
-    """A line that is no entry; the text says what is wrong with it."""
+    """Line that is no entry; the text names its fault."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,7 +24,10 @@ def sign(
     *,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Sign what stands in a cell. The robot's gateway takes it when `cell_signer_key` names the key that signed."""
+    """Sign the survey of a cell.
+
+    The robot's gateway takes it when `cell_signer_key` names the signing key.
+    """
     from capabilities.keys import keys
     from capabilities.statements import cell
     from capabilities.values.errors import BadKeyError
@@ -60,7 +63,7 @@ def show(
     *,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Show what a cell file states, once its signature is checked. Exit 3 for one that a gateway refuses."""
+    """Show the content of a cell file, once its signature is checked. Exit 3 for one that a gateway refuses."""
     from capabilities.keys import keys
     from capabilities.statements import cell
     from capabilities.values.caps import DEFAULT

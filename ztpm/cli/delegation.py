@@ -1,4 +1,4 @@
-"""`ztpm token issue` and `delegate`: authority is lent to agents of a cell, whose keys are in its directory.
+"""`ztpm token issue` and `delegate`: authority for agents of a cell, with keys in its directory.
 
 The token is written to a file that only its owner can read; it is never shown. Exit status: 0 lent, 1 failure, 2 usage,
 3 refused.
@@ -75,7 +75,7 @@ def delegate(
     directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
-    """Lend a narrower part of a token on; --software is what the receiver runs."""
+    """Lend a narrower part of a token on; --software is the receiver's software."""
     from capabilities.values.scope_json import restriction_from_json
 
     _check_new(out, as_json=as_json)

@@ -1,4 +1,4 @@
-"""`ztpm pit`: what could this motion do in this scene, and who confirms it?"""
+"""`ztpm pit`: possible impact of a motion in a scene, and its independent check."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def pit(
     proof: Annotated[Path | None, typer.Option("--proof", help="Where to write the proof document.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
-    """Tier and index of a motion in a scene, what raises them, and what would lower them.
+    """Tier and index of a motion in a scene, with their causes and remedies.
 
     Exit 0 for a tier that needs no person, 4 for one that does, 3 for one that is refused, for a violation and for a
     fault.

@@ -45,7 +45,7 @@ def tools(
     ] = None,
     directory: CellDirectory = None,
 ) -> None:
-    """Serve a cell's tools to agents: verify who calls, and pass the call on to the robot's gateway.
+    """Serve a cell's tools to agents: verify callers, and pass calls on to the robot's gateway.
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """

@@ -1,1 +1,1 @@
-"""The story end to end on an embedded cell: each step is told, done for real, and observed from outside."""
+"""Story end to end on an embedded cell: each step is done for real, and observed from outside."""

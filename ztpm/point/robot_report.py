@@ -1,4 +1,4 @@
-"""Report of an enforcement point about its robot and what its sensors see."""
+"""Report of an enforcement point about its robot and its sensors' view."""
 
 from __future__ import annotations
 

@@ -275,7 +275,10 @@ class Profile:
         return min(0.5 * self.peak_rad_s**2 / self.acceleration_rad_s2 / self.way_rad, 1.0)
 
     def rate(self, s: Floats) -> Floats:
-        """ds/dt at path parameter `s`, 1/s: speed rises with the root of the way made, and falls likewise."""
+        """ds/dt at path parameter `s`, 1/s.
+
+        It rises with the root of the way so far, and falls by the same law.
+        """
         up = np.sqrt(2 * self.acceleration_rad_s2 * self.way_rad * np.maximum(s, 0))
         down = np.sqrt(2 * self.braking_rad_s2 * self.way_rad * np.maximum(1 - s, 0))
         return np.asarray(np.minimum(self.peak_rad_s, np.minimum(up, down)) / self.way_rad)

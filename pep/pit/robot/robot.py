@@ -121,7 +121,7 @@ class Robot:
 
     @property
     def content(self) -> str:
-        """The text whose SHA-256 is `model_digest`: everything that the robot is, every float exact."""
+        """Text with the SHA-256 `model_digest`: every property of the robot, every float exact."""
         return _content(self.model, self.tool, self.held)
 
     @cached_property

@@ -41,7 +41,7 @@ def _the_shape(*stated: Shape | None) -> Shape:
 
 @dataclass(frozen=True, slots=True)
 class StaticObject:
-    """A surveyed object: a name, what it is, and one shape."""
+    """Surveyed object: a name, a kind, and one shape."""
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: str

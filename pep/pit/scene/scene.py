@@ -169,7 +169,7 @@ class Scene:
 
     @property
     def content(self) -> str:
-        """The text whose SHA-256 is `digest`: everything in the scene, exact to the last bit of each number."""
+        """Text with the SHA-256 `digest`: everything in the scene, exact to the last bit of each number."""
         return _record(self)
 
     @cached_property

@@ -57,7 +57,7 @@ class CommandClass(Enum):
     GETTER = "getter"
     """It only asks."""
     CONFIGURATION = "configuration"
-    """It changes what later commands mean, or what the robot believes."""
+    """It changes the meaning of later commands, or the robot's assumptions."""
     CONTROL = "control"
     """It concerns the handshake and the script itself."""
 

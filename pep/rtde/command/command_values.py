@@ -17,7 +17,7 @@ Axes: TypeAlias = tuple[bool, bool, bool, bool, bool, bool]
 
 @dataclass(frozen=True, slots=True)
 class Clear:
-    """No command stands; also what keeps the watchdog content."""
+    """No command; it also satisfies the watchdog."""
 
 
 # ----------------------------------------------------------------------------------------------------- moves to a place

@@ -36,7 +36,7 @@ def check(
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are failures.")] = False,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Load a policy set strictly; list its parameters, the primitives that it asks, and what is probably not meant."""
+    """Load a policy set strictly; list its parameters, its primitives, and its probable mistakes."""
     import policies
     from policies.decision.combine import checks
     from policies.explain.advice import advise

@@ -41,7 +41,7 @@ def diff(
     journal: JournalFile = None,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Show in what two sets differ, and which decisions, over recorded cases or a journal, are other ones."""
+    """Show the differences of two sets, and the decisions of recorded cases or a journal that differ."""
     from policies.explain.differences import of_decisions, of_sets
     from ztpm.cli.policy.replay import Replayed, written_cases
 
@@ -70,7 +70,7 @@ def simulate(
     since: Annotated[str, typer.Option(help="Only decisions since then: ISO 8601, in UTC unless it says so.")] = "",
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Decide again, under this set, what a journal or ledger recorded; show what would have been decided otherwise."""
+    """Decide a recorded journal or ledger again under this set, and show the decisions that differ."""
     from policies.explain.differences import of_decisions
     from ztpm.cli.policy.replay import Replayed
 

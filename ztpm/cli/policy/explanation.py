@@ -45,7 +45,7 @@ def explain(
     journal: JournalFile = None,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
-    """Show what each policy and primitive says of a request, how that combines, and what would change the answer."""
+    """Show each policy's and primitive's answer to a request, their combination, and the remedies."""
     from policies.explain.explanation import explain as explained
 
     policies = open_set(source, as_json=as_json).policies

@@ -22,7 +22,7 @@ DELEGATED: Final = ("delegate",)
 NEAR, FAR = pose(-0.2), pose(0.2)
 """A short move past the person, and back."""
 SLOWLY_RAD_S: Final = 0.3
-"""At 0.4 rad/s a contact would reach a person's limit (PFL), and what people approve must stay below it."""
+"""Speed of approved moves: at 0.4 rad/s a contact would reach a person's limit (PFL)."""
 IN_THE_ZONE: Final = pose(-1.4)
 """A target inside the zone that the cell file declares tier 4."""
 BEFORE_THE_ZONE_RAD: Final = -0.8

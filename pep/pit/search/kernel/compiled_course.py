@@ -105,7 +105,7 @@ def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
 
 
 class CompiledCourse(Course):
-    """A course whose questions the kernel answers. Same promises as `Course`; not shared between threads."""
+    """Course with the kernel as its engine. Same promises as `Course`; not shared between threads."""
 
     def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
         """A course that holds no configuration yet."""

@@ -124,7 +124,7 @@ _PACKS: Final = _Packs()
 
 
 class CompiledPath(Path):
-    """A path whose questions the kernel answers."""
+    """Path with the kernel as its engine."""
 
     def __init__(self, robot: Robot, move: Straight) -> None:
         """Makes a path that holds no configuration yet."""

@@ -57,7 +57,7 @@ def room_for(bodies: int, joints: int, rows: int) -> Room:
 
 @compiled
 def laid_out(room: Room, bodies: int, joints: int) -> tuple[Tree, SearchRows, Heap]:
-    """An empty tree, no rows and an empty heap in this room, which was made for such an arm."""
+    """Empty tree, no rows and an empty heap in this room, which fits this arm."""
     count, rows, numbers, whole, flags = NODES_FIRST, room.rows, room.numbers, room.whole, room.flags
     whole[:COUNTERS] = 0
     at = COUNTERS
