@@ -45,7 +45,7 @@ class Preparing:
         self._last_s = None
 
     def _write(self, text: str) -> None:
-        with suppress(OSError):  # nobody reads it any more
+        with suppress(OSError):  # it has no reader any more
             self._stream.write(text)
             self._stream.flush()
 

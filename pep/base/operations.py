@@ -167,7 +167,7 @@ JOINT_SPEED_URAD_S: Final = (
 )
 JOINT_ACCELERATION_URAD_S2: Final = 40_000_000  # U12: 40 rad/s2
 LEAST_SPEED_URAD_S: Final = (
-    2_000  # ours: twice what counts as standstill; a slower arm could not be told from a still one
+    2_000  # ours: twice the bound of standstill; a slower arm could not be told from a still one
 )
 LEAST_ACCELERATION_URAD_S2: Final = 10_000  # ours: past standstill within 0.1 s
 STROKE_UM: Final = 85_000  # G1: 0 to 85 mm
@@ -326,7 +326,7 @@ SPEED_LINEAR: Final = Operation(
     OperationKind.MOTION,
     Tier.REVERSIBLE,
     Moves.AT_TOOL_SPEED,
-    Sent.ONCE,  # nobody bounds the joints of a tool speed that changes: one at a time
+    Sent.ONCE,  # the joints of a changing tool speed have no bound: one at a time
 )
 SERVO_JOINT: Final = Operation(
     ROBOT,
@@ -356,7 +356,7 @@ SET_PAYLOAD: Final = Operation(
     "set_payload",
     (_limit("mass", Unit.GRAM, 0, PAYLOAD_G), *_lengths("cx", "cy", "cz")),
     OperationKind.SWITCH,
-    Tier.CONSEQUENTIAL,  # it changes what later commands mean
+    Tier.CONSEQUENTIAL,  # it changes the meaning of later commands
     Moves.STANDS,
     Sent.ONCE,
 )

@@ -205,7 +205,7 @@ def _readings(
     if sum(len(one.value) for one in presented) > values.VALUE_BYTES:
         return tuple(ArgumentReading(name, _DISTRUSTED, str(ReceiptFault.VALUE_TOO_LARGE)) for name in wanted)
     judged = [_judge(one, known) for one in presented]
-    # What a call shows, its holder knows. A receipt that is over, or another's, still says what was read.
+    # The holder knows each shown value. A receipt that is over, or another's, still tells of a reading.
     chosen = joined((own(known.holder), known.context, *(one.label for one in judged if one.label is not None)))
     everywhere = next((fault for one in judged if (fault := _of_none(one, wanted)) is not None), None)
     return tuple(_reading(name, same, judged, chosen, everywhere) for name, same in wanted.items())

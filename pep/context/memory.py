@@ -129,7 +129,7 @@ class Memory:
             PepError: `STATE_UNREADABLE` when it could not be made durable. Nothing more is written then until the
                 memory is opened anew: what the store holds is known again only after that.
         """
-        # 1 what would be written, before anything that costs
+        # 1 the new row, before anything that costs
         try:
             text.name(name, most_bytes=TEXT_BYTES)
         except CapabilityError:

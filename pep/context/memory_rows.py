@@ -124,7 +124,7 @@ class History:
                 self.note(row.sequence, found)
                 continue
             if row.sequence <= before.version:
-                # One of our rows a second time, behind a newer one whose place it would take.
+                # One of our rows a second time, behind a newer one.
                 self.note(row.sequence, MemoryFault.ROLLED_BACK)
                 continue
             if before.version + 1 < row.sequence:

@@ -105,7 +105,7 @@ def read(
     fault = response.refusal(said, call, at=at, caps=caps)
     if fault is not None and fault.code not in _OTHER_CALL:
         return _disbelieved(id_, str(fault.code))
-    # 4 by the tool as it was approved: what TEA-3 compared before the call stands in the word for its result
+    # 4 by the tool as it was approved: the definition that TEA-3 compared stands in the word for its result
     of_pin = approved is not None and said.definition == approved
     label = aged(recorded(said.audience, tainted=said.tainted), int((at - said.at) * 1_000))
     if fault is None and of_pin:

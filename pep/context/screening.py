@@ -72,7 +72,7 @@ def screen_value(value: object) -> tuple[Suspicion, ...]:
         n = bisect_right(starts, trace.at) - 1
         found.append(Suspicion(trace.sign, trace.what, trace.at - starts[n], texts[n][0]))
     if len(texts) > 1 and not any(trace.sign == INSTRUCTION_LIKE for trace in found):
-        # an order whose words stand in several texts, which a model reads one after the other
+        # an order over several texts, which a model reads one after the other
         folded, _ = characters.folded(" ".join(text for _, text in texts))
         found += [Suspicion(INSTRUCTION_LIKE, what, 0) for what, _ in instruction_rules.matches(folded)][:TRACES]
     return tuple(found)
@@ -120,7 +120,7 @@ def _encoded(text: str, depth: int, budget: _Budget) -> Iterator[Suspicion]:
 def _decoded(text: str) -> Iterator[tuple[str, int, str]]:
     for match in _BASE64.finditer(text):
         blob = _BREAKS.sub("", match.group()).rstrip("=").replace("-", "+").replace("_", "/")
-        # what stands before a blob without a gap shifts it: of its four positions one is the right one
+        # characters before a blob without a gap shift it: of its four positions one is the right one
         for shift in range(4):
             whole = blob[shift : shift + (len(blob) - shift) // 4 * 4]
             rest = blob[shift + len(whole) :]

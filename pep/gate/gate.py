@@ -122,7 +122,7 @@ class Gate(Edge):
         unsafe_observe: Simulated | None = None,
     ) -> None:
         journal = journal if unsafe_observe is None else Marked(journal)
-        # What is recorded here is heard: what this enforcement point saw itself counts at once.
+        # Conduct learns of each record made here: this enforcement point's own findings count at once.
         self.conduct = Conduct(journal, registry=registry, clock=clock, parameters=policies.parameters)
         super().__init__(policies=policies, journal=self.conduct)
         self._unsafe_observe = unsafe_observe
@@ -182,7 +182,7 @@ class Gate(Edge):
                 if attempt == ATTEMPTS:
                     return await self._conclude(call, evidence, _denied(decision, Reason.VERDICT_EXPIRED))
         except asyncio.CancelledError:
-            # The caller has gone, and the shell has stopped what was moving. A caller who goes waits for no record.
+            # The caller has gone, and the shell has stopped the motion. A caller who goes waits for no record.
             if permitted is not None and not (permit is not None and permit.concluded):
                 self._recorder.submit(self._abandoned, call.request, permitted)
             raise
@@ -255,7 +255,7 @@ class Gate(Edge):
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
         answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))
         found = Assessed(answer, NOT_COLLECTED) if isinstance(answer, ImpactFault) else answer
-        # What the request makes together with what was done just now: small steps are no smaller than their sum.
+        # The request joined with the recent acts: small steps are no smaller than their sum.
         joined = self._sequence.joined(call.request, impact=found.impact)
         together = None
         if joined is not None:
@@ -265,7 +265,7 @@ class Gate(Edge):
         at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
         chain = self._standing(call)
         seen = replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
-        # the slot is this request's, or the request is part of what holds it: nothing else is unfinished
+        # the slot is this request's, or its running stream's: nothing else is unfinished
         sequence = self._sequence.reading(
             call.request,
             agent=_agent(call),
@@ -327,7 +327,7 @@ class Gate(Edge):
         except ActuationRefusedError as refused:
             await self._refused(call, decision, permit, record, refused)
             return GateResult(denial(decision, refused.reason, SEQUENCE))
-        except Exception as error:  # noqa: BLE001 - what an effect raises is an outcome
+        except Exception as error:  # noqa: BLE001 - an error of an effect is an outcome
             body = records.outcome(
                 call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
             )

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 OBSERVED: Final = "observed"
 """Key in the body of every record, and in answers to callers, for unenforced decisions."""
 LASTS_MS: Final = 1_000
-"""Longest time from a decision to the begin of its observed effect."""
+"""Longest time from a decision to the beginning of its observed effect."""
 HIGHEST_MILLI: Final = 4_000
 """Highest impact index: the rest of every observed motion is under it."""
 

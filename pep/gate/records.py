@@ -46,7 +46,7 @@ def decision_body(decision: Decision) -> dict[str, object]:
 
 
 def _by(decision: Decision) -> str:
-    # What policies find comes with its remedy (policies.primitives.base.found); what the gate adds does not.
+    # Findings of policies come with their remedies (policies.primitives.base.found); those of the gate do not.
     own = (
         decision.effect is not Effect.PERMIT and bool(decision.findings) and "remedy" not in decision.findings[0].detail
     )

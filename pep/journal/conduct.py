@@ -158,7 +158,7 @@ def _stricter(own: BehaviourReading, told: AgentEntry) -> BehaviourReading:
             continue
         here = found.get(feature, Deviation(feature, entry.since, entry.score_milli))
         found[feature] = Deviation(feature, min(here.since, entry.since), max(here.score_milli, entry.score_milli))
-    # A feature that this version does not know is a deviation all the same: what can be done about it is done.
+    # A feature that this version does not know is a deviation all the same, with the usual consequences.
     unknown = any(entry.feature not in _FEATURES for entry in told.deviations)
     return replace(
         own,

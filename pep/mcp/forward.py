@@ -140,7 +140,7 @@ class Forward:
 
     async def _pass_on(self, http_request: HttpRequest, credentials: Credentials, send: Send) -> None:
         """Sends the request to the gateway and its answer back, or refuses it."""
-        stopping = stops(self._tools, http_request.tool)  # it waits for no record, and for nobody who may have gone
+        stopping = stops(self._tools, http_request.tool)  # it waits for no record, and for no caller who may have gone
         headers = {n: v for n, v in http_request.headers.items() if n in PASSED_ON or n.startswith(MCP_HEADERS)}
         where: dict[str, object] = {
             "method": http_request.method,
@@ -150,7 +150,7 @@ class Forward:
         if None in headers.values() and not stopping:
             await self._refusals.refuse(send, 400, Reason.BODY_MALFORMED, credentials=credentials, where=where)
             return
-        # Of a stop's headers, what came twice is not passed on.
+        # Of a stop's headers, repeated ones are not passed on.
         once = {name: value for name, value in headers.items() if value is not None}
         name = self._random(16)
         record = self._record(name, http_request, credentials)
@@ -217,7 +217,7 @@ class Forward:
             key=self._key,
             at=self._clock.wall_s(),
         )
-        # Made by hand, so that no header and no cookie is added to what the caller said.
+        # Made by hand, so that no header and no cookie is added to the caller's own.
         request = httpx2.Request(
             http_request.method, self._url, headers={**headers, TICKET: issued}, content=http_request.body
         )

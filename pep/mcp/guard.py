@@ -275,7 +275,7 @@ def guard(
         clock=clock,
         vouching=vouching,
     )
-    # The SDK takes extensions in the constructor only; these two calls are what the constructor does with them. A later
+    # The SDK takes extensions in the constructor only; the constructor makes these two calls. A later
     # SDK without them raises here, before anything is served.
     try:
         before = server._lowlevel_server.get_request_handler("tools/call")  # noqa: SLF001

@@ -154,7 +154,7 @@ class TicketLayer:
         try:
             first = self._replay.first_use(found.id, key=key, expires_ms=expires_ms)
         except ReplayStoreError as error:
-            return Fault(FaultCode.REPLAYED, "TKT-7", str(error.code))  # nobody can say that it was not
+            return Fault(FaultCode.REPLAYED, "TKT-7", str(error.code))  # a replay cannot be excluded
         return None if first else Fault(FaultCode.REPLAYED, "TKT-7", "the ticket was used before")
 
     def _stops(self, method: str, headers: Mapping[str, str | None], body: bytes) -> bool:

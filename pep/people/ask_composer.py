@@ -108,5 +108,5 @@ def compose(
         expires_at=expires_at,
     )
     text = ask.sign(asked, asker.key)
-    # what people cannot read must not be asked
+    # an unreadable question must not be asked
     return ask.open(text, [keys.public_raw(asker.key)], CAPS), text

@@ -333,7 +333,7 @@ class Asks:
         """
         registered = self._approvers.approvers()
         if not registered:
-            # No registry was read yet, or nobody approves: no vote can be verified, and none is condemned for it.
+            # No registry was read yet, or it has no approver: no vote can be verified, and none is condemned for it.
             return
         with self._writing:
             for answered in answers.asks:

@@ -126,7 +126,7 @@ class Deferral:
             case AskState.GRANTED if self.word_ms is None:
                 return "open"
             case AskState.GRANTED if counted.count is not Count.GRANTED:
-                return "withdrawn"  # who approved is no approver any more
+                return "withdrawn"  # the person who approved is no approver any more
             case AskState.GRANTED if len(self.used) >= counted.uses:
                 return "used"
             case AskState.GRANTED:

@@ -104,7 +104,7 @@ class FrameReceiver:
 
     def _tell(self, rejected: RejectedFrame) -> None:
         """Tells the incident, at most once in a while for the same sensor and fault."""
-        # A name that nobody registered is the sender's choice; counting by it would let every frame be news.
+        # An unregistered name is the sender's choice; counting by it would let every frame be news.
         key = (rejected.sensor if self._frames.knows(rejected.sensor) else "", str(rejected.fault))
         now = self._clock.monotonic_ms()
         told_ms, kept = self._told.get(key, (now - INCIDENT_PERIOD_MS, 0))

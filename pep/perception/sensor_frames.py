@@ -302,7 +302,7 @@ class Frames:
         return self._in_order(seen, sensor, arrived_ms)
 
     def _in_order(self, seen: Observation, sensor: RegisteredSensor, arrived_ms: int) -> SensorFrame | RejectedFrame:
-        # 4 what was verified names the sensor whose key verified it
+        # 4 the verified frame names the sensor of the verifying key
         if seen.sensor != sensor.sensor:
             return RejectedFrame(FrameFault.WRONG_SENSOR, sensor.sensor)
         # 5 the calibration is the registered one

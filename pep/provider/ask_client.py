@@ -120,7 +120,7 @@ class AskClient:
             try:
                 async with asyncio.timeout(PERIOD_S if self._asks.matter() else IDLE_S):
                     await self._asked.wait()
-                await asyncio.sleep(PERIOD_S)  # a new question; nobody answers it sooner
+                await asyncio.sleep(PERIOD_S)  # a new question; no person answers it sooner
             except TimeoutError:
                 pass
 

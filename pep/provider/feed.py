@@ -230,7 +230,7 @@ class ProviderFollower:
         try:
             while True:
                 started = self._clock.monotonic_ms()
-                self._wake.clear()  # before the question is sent: what is hinted from here on needs another pull
+                self._wake.clear()  # before the question is sent: a later hint needs another pull
                 self._begun += 1
                 try:
                     await self.pull()
@@ -268,7 +268,7 @@ class ProviderFollower:
             try:
                 epoch = await self._hint(known.epoch)
             except FeedError:
-                # No incident: what matters is whether the pull gets through, and that one tells.
+                # No incident: only the pull matters, and it tells its own failures.
                 await asyncio.sleep(backoff_s)
                 backoff_s = min(2 * backoff_s, LONGEST_BACKOFF_S)
                 continue

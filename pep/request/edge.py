@@ -1,4 +1,4 @@
-"""Ground of an enforcement point before any decision: the revocation lease, and durable records."""
+"""Leases and records of an enforcement point, which it needs before any decision."""
 
 from __future__ import annotations
 

@@ -208,7 +208,7 @@ class Watch:
                 alarm = self._answer(now)
                 unchanged = self._held is not None and seen.content == self._held
                 if unchanged:
-                    # What is left of a way was part of what was judged, with the same around it: it still holds.
+                    # The rest of a way was part of the judged one, with the same surroundings: it still holds.
                     self._judged_ms = max(self._judged_ms, now - seen.age_ms)
                 alarm = alarm or self._slowness(now)
                 if alarm is None:

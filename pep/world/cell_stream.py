@@ -140,7 +140,7 @@ class CellStream:
         if self._holding.robot is not self._robot:
             return ImpactFault(Reason.PHYSICS_FAULT, "the arm holds another part than when the stream began")
         motion = _motion(value, state, self._cell)
-        with self._lock:  # of two who ask; who tells the view hinders nobody
+        with self._lock:  # one question at a time; a new view needs no lock
             found = self._stream.step(motion, authorised_milli=authorised_milli, seed=seed)
         if isinstance(found, ImpactFault):
             return found

@@ -111,7 +111,7 @@ def joined(request: Request, now: Act, before: Sequence[Act]) -> Joined | None:
     if found is None:
         return None
     start, acts = found
-    # On the line of this leg, as far back as the way is long: what lies behind is done, and only its length counts.
+    # On the line of this leg, as far back as the way is long: the part behind is done, and only its length counts.
     here, leg = now.start_urad, max(abs(b - a) for a, b in zip(now.start_urad, end, strict=True))
     back = max(abs(b - a) for a, b in zip(start, here, strict=True))
     start = tuple(a - (b - a) * back // leg for a, b in zip(here, end, strict=True))

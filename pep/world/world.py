@@ -128,8 +128,8 @@ class CellPhysics:
         if fresh and sighting_ms is not None and sighting_ms > self._limit_ms:
             return False
         if isinstance(seen, Seen) and not any(frame.observation.people for frame in seen.frames):
-            return True  # nobody walks, and the view's own floor does not depend on its age
-        # A fresh view reckons with this reaction anyway (PHY-2); in an older one people have grown with its age.
+            return True  # no person walks, and the view's own floor does not depend on its age
+        # A fresh view includes this reaction anyway (PHY-2); in an older one people have grown with its age.
         reckoned_ms = int(self._cell.watch_age_limit_s * 1000) if fresh else 0
         return age_ms <= max(reckoned_ms, impact.perception_age_ms)
 

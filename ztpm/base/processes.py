@@ -128,7 +128,7 @@ class Child:
                 continue
             if not line.startswith(PREPARING):
                 self.output.append(line)
-            if not self.ready:  # nobody waits for lines afterwards
+            if not self.ready:  # no caller waits for lines afterwards
                 lines.put(line)
         lines.put(None)
 

@@ -31,7 +31,7 @@ async def serve_reports(report: Callable[[], Awaitable[dict[str, object]]]) -> N
     loop = asyncio.get_running_loop()
     try:
         await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), sys.stdin)
-    except ValueError:  # a file: nobody asks
+    except ValueError:  # a file: there are no questions
         return
     while line := await reader.readline():
         if line.strip() == b'{"report": true}':

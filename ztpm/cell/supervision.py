@@ -163,7 +163,7 @@ class Supervision:
         for name, child in self.cell.children.items():
             if not child.alive and not self._ended.is_set():
                 self._mend(name, child)
-                return  # what runs now is looked at the next time
+                return  # the restarted processes are looked at the next time
         if self._scene.changed():
             self._show(self.cell.sensor)
 

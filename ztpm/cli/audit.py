@@ -100,7 +100,7 @@ def _row(entry: object) -> _Row | None:
     if "record" in body:
         record = _object(body["record"], "the record")
         what, body = str(record.get("kind", "?")), _object(record.get("body"), "the record's body")
-    # A decision's record holds it whole; an outcome's names it by its hash, and says what came of it.
+    # A decision's record holds it whole; an outcome's names it by its hash, with the outcome.
     decided = body.get("decision")
     answer = decided if isinstance(decided, dict) else body
     asked = body.get("request")

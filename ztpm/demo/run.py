@@ -136,7 +136,7 @@ def play(on_stage: Stage, step: StoryStep) -> StepReport:
         started = time.perf_counter()
         seen = step.play(on_stage)
         until(lambda: on_stage.still, "standstill")
-    except Exception as error:  # noqa: BLE001 - the story goes on, and says what happened
+    except Exception as error:  # noqa: BLE001 - the story goes on, and tells the error
         elapsed = (time.perf_counter() - started) * 1e3
         return StepReport(
             step.id, f"{type(error).__name__}: {error}"[:400], "NONE", "STEP_FAILED", None, elapsed, 0.0, ok=False

@@ -201,7 +201,7 @@ class EnforcementPoint:
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
-            with contextlib.suppress(OSError):  # what the last mark says is at most a period old
+            with contextlib.suppress(OSError):  # the last mark is at most a period old
                 await asyncio.to_thread(self.clock.keep)
             await self.release()
             self.edge.close()
@@ -243,7 +243,7 @@ class EnforcementPoint:
                 return
             await asyncio.sleep(0.02)
 
-    # -- what goes wrong beside requests
+    # -- incidents beside requests
 
     def _feed_incident(self, error: PepError) -> None:
         """Records a refused answer; an unreachable provider is only told."""
@@ -268,7 +268,7 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
     # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
     most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
     resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
-    # Before MCPServer does, which would hide our warnings; its own, of what strangers send, stay hidden.
+    # Before MCPServer does, which would hide our warnings; its own, about strangers' input, stay hidden.
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
     logging.getLogger("mcp").setLevel(logging.ERROR)
     status = 1

@@ -92,7 +92,7 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
                 started = time.perf_counter()
                 result = await client.call_tool(tool, arguments)
         except Exception:
-            # The SDK reports a refused HTTP request in several ways; what was answered on the wire is the observation.
+            # The SDK reports a refused HTTP request in several ways; the answer on the wire is the observation.
             # It also asks for the tools after a call: when authority ended meanwhile, that is refused, the call is not.
             if not kept or kept[-1].status < 400:
                 raise

@@ -26,7 +26,7 @@ BUSY_S: Final = 2.0
 _MAKE: Final = (
     "CREATE TABLE IF NOT EXISTS memory (sequence INTEGER PRIMARY KEY, text TEXT NOT NULL, value BLOB NOT NULL) STRICT"
 )
-# One byte more than is allowed, never all of it: what a stranger put there may be of any size.
+# One byte more than is allowed, never all of it: a stranger's text may be of any size.
 _READ: Final = (
     f"SELECT sequence, substr(CAST(text AS BLOB), 1, {TEXT_BYTES + 1}), "  # noqa: S608 - a number of ours
     f"substr(CAST(value AS BLOB), 1, {VALUE_BYTES + 1}) FROM memory"

@@ -97,7 +97,7 @@ def _assess(
             view = view_around(robot, scene, age_s, motion.start, cell)
             return PathQuestion(robot, view, cell, touch=touch, seed=seed, check_time=check_time).answer(motion)
         case GripperMove():
-            # What the fingers close on or let go is what is held: it stays in the view.
+            # The fingers close on, or let go of, the held object: it stays in the view.
             return _grip_answer(robot, view_of(scene, age_s, cell), motion, cell)
         case OutputSet():
             return _output_answer(robot, view_of(scene, age_s, cell), motion, cell)

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from pep.pit.search.certify import Certified
     from pep.pit.search.timed_course import TimedCourse
 
-DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
+DOUBTFUL: Final = 3.0  # PHY-18: index of a motion that is not proven to its end
 SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no use, so no lower tier is named
 UNREACHABLE: Final = "unreachable"
 JOINT_LIMIT: Final = "joint_limit"
@@ -79,7 +79,7 @@ class DriveQuestion(MoveQuestion):
     def answer(self) -> Assessment | ImpactFault:
         """Answer by the steps, in order."""
         drive = self.drive
-        # 1. What goes nowhere is none; what meets a joint limit, or cannot be traced at all, needs no search.
+        # 1. No way is no motion; one that meets a joint limit, or cannot be traced at all, needs no search.
         if isinstance(drive, Nowhere) and drive.doubt is None:
             return self._assessment(0.0, (), ())
         if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:

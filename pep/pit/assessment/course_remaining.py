@@ -66,7 +66,7 @@ class RemainingCourse(RemainingRun):
         self.profile, self.since = drive.profile, int(s * GRID)
         self.effort = Effort(self.robot, drive, cell)
         self.doubts = [] if drive.doubt is None else [(DOUBTFUL, str(drive.doubt))]
-        # 2. The view, without what the arm holds.
+        # 2. The view, without the held object.
         self.look_around(scene, age_s, touch, self.effort.surface_speed_m_s(drive.profile))
         return None
 

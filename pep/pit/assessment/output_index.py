@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import OutputSet
     from pep.pit.scene.cell import CellParameters
 
-UNDECLARED: Final = 3.0  # PHY-15: nobody said what is connected there
+UNDECLARED: Final = 3.0  # PHY-15: the connected device is not declared
 
 
 def output_cause(motion: OutputSet, cell: CellParameters) -> Contribution:

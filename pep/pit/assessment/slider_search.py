@@ -83,7 +83,7 @@ def _highest(left: RemainingMotion, fractions: list[float], found: Pace) -> Pace
     """
     low, high = 0, len(fractions)
     while low < high:
-        # The top first: most often nobody is near any more.
+        # The top first: most often no person is near any more.
         middle = high - 1 if high == len(fractions) else (low + high) // 2
         better = _proven(left, fractions[middle])
         if better is None:

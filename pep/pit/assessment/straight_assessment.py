@@ -237,7 +237,7 @@ class MoveQuestion:
         lower: float | None = None,
         certificate: Certificate = EMPTY_CERTIFICATE,
     ) -> Assessment:
-        if told:  # the first one is what decides, so it carries the proven index
+        if told:  # the first one decides, so it carries the proven index
             told = told[:LISTED]
             if milli(index) > told[0].index_milli:
                 told = (replace(told[0], index_milli=milli(index)), *told[1:])

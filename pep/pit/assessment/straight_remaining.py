@@ -237,7 +237,7 @@ class RemainingRun:
         floor, cause = max(floors)
         if not milli(floor) <= self.authorised_milli:
             return Remaining(holds=False, index_milli=milli(floor), cause=cause)
-        # 5. The proof that no pair exceeds what is authorised.
+        # 5. The proof that no pair exceeds the authorised index.
         stop = stopping(cell, perception_age_s=view.stopping_age_s, joint_speed_rad_s=joint_speed_rad_s)
         return self._proof(path, pairs, profile, stop, rows=here.rows, speeds=speeds, floor=floor, until=until)
 

@@ -235,7 +235,7 @@ class Stream:
         pairs = world.pairs.meant(np.flatnonzero(world.pairs.touchable))  # under whichever law the bound may be
         start, now = step[0], step[1]
         clearance, speed = SecondWorld(self._robot, world.scene, pairs).ask_all([(start, now)])
-        speed = np.where(speed > SPEED_TOLERANCE_M_S, speed, 0.0)  # rounding moves what rests in its reference frame
+        speed = np.where(speed > SPEED_TOLERANCE_M_S, speed, 0.0)  # rounding moves a body at rest
         stop = stopping(self._cell, perception_age_s=age_s or 0.0, joint_speed_rad_s=float(np.abs(now).max()))
         bound = Certified(index, index, (), {}, _NO_LEAVES, np.zeros(0))
         return _disagreed(judged(pairs, stop, bound, np.arange(len(pairs)), clearance=clearance, speed=speed))

@@ -16,7 +16,7 @@ CENTER: Final = 0  # of the ball around the core: three columns
 AROUND: Final = 3  # radius of that ball
 RADII: Final = 4  # the pair's radii together
 VIOLATED_BELOW: Final = 5
-CALM: Final = 6  # clearance from which on it counts no more than any motion, but for what the stop adds
+CALM: Final = 6  # clearance from which on it counts no more than any motion, without the stop's part
 UNCERTAINTY: Final = 7
 BAND: Final = 8
 INTRUSION: Final = 9
@@ -26,7 +26,7 @@ DECLARED: Final = 12
 A: Final = 13  # first end, centre, or a plane's outward normal: three columns
 B: Final = 16  # second end: three columns
 OFFSET: Final = 19  # of a plane
-AXES: Final = 20  # of a box, row by row of the matrix whose columns they are: nine columns
+AXES: Final = 20  # of a box, as columns of a matrix that is stored row by row: nine columns
 HALF: Final = 29  # of a box: three columns
 NUMBERS: Final = 32
 
@@ -42,7 +42,7 @@ BOX: Final = 1
 PLANE: Final = 2
 POLYTOPE: Final = 3
 
-# Columns of a polytope's pair: where its rows begin, behind those of all pairs, and how many of what there are.
+# Columns of a polytope's pair: first row, behind those of all pairs, and the numbers of its parts.
 FIRST_ROW: Final = A
 VERTICES: Final = A + 1
 FACES: Final = A + 2

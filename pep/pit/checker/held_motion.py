@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from pep.pit.checker.stance import Six
     from pep.pit.checker.trace_pieces import CheckerTracedLine
 
-AT_ONCE: Final = 1e12  # acceleration of what is under way already: it has its speed from the first instant
+AT_ONCE: Final = 1e12  # acceleration of a motion under way: it has its speed from the first instant
 LOOKAHEAD_LEAST_S: Final = 0.03  # PHY-20
 STILL_RAD_S: Final = 1e-6  # PHY-20: one unit of the wire
 ENVELOPE: Final = 8  # equal pieces on which the speeds of a servo target are bounded
@@ -57,7 +57,7 @@ def held_speed(
     uneven = "uneven_twist" if moves and turns else None
     # 1. One that cannot be followed to its end is a line that cannot.
     if row["ahead"] is not None:
-        # The finest piece is a part of the course: of a far longer one it would be longer than what it is taken for.
+        # The finest piece is a part of the course: of a far longer course it would be longer than assumed.
         need(seconds <= LONGER * _way(up, held_s), Code.CELL_UNPROVEN, f"{PLACE}.seconds")
         return broken_off(
             robot, twist, start, row, timing=Timing(seconds, 1.0, up, AT_ONCE), push=up / seconds, tool_speed=0.0
@@ -66,7 +66,7 @@ def held_speed(
     s_end = end / GRID
     need(s_end * seconds >= _way(up, held_s) * (1 - SAME), Code.CELL_UNPROVEN, f"{PLACE}.until")
     traced = traced_until(robot, twist, start, row, end)
-    # 2. The stop may take hold from the sending on; what it then leaves the course by is its stray and hurry.
+    # 2. The stop may take hold from the sending on; its difference from the course is stray and hurry.
     window = s_end - _way(up, motion.duration_s) / seconds
     pieces, bend = _strayed(traced, s_end, window)
     last = traced.nodes[end]

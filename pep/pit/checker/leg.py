@@ -90,7 +90,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
         Refusal: something does not hold.
     """
     robot, cell, way = asked.robot, asked.cell, leg.way
-    # 1. What holds anyway: any motion, the view, a retreat, and what the arm itself is asked.
+    # 1. Floors: any motion, the view, a retreat, and the demands on the arm itself.
     speeds = CheckerSpeedBounds(way, leg.timing, leg.cuts)
     pairs = pairs_of(robot, obstacles_of(asked.scene, cell, asked.view, asked.touch), cell)
     retreating, meant = (_numbers(proof[name], f"proof.{name}", len(pairs)) for name in ("retreating", "meant"))

@@ -17,8 +17,8 @@ EXTENT_MOST_M: Final = 100.0  # farther away is a wrong unit
 LEAST_M: Final = 1e-6  # one unit of the wire: the least extent of a body
 CORNERS: Final = (4, 64)  # fewest and most of a polytope
 SIGHTING_MOST_S: Final = 3600.0  # an older one is none
-UNIT: Final = 2.1e-3  # ||q| - 1| of a box's quaternion: what an observation may have, and rounding
-DIVISOR: Final = 1e-9  # what is divided by is more than this
+UNIT: Final = 2.1e-3  # ||q| - 1| of a box's quaternion: as in an observation, and rounding
+DIVISOR: Final = 1e-9  # least divisor
 LIMBS: Final = frozenset({"upper_arm", "lower_arm", "hand"})  # PHY-3: one of these was tracked, so limbs are
 REGIONS: Final = LIMBS | {"head", "neck", "torso", "abdomen", "pelvis", "thigh", "shin"}
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 PIECES_MOST: Final = 1024  # of one line; bounds the work
 NODES_MOST: Final = 50_000  # of one line; likewise
-BOUND_MOST: Final = 1e12  # of a derivative of a joint, rad; what is larger proves nothing
+BOUND_MOST: Final = 1e12  # of a derivative of a joint, rad; a larger one proves nothing
 PLACE: Final = "proof.course"
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from pep.pit.checker.stance import Six
     from pep.pit.checker.twist import CheckerTwist, Pose
 
-DOUBTFUL: Final = 3.0  # PHY-18: index of what is not proven to its end
+DOUBTFUL: Final = 3.0  # PHY-18: index of a motion that is not proven to its end
 HALF_TURN_RAD: Final = math.pi - 0.01  # PHY-18
 STATED_M: Final = 0.002  # PHY-18
 STATED_RAD: Final = 0.002  # likewise

@@ -19,13 +19,13 @@ if TYPE_CHECKING:
     from pep.pit.checker.stance import CheckerStance, Six
     from pep.pit.checker.twist import CheckerTwist, Pose
 
-FINEST: Final = GRID // 2**10  # PHY-18: what cannot be proven on so short a piece cannot be
+FINEST: Final = GRID // 2**10  # PHY-18: a line without proof on so short a piece has none
 STEPS: Final = 12  # of Newton's method: it doubles the digits
 EXACT: Final = 1e-11  # m and rad: it has arrived
 FAR_RAD: Final = 0.5  # a step so long left the neighbourhood
-ROUNDS: Final = 50  # of a bound that closes in on what follows from it
+ROUNDS: Final = 50  # of a bound that closes in on its own consequence
 ROOM: Final = 0.2  # share of the derivatives by which a bound is tried above them
-GROWTH: Final = 7.9  # a bound so many times the derivatives in the middle helps nobody
+GROWTH: Final = 7.9  # a bound so many times the derivatives in the middle is of no use
 SHRINKS: Final = 0.99  # Newton's map has to contract
 INSIDE_RAD: Final = 1e-9  # from a joint's limit
 

@@ -15,7 +15,7 @@ class Code(StrEnum):
     NOT_CANONICAL = "NOT_CANONICAL"  # another spelling of a document that has exactly one
     VERSION_UNKNOWN = "VERSION_UNKNOWN"
     MEMBER_WRONG = "MEMBER_WRONG"  # missing, of another type, out of range, or not of the declared form
-    DIGEST_WRONG = "DIGEST_WRONG"  # the document, the robot or the scene is not what its digest says
+    DIGEST_WRONG = "DIGEST_WRONG"  # the document, the robot or the scene has another digest
     FORM_UNKNOWN = "FORM_UNKNOWN"  # a path that this checker cannot recompute
     TIER_WRONG = "TIER_WRONG"  # not the tier of the index
     ANSWER_WRONG = "ANSWER_WRONG"  # a question whose answer is fixed has another one

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Shape
 
 FORM: Final = "ztpm-scene/1"
-NAME_LIMIT: Final = 128  # ours: what a screen can show
+NAME_LIMIT: Final = 128  # ours: fits on a screen
 SHAPES: Final = ("box", "capsule", "convex", "sphere")
 Name = Annotated[str, Field(min_length=1, max_length=NAME_LIMIT)]
 Length = Annotated[float, Field(ge=0)]

@@ -23,7 +23,7 @@ Vector: TypeAlias = tuple[float, float, float]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 EXTENT_LIMIT_M: Final = 100.0  # further away is a wrong unit
-QUATERNION_TOLERANCE: Final = 2.1e-3  # ||q| - 1|: what an observation may have, and float rounding
+QUATERNION_TOLERANCE: Final = 2.1e-3  # ||q| - 1|: as in an observation, and float rounding
 
 
 @dataclass(frozen=True, slots=True)

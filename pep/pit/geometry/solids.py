@@ -132,7 +132,7 @@ def _numbers_of(shape: Shape) -> tuple[float, ...]:
 
 
 def _length(x: float, y: float, z: float) -> float:
-    return math.sqrt(x * x + z * z + y * y)  # in numpy's order: certificates keep the last bit of what rests on it
+    return math.sqrt(x * x + z * z + y * y)  # in numpy's order: certificates keep its last bit
 
 
 def rotation_of(quaternion: Quaternion) -> Floats:

@@ -23,7 +23,7 @@ DEPTH: Final = 16  # ours: robot, link, collision, geometry, shape are five
 ELEMENTS: Final = 20_000  # ours
 LARGEST: Final = 1e6  # ours: no length, angle, mass, torque or inertia of an arm is larger, in SI units
 NUMBER: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
-SHOWN: Final = 64  # characters of what is refused that a message repeats
+SHOWN: Final = 64  # characters of a refused text that a message repeats
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}")  # ours: names go into records and tables
 
 

@@ -23,17 +23,17 @@ if TYPE_CHECKING:
 Stuck = Literal["singular", "joint_limit"]
 
 FIRST_PIECES: Final = 8  # equal ones; fewer only add a level
-FINEST: Final = GRID // 2**10  # PHY-18: 10 halvings; what cannot be proven on so short a piece cannot be
+FINEST: Final = GRID // 2**10  # PHY-18: 10 halvings; a line without proof on so short a piece has none
 PIECES_MOST: Final = 1024  # bounds time and memory; a line that keeps off singularities needs some dozens
 ROUNDS: Final = 60  # of a fixed point: it closes in like a geometric series, or never
-GROWTH: Final = 8.0  # a bound so many times the derivatives in the middle helps nobody: halve
+GROWTH: Final = 8.0  # a bound so many times the derivatives in the middle is of no use: halve
 ROOM: Final = 0.2  # share of the derivatives in the middle by which a bound is tried above them
 SLACK: Final = 0.15  # share of the fastest joint's rate by which a bound may exceed the rate in the middle
 LOOSE: Final = 2.0  # likewise of the second derivative, as a multiple of the derivatives in the middle
 ENOUGH: Final = GRID // 2**9  # pieces so short are kept however loose their bound is
 BEND_OF_LOG: Final = 0.6  # the inverse left Jacobian of the logarithm differs from 1 by less than 0.6 angle up to 1 rad
 ROUND_UP: Final = 1 + 1e-9  # far above float64 rounding of these sums
-ROOM_ABOVE: Final = 1e-6  # a thousand times what the last round of a sum may still have added
+ROOM_ABOVE: Final = 1e-6  # a thousand times the last possible addition of a sum
 ASKED_POSES: Final = 33  # poses of the rest at which any joint angles are sought
 
 

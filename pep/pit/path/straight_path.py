@@ -34,7 +34,7 @@ class Path(Route):
         return np.array(self._move.start)
 
     @cached_property
-    def delta(self) -> Floats:  # type: ignore[override]  # nobody sets it
+    def delta(self) -> Floats:  # type: ignore[override]  # never set
         """Way of each joint, rad."""
         return np.asarray(np.array(self._move.target) - self.start)
 

@@ -35,14 +35,14 @@ NOT_TRACED: Final[dict[str, Any]] = {
     "seconds": None,
 }  # fmt: skip
 """Record of a motion that needs no course."""
-SLACK: Final = 5e-7  # of an index: half of what the checker allows (PHY-32), for bounds that are spelt larger
-SPELT: Final = 2.0**-30  # relative: far above rounding, far below what an index shows
+SLACK: Final = 5e-7  # of an index: half of the checker's own slack (PHY-32), for bounds that are spelt larger
+SPELT: Final = 2.0**-30  # relative: far above rounding, far below any visible change of an index
 SHORT_M: Final = 1e-14  # rounding of a tool's place, against the way of a short line
 SHORTER: Final = 16  # times as much of it is in a third derivative
 BITS_OF_SECOND: Final = 32  # of a bound of a second derivative
 BITS_OF_THIRD: Final = 20  # of a third, which counts a thousand times less
 HALVINGS: Final = (GRID // FIRST_PIECES // FINEST).bit_length() - 1  # from the first pieces to the finest
-STRAYS: Final = 2.0**-20  # share by which what depends on spelt bounds is taken to be larger
+STRAYS: Final = 2.0**-20  # share added to numbers that depend on spelt bounds
 
 
 class Recorded(CompiledCourse):

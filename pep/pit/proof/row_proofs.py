@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
 
-ALL_BUT_ON_IT: Final = 1e-6  # rad: what Newton leaves beside a line, with much room
+ALL_BUT_ON_IT: Final = 1e-6  # rad: error of Newton's method beside a line, with much room
 CLEARLY: Final = 1e-3  # of an index: far more than that can count
 DIGITS: Final = "0123456789abcdefghijklmn"  # PHY-32: of an interval's depth
 DEEPEST: Final = len(DIGITS) - 1

@@ -96,7 +96,7 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
         raise ModelError("PHYSICS_FAULT", "a calibration of six joints is needed")
     tip = 0.0
     beyond = max(math.hypot(*tool.tcp_m) for tool in model.tools)
-    # From the tip inwards: what turns at a joint sweeps at most all that is beyond it.
+    # From the tip inwards: a turning joint sweeps at most all links beyond it.
     for joint, own in reversed(list(zip(model.joints, calibration.joints, strict=True))):
         offset, turn = _apart(joint, own)
         if not (offset <= OFFSET_LIMIT_M and turn <= TURN_LIMIT_RAD):

@@ -53,7 +53,7 @@ class Stance:
         turning = self.axes * dq[:, None]
         spin = np.cumsum(turning, axis=0) - turning  # of the link that carries each axis
         velocity = np.cross(turning, self.position - self.origins).sum(axis=0)
-        onto = np.cross(turning[None], self.origins[:, None] - self.origins[None])  # [k, j]: what j gives origin k
+        onto = np.cross(turning[None], self.origins[:, None] - self.origins[None])  # [k, j]: origin k by joint j
         before = np.tril(np.ones((len(dq), len(dq))), -1)
         origin_velocity = (before[:, :, None] * onto).sum(axis=1)
         bent = np.cross(spin, self.axes)

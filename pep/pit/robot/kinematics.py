@@ -56,7 +56,7 @@ class Layout:
     seen_from_arm: NDArray[np.intp]
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def layout(robot: Robot) -> Layout:
     """The robot's bodies as arrays."""
     link = np.array([b.link for b in robot.bodies])

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 JOINTS: Final = 6  # a UR arm: six revolute joints in a row
 SCHEMA: Final = 1
-PAYLOAD: Final = "payload"  # the body that stands for what is held
+PAYLOAD: Final = "payload"  # the body of the held object
 TOOL_PAIR: Final = "tool"  # in `self_pairs`: every capsule of the tool
 RESERVED: Final = (PAYLOAD, TOOL_PAIR, "tcp", "elbow_point")  # the two last ones are points that a robot tracks
 MASS_POINT: Final = "com_"  # and the names of its centres of mass begin with this

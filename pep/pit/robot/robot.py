@@ -189,7 +189,7 @@ def _load(name: str, tool: str, calibration: Calibration | None) -> Robot:
     return Robot.from_toml(source.read_text(encoding="utf-8"), tool=tool)
 
 
-@lru_cache(maxsize=64)  # what one cell holds in a day; a robot takes a millisecond to build
+@lru_cache(maxsize=64)  # the objects that one cell holds in a day; a robot takes a millisecond to build
 def _holding(robot: Robot, held: GrippedObject | None) -> Robot:
     return _assemble(robot.model, robot.tool.name, held)
 

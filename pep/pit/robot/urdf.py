@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from pep.pit.robot.model import Vector
 
-VERSIONS: Final = ("1.0", "1.1", "1.2")  # A9: what urdfdom 6 reads; no version is 1.0
+VERSIONS: Final = ("1.0", "1.1", "1.2")  # A9: versions that urdfdom 6 reads; no version is 1.0
 CAPSULES_FROM: Final = "1.1"  # A9: before, its reader drops them
 AXIS_LENGTHS: Final = (1e-3, 1e3)  # ours: the format asks for 1; the direction of a much shorter one is noise
 UNREAD: Final = ("material", "transmission", "gazebo", "ros2_control")  # say nothing of kinematics or collisions

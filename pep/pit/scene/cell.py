@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 
     from pydantic import ConfigDict
 
-TRACKING_M: Final = 0.003  # PHY-11: how far a moving arm is beside what was commanded
-CALIBRATED_ERROR_M: Final = 0.002  # PHY-11: what kinematics of the arm's own still err at the tool
-NOMINAL_ERROR_M: Final = 0.0045  # CAL: what nominal ones err: 4.2 mm on the farthest of four UR3e, rounded up
+TRACKING_M: Final = 0.003  # PHY-11: distance of a moving arm from its command
+CALIBRATED_ERROR_M: Final = 0.002  # PHY-11: error of the arm's own kinematics at the tool
+NOMINAL_ERROR_M: Final = 0.0045  # CAL: error of nominal ones: 4.2 mm on the farthest of four UR3e, rounded up
 CALIBRATED_UNCERTAINTY_M: Final = CALIBRATED_ERROR_M + TRACKING_M
 NOMINAL_UNCERTAINTY_M: Final = NOMINAL_ERROR_M + TRACKING_M
 HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs
@@ -130,7 +130,7 @@ class CellParameters:
     # stopping: one model for the index, every stop sent and the simulator
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     stop_delay_s: float = STOP_DELAY_S
-    watch_age_limit_s: float = 0.15  # PHY-2: least age that the model reckons with
+    watch_age_limit_s: float = 0.15  # PHY-2: least age in the model
     reaction_s: float = 0.06  # PHY-2: 0.03 s computing and 0.03 s on the wire
     watch_time_limit_s: float = 0.15  # PHY-13: an answer about a moving arm that is older than the watch allows is none
     tracking_tolerance_m: float = TRACKING_M  # PHY-13: its share of `robot_uncertainty_m`; farther is off the path
@@ -171,10 +171,10 @@ class CellParameters:
     contact_near_m: float = 0.03  # DESIGN section 6, PHY-12: while nearer than this
     contact_depth_m: float = 0.02  # PHY-12: fingers rise 13.5 mm on closing (G3), a calibrated arm errs 5; more presses
 
-    # what is held
-    held_tolerance_m: float = 0.03  # PHY-14: seen this near to where it is held, it is what is held
+    # the held object
+    held_tolerance_m: float = 0.03  # PHY-14: an object seen this near to the grip is the held one
     grip_reach_m: float = 0.01  # PHY-14: a gripped object is this near to the fingers' pads
-    unknown_part_m: float = 0.1  # PHY-14: radius, about the tool point, of a held part that nobody saw
+    unknown_part_m: float = 0.1  # PHY-14: radius, about the tool point, of an unseen held part
 
     # limits that the robot's own safety configuration also holds
     tcp_speed_limit_m_s: float = 1.5  # PHY-1: from memory of the default row; read it from the installation

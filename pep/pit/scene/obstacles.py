@@ -55,7 +55,7 @@ VIOLABLE: Final = (PairKind.PERSON, PairKind.SELF, PairKind.WORKSPACE, PairKind.
 
 KINDS_IN_ORDER: Final = tuple(PairKind)
 CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
-NO_HARM: Final = np.inf  # of what is no person: no speed or force harms it in that sense
+NO_HARM: Final = np.inf  # of an obstacle that is no person: no speed or force harms it in that sense
 NEVER: Final = -np.inf  # clearance below which a pair is a violation that cannot be one
 NOBODY: Final[frozenset[str]] = frozenset()
 
@@ -175,7 +175,7 @@ def _thing(what: str, uncertainty_m: float, cell: CellParameters) -> tuple[int, 
     return CODE[kind], _Law(uncertainty_m + cell.robot_uncertainty_m, band=band)
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def _bears(robot: Robot, cell: CellParameters) -> dict[Region, tuple[float, float, float]]:
     """Limits that each region bears: the harmful speed, the limit speed, and the force."""
     return {

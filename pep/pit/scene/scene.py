@@ -35,8 +35,8 @@ if TYPE_CHECKING:
 PEOPLE_LIMIT: Final = 32  # no cell holds more people around a table-top arm; bounds the work
 REGIONS_LIMIT: Final = 64  # per person; a detailed skeleton has about 20
 THINGS_LIMIT: Final = 256  # objects and zones together; bounds the work
-SIGHTING_AGE_LIMIT_S: Final = 3600.0  # what an observation may state; older is no sighting
-CELL_FILE: Final = ""  # the source of what a person surveyed and signed; everything else is some sensor's word
+SIGHTING_AGE_LIMIT_S: Final = 3600.0  # largest age in an observation; an older one is no sighting
+CELL_FILE: Final = ""  # the source of surveyed and signed objects; all others come from a sensor
 
 
 class Region(StrEnum):

@@ -45,7 +45,7 @@ class Ratio:
         return ratio_index(self.ratio)
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def speed_shares(robot: Robot, cell: CellParameters) -> Floats:
     """Shares of each quantity's limit (speed of tool, elbow, momentum) that 1 m/s of each body takes, (3, bodies)."""
     tcp = robot.body_index("tcp")

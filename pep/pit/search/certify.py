@@ -30,7 +30,7 @@ RESOLUTION: Final = 0.01  # PHY-9: index within which upper bound and witness ma
 VIOLATION_RESOLUTION_M: Final = 1e-4  # a path that grazes to within this without touching is no violation
 ROWS_MOST: Final = 200_000  # rows examined in one question: bounds memory and time in every scene
 SPEED_STEPS: Final = 9  # bisections of the speed: 1 / 500 of it, finer than anyone drives
-BLOW_DEPTH: Final = 7  # halvings in the search for the worst blow; what is still open then counts with its bound
+BLOW_DEPTH: Final = 7  # halvings in the search for the worst blow; a row that is still open counts with its bound
 BLOW_RESOLUTION: Final = 0.01  # PHY-4: ratio within which bound and attained value of a blow may differ
 LOWER_DEPTH: Final = 6  # halvings in the search for a lower tier: enough for 1 % of the speed
 
@@ -40,7 +40,7 @@ class Witness(NamedTuple):
 
     key: int
     pair: int
-    index: float  # type: ignore[assignment]  # not a tuple's: nobody looks for a number's place in a witness
+    index: float  # type: ignore[assignment]  # not a tuple's: no caller looks for a number's place in a witness
     clearance_m: float
     speed_m_s: float
 

@@ -28,10 +28,10 @@ if TYPE_CHECKING:
     from pep.pit.search.timed_course import Doubt
 
 STEPS: Final = 1024  # the end of a hold lies on one of so many places of a course, so that its pieces halve evenly
-WINDOW_PIECES: Final = 16  # of the end of a hold: what strays there is as much as its bound of the bending
+WINDOW_PIECES: Final = 16  # of the end of a hold: the stray there is as large as the bound of the bending
 ROOM: Final = 1.01  # the joints' speeds where a hold ends may differ by so much between two places 1 / STEPS apart
 PLANS: Final = 4  # the hold ends a little later for lying on the grid, where the joints may be a little faster
-AT_ONCE: Final = 1e12  # acceleration of what is under way already: it has its speed from the first instant
+AT_ONCE: Final = 1e12  # acceleration of a motion under way: it has its speed from the first instant
 LOOKAHEAD_LEAST_S: Final = 0.03  # U12: the least lookahead of servoJ
 ENVELOPE_CELLS: Final = 8  # of a straight envelope, which bends nowhere
 STILL_RAD_S: Final = 1e-6  # one unit of the wire (urad/s)
@@ -113,7 +113,7 @@ def speed_drive(
     line = _line_and_window(robot, twist, start, plan, check_time)
     if line.stuck is not None:
         return as_far_as(plan.seconds, line)
-    # 3. The stop, and what one that takes hold earlier leaves the course by.
+    # 3. The stop, and the difference of one that takes hold earlier.
     course = _stopped(robot, twist, line, plan)
     if isinstance(course, Nowhere):
         return course

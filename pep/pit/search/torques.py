@@ -25,7 +25,7 @@ def carried_kg(robot: Robot, cell: CellParameters) -> float:
     return robot.model.payload_limit_kg if cell.payload_kg is None else cell.payload_kg
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def _loaded(robot: Robot, carried: float) -> Any:
     """Pinocchio's model with the load."""
     if not carried > 0:

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     Whole = NDArray[np.int64]
 
-# Columns of what is the same for all of a robot's bodies: both ends in the frame of the link, radius, half the axis.
+# Columns of each of a robot's bodies: both ends in the frame of the link, radius, half the axis.
 ENDS, RADIUS, HALF = 0, 6, 7
 LINK, REFERENCE = 0, 1
 # Of the robot's own pairs: the middle and half the axis of the capsule that a body must mind, radii together.

@@ -70,7 +70,7 @@ def cross_check(
     world = SecondWorld(path.robot, scene, pairs)
     watched: list[Witness] = [*certified.witnesses[:1], *certified.violated.values()]
     at = [profile.at(profile.time_of(w.s)) for w in watched]
-    at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # nobody can foresee these places
+    at += [profile.at(share * profile.duration_s) for share in fractions(seed)]  # these places cannot be foreseen
     met = np.array(at)
     q, qd = path.start + met[:, :1] * path.delta, path.delta * met[:, 1:]
     kernel, every = np.empty((len(watched), len(pairs))), np.arange(len(pairs))

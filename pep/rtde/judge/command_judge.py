@@ -140,7 +140,7 @@ class LeasedJudge:
         held = case.held
         deadline_ms, waited_for = self._clock.monotonic_ms() + HOLD_MS, set[str]()
         while True:
-            # Anew for each run of the gate: what the arm holds may have changed while people were asked.
+            # Anew for each run of the gate: the held object may have changed while people were asked.
             fitted = self._fitted()
             asked = asked_of(case.command, path=held.path, fitted=fitted)
             if isinstance(asked, NoDecisionNeeded):

@@ -55,7 +55,7 @@ class LineRefusals:
     def __init__(self, record: Recording, clock: Clock) -> None:
         self._record = record
         self._clock = clock
-        self._seconds: dict[int, _Second] = {}  # by what the holder is, which may have no hash
+        self._seconds: dict[int, _Second] = {}  # by identity of the holder, which may have no hash
         self._tasks: set[asyncio.Task[None]] = set()
 
     def note(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:

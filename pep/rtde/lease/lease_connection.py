@@ -123,7 +123,7 @@ class LeaseConnection(asyncio.Protocol):
             self.close(LeaseEnding.MALFORMED)
         finally:
             if self._transport is not None and not self._asking:
-                acknowledge(self._transport)  # commands; nobody waits for what goes the other way
+                acknowledge(self._transport)  # commands; the other direction is not urgent
 
     def eof_received(self) -> bool:
         """Ends: the other end says nothing more."""

@@ -112,7 +112,7 @@ class LeaseEndpoint:
         if not (vacant and self.leases.open(lease, at_ms=self.clock.monotonic_ms())):
             return await self._refuse(409, Reason.LEASE_HELD, credentials)
         try:
-            # No durable record, no lease: what moves under it is on record one by one besides.
+            # No durable record, no lease: each motion under it is on record besides.
             await asyncio.to_thread(self.journal.append, "lease", _record(lease, self.clock.wall_s()))
         except JournalError:
             self.leases.end(lease)

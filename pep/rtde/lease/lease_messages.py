@@ -291,7 +291,7 @@ class OpenLines:
             case OpenRefused() if not asks and state is _Line.ASKED:
                 self._becomes(word.line, None)
                 return True
-            # Of what came before either end closed the line, too.
+            # Also about input from before either end closed the line.
             case RefusalNotice() if not asks and state in (_Line.OPEN, other):
                 return True
             case Bytes() if state is other:  # they crossed the closing of the end that no longer wants them

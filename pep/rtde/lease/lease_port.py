@@ -224,6 +224,6 @@ class _Back:
             self._carried.dropped(self._number)
 
     def tell(self, text: str) -> None:
-        # Nothing is kept for who does not read: the program itself has its answer.
+        # Nothing is kept for an operator who does not read: the program itself has its answer.
         if not self._closed and self._carried.flowing and self._number in self._carried.carrier.lines.open:
             self._carried.carrier.say(RefusalNotice(self._number, text))

@@ -74,7 +74,7 @@ class RobotiqGripper:
         """
         with self._connected() as link:
             if self._get(link, "STA") != ACTIVE:
-                # Activation opens and closes the fingers once: a motion that nobody has decided here.
+                # Activation opens and closes the fingers once: a motion without a decision here.
                 raise RobotError(PepFault.GRIPPER_INACTIVE, "a person has to activate it")
             self._set(
                 link,

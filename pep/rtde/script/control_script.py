@@ -233,6 +233,6 @@ class Recogniser:
                 return answer
         if self._followers:
             return None
-        # The script that agreed for longest says what is wrong.
+        # The script that agreed for longest names the fault.
         _, self._over = max(((f.depth, a) for f, a in answers if isinstance(a, InputRefusal)), key=lambda pair: pair[0])
         return self._over

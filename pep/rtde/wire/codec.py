@@ -314,7 +314,7 @@ class Recipe:
         for name, kind in zip(self.names, self.types, strict=True):
             value = values[name]
             if kind in WIDTH:
-                flat.extend(value)  # type: ignore[arg-type]  # struct refuses what is no vector of this width
+                flat.extend(value)  # type: ignore[arg-type]  # struct refuses a vector of another width
             else:
                 flat.append(value)
         return self.pack_flat(flat)

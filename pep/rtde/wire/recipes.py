@@ -37,7 +37,7 @@ _CONTROL: Final = (
     *(((0,), 14, ()), ((0, 1), 0, ()), ((0,), 13, ()), (range(7), 6, ()), ((0, 1), 7, ()), ((0,), 1, (1,))),
     *(((0,), 10, ()), ((0,), 6, (1,)), ((0,), 18, ())),
 )
-# The IO interface's outputs; integer register 23 stands before each, and says what the client's own name for it is.
+# The IO interface's outputs; integer register 23 stands before each, with the client's own name for it.
 _OUTPUTS: Final = (
     (),
     ("standard_digital_output_mask", "standard_digital_output"),

@@ -43,7 +43,7 @@ def at_left(stage: Stage) -> None:
     stage.scene()
     out_of_the_zone(stage)
     if stage.joints[2] > ABOVE_TABLE[2] + UNDER_WAY_RAD:
-        # It was left on the table: who was lent the touch lifts it.
+        # It was left on the table: an agent with the touch lifts it.
         stage.move("orchestrator", to=ABOVE_TABLE, speed=DOWN_RAD_S)
     stage.bring(LEFT)
 

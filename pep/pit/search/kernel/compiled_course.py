@@ -50,7 +50,7 @@ _NOWHERE: Final = -1.0  # where a line ends that is none: no place is before it
 _POINTS: Final = KernelTwist(np.zeros(3), np.eye(3), np.zeros(3), np.zeros(3))
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def _tool_of(robot: Robot) -> line_pieces.TracedArm:
     wrist = Wrist(np.array(robot.rotations), np.array(robot.offsets), np.array(robot.tool.tcp_m, dtype=float))
     lowest, highest = robot.position_ranges_rad

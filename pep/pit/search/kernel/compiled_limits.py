@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from pep.pit.path.straight_path import Path
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def _limits_of(robot: Robot, cell: CellParameters) -> Floats:
     arm = [robot.model.acceleration_limit_rad_s2, cell.tcp_speed_limit_m_s, carried_ratio(robot, cell)]
     return np.concatenate([robot.speed_limits_rad_s, robot.torque_limits_nm, arm])
@@ -39,7 +39,7 @@ def _limits_of(robot: Robot, cell: CellParameters) -> Floats:
 
 @lru_cache(maxsize=64)  # likewise
 def _shares_of(robot: Robot, cell: CellParameters) -> Floats:
-    return speed_shares(robot, cell).copy()  # numba compiles anew for an array that nobody may change
+    return speed_shares(robot, cell).copy()  # numba compiles anew for a read-only array
 
 
 @lru_cache(maxsize=16)  # as many as there are powers of two

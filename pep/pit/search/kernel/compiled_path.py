@@ -61,7 +61,7 @@ if any(KINDS_IN_ORDER[code] is not kind for code, kind in _CODED.items()) or len
     raise ImportError("the kernel's codes of kinds are not those of the pairs")
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def arm_of(robot: Robot) -> Arm:
     """The robot's bodies and joints as the kernel's arrays."""
     plan = layout(robot)

@@ -166,7 +166,7 @@ def blow(
     for depth in range(depths + 1):
         count = asked.shape[0]
         wide, wide_used, bounds = np.empty(count, np.int64), 0, np.empty(count)
-        before = proven  # what this level settles must not settle more of it
+        before = proven  # a bound that this level settles must not settle more of it
         known = with_room(known, 3 * _intervals(asked))
         nodes = known.nodes
         ends, placed, speeds, spins = nodes.ends, nodes.known, nodes.speed, nodes.spin

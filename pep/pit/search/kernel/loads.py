@@ -37,7 +37,7 @@ QUANTITIES: Final = ("joint_speed", "acceleration", "tcp_speed", "elbow_speed", 
 JOINT_SPEED, HARDEST, TOOL_SPEED, FIRST_SHARE, TORQUE, CARRIED = 0, 1, 2, 2, 5, 6
 SHARES: Final = 3  # quantities that are sums of speeds: of the tool, of the elbow, momentum
 
-# Columns of what limits the arm, after the speeds and torques of its joints.
+# Columns of the arm's limits, after the speeds and torques of its joints.
 ACCELERATION_LIMIT, TOOL_LIMIT, CARRIED_RATIO = 2 * JOINTS, 2 * JOINTS + 1, 2 * JOINTS + 2
 
 

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 NODES_FIRST: Final = 512  # room for configurations at first; hardly a question needs more, which costs more than it
 ASKED: Final = (
     2 * (LINKS - 1) + PROFILE + LAW + STOP
-)  # start and target, timing, law, and what a slower speed is found by
+)  # start and target, timing, law, and the numbers for a slower speed
 COUNTERS: Final = 5  # of rows, doubts, the heap, nodes and spans
 _FRAME: Final = 12  # 3 x 4
 _TURNING: Final = 12  # 4 x 3

@@ -38,7 +38,7 @@ SPIN_FIRST: Final = 6
 SPIN_SECOND: Final = 7
 TABLE: Final = 8
 
-# Whole numbers of a row: its span, its pair, and what is known of it.
+# Whole numbers of a row: its span, its pair, and its stage.
 SPAN_OF: Final = 0
 PAIR: Final = 1
 STAGE: Final = 2
@@ -70,7 +70,7 @@ LEAF_PAIR: Final = 2
 LEAF_NUMBERS: Final = 3  # the first five of a row's numbers
 LEAF: Final = 8
 
-# Columns of a place that was met, and what stands where none was.
+# Columns of a place that was met, and the mark of none.
 MET_INDEX: Final = 0
 MET_CLEARANCE: Final = 1
 MET_SPEED: Final = 2

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 _PROPERTIES: Final = 5  # of a joint
 
 
-@lru_cache(maxsize=64)  # one robot of a cell, with what it holds in a day
+@lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
 def _joints(robot: Robot) -> Floats:
     joints = np.empty((_PROPERTIES, len(robot.model.joints)))
     joints[LOWEST], joints[FURTHEST] = robot.position_ranges_rad

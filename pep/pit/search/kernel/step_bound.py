@@ -77,7 +77,7 @@ if TYPE_CHECKING:
 
 NODES: Final = 3  # both ends and the middle
 MIDDLE: Final = 1  # of them
-ROUNDING: Final = 1.0 + 1e-12  # of ratios and speeds: far above what sums of a few numbers err by
+ROUNDING: Final = 1.0 + 1e-12  # of ratios and speeds: far above the error of sums of a few numbers
 
 
 class Settled(NamedTuple):
@@ -281,7 +281,7 @@ def settle(ready: Ready, form: int, step: Floats, age: float, limit: float) -> S
     # 5. As much above as a search leaves open inside one tier: the whole question would tell no more.
     if index > MOVING:
         index = max(index, min(index + RESOLUTION, math.ceil(index - TIE)))
-    # The highest is for what breaks a limit or is none: the whole question says which.
+    # The highest is for a broken limit or a NaN: the whole question tells which.
     if not (proven and index <= limit and index < HIGHEST):
         return _open()
     return Settled(True, index, swept.tool * rules[TOOL_LIMIT], contact)  # noqa: FBT003 - a named tuple's

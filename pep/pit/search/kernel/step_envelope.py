@@ -28,12 +28,12 @@ SPEED: Final = 1
 START, NOW, TARGET, TIMES = range(4)
 STEP: Final = 4
 
-# Columns of what holds of the cell and the view.
+# Columns of the numbers of cell and view.
 DELAY, DECELERATION, WATCH_AGE, REACT, WALKING, WARNED, THROUGH, GENTLE, DEPTH = range(9)
 PATIENCE, AGE_LIMIT, UNKNOWN, SIGHTED, HARDEST, CARRIED, TOOL_LIMIT = range(9, 16)
 RULES: Final = 16
 
-# Rows of what holds of each joint.
+# Rows of each joint's limits.
 LOWEST, FURTHEST, FASTEST, STRONGEST, TURNING = range(5)
 
 

@@ -129,7 +129,7 @@ def _slower(
                 tree, way, table, field, rows, heap, timing, rule, met, target, target + TIE, LEVEL_LOWEST, 0
             )
             fits = finished and best <= target + TIE
-            for row in range(rows.used[0]):  # what could not be halved any more may still be above
+            for row in range(rows.used[0]):  # rows that could not be halved any more may still be above
                 if fits and whole[row, STAGE] == FINAL:
                     fits = numbers[row, BOUND] <= target + TIE
         if fits:

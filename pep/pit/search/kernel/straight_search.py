@@ -185,7 +185,7 @@ def explored(
                 if not known[at, body]:
                     put(frames, turning, ends, speeds, swerves, spins, known, link, reference, own, at, body)
         if stage == BALLS:
-            # 2. The distance in the middle. Less what levers allow, it often settles the row.
+            # 2. The distance in the middle. Less the bound by levers, it often settles the row.
             gap = core_gap(ends, middle, body, laws, pair, shape)
             clear, rush = gap[0] - laws[pair, RADII], speeds[middle, body] + table[body, RADIUS] * spins[middle, body]
             numbers[row, CLEAR_MID], numbers[row, RUSH_MID] = clear, rush
@@ -214,7 +214,7 @@ def explored(
             whole[row, STAGE] = FINAL
             continue
         else:
-            # 4. Both halves, each with all that its nodes prove: what was worth halving is worth no cheaper look.
+            # 4. Both halves, each with all that its nodes prove: a halved row needs the full look.
             if spans[span, LEFT] == WHOLE_LEAF and is_full(tree):
                 if not on_top:
                     used[1] += 1

@@ -37,7 +37,7 @@ def torque_bound(ready: Ready, way: Envelope, bends: Floats) -> float:
     hold, push, swing = torques(ready.masses, q, dq, ddq)
     lift = ready.masses.lift
     gravity = math.sqrt(lift[0] ** 2 + lift[1] ** 2 + lift[2] ** 2)
-    change = np.zeros((JOINTS, 3))  # by s: of what holds, of what s'' and of what s' squared asks for
+    change = np.zeros((JOINTS, 3))  # by s: of the torque at rest, per s'' and per s' squared
     for body in range(mass.shape[0]):
         kilos = mass[body]
         if not kilos > 0.0:

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     Whole = NDArray[np.int64]
 
-# Bounds on derivatives of a body's ends (m) and of its spin (rad), per power of s, and on what strays from the course.
+# Bounds on derivatives of a body's ends (m) and of its spin (rad), per power of s, and on its stray from the course.
 FIRST: Final = 0
 SECOND: Final = 1
 THIRD: Final = 2
@@ -35,7 +35,7 @@ HURRY: Final = 7
 SPIN_HURRY: Final = 8
 BENDS: Final = 9
 
-# Rows of what holds of a cell's joints, in the order of `pep.pit.path.course.Cells`.
+# Rows of a cell's bounds of the joints, in the order of `pep.pit.path.course.Cells`.
 Q: Final = 0
 DQ: Final = 1
 DDQ: Final = 2

@@ -118,7 +118,7 @@ def _box(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> Gap:
         slope_high = _out(sx + wx, hx) * wx + _out(sy + wy, hy) * wy + _out(sz + wz, hz) * wz
         if slope_high > 0.0:
             low, high = 0.0, 1.0
-            for face in range(6):  # where the derivative bends: what is left has its root on one straight piece
+            for face in range(6):  # where the derivative bends: the rest has its root on one straight piece
                 start, way, half = (sx, wx, hx) if face < 2 else ((sy, wy, hy) if face < 4 else (sz, wz, hz))
                 if abs(way) > TINY:
                     x = ((half if face & 1 == 0 else -half) - start) / way

@@ -155,7 +155,7 @@ def prove_derivatives(reach: Floats, bounds: PieceBounds, r: float, fastest: flo
                 return False
     if not closed:
         return False
-    for _ in range(3):  # what follows from a bound is a bound: bring it down
+    for _ in range(3):  # the consequence of a bound is a bound: bring it down
         _follows(reach, dq, ddq, gain, mixed, r, a, w, need)
         for i in range(JOINTS):
             a[i] = min(a[i], need[i])

@@ -161,7 +161,7 @@ def _piece(
             slip += abs(inverse[i, j])
         row[STRAY, i] = (
             2 * EXACT * slip
-        )  # what Newton leaves, in joint angles; twice, since the inverse is the middle's
+        )  # error of Newton's method, in joint angles; twice, since the inverse is the middle's
         within[i] = 0.5 * r * r * second[i] + row[STRAY, i]
         near[i] = mid[i] - r * dq[i]
     if not on_path(tool.reach, here.q, back, near, within, desk.gain, desk.room):
