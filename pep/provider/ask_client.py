@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pep.people.deferral import AskNotice
 
 PERIOD_S: Final = 0.25
-"""Time between pulls while an answer could matter: an eighth of the motion lease, in which an approval counts."""
+"""Time between pulls while an answer could matter: an eighth of the greatest age of an approval's word."""
 IDLE_S: Final = 2.0
 """Time between pulls while none could: the longest delay before an opening is noticed."""
 TIMEOUT_S: Final = 1.0

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Convex, Vector
 
 FINE, COARSE = 32, 12
-"""Corners of a ring about a capsule's axis: for round looks, and for hardly visible bodies."""
+"""Corners of a ring about a capsule's axis: fine for bodies in view, coarse for hardly visible ones."""
 MOST_PARTS: Final = 128
 """Most parts of a side, at any length."""
 

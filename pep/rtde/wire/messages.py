@@ -57,7 +57,7 @@ class RequestProtocol:
 
 @dataclass(frozen=True, slots=True)
 class ProtocolAnswer:
-    """Controller: agreement to it."""
+    """Controller: acceptance or refusal of that."""
 
     accepted: bool
 
@@ -127,7 +127,7 @@ class Start:
 
 @dataclass(frozen=True, slots=True)
 class StartAnswer:
-    """Controller: agreement to it."""
+    """Controller: acceptance or refusal of that."""
 
     accepted: bool
 
@@ -139,7 +139,7 @@ class Pause:
 
 @dataclass(frozen=True, slots=True)
 class PauseAnswer:
-    """Controller: agreement to it."""
+    """Controller: acceptance or refusal of that."""
 
     accepted: bool
 
