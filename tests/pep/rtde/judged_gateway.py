@@ -1,8 +1,8 @@
-"""A gateway in a process of its own, before a controller, with everything behind it that decides (`robot_cell`).
+"""Gateway in a process of its own, before a controller, with all that decides behind it (`robot_cell`).
 
-`python judged_gateway.py LISTEN ROBOT FOLDER` prints `ready`. Whoever connects has the lease; each line on standard input
-is what its token is without from then on: operations, or nothing; or `remember` and `forget`, from where on what was
-done with the arm counts, or does not. The journal is FOLDER/journal.ndjson.
+`python judged_gateway.py LISTEN ROBOT FOLDER` prints `ready`. Any client has the lease; each line on standard input
+names operations that its token lacks from then on, or none; or it is `remember` or `forget`, after which earlier acts
+of the arm count, or do not. The journal is FOLDER/journal.ndjson.
 """
 
 import asyncio
@@ -107,7 +107,7 @@ class Judged:
 
     @contextlib.contextmanager
     def remembering(self):
-        """What is done with the arm counts meanwhile for what is done next."""
+        """Lets earlier acts of the arm count for later ones meanwhile."""
         self._tell("remember")
         try:
             yield

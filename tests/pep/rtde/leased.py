@@ -1,4 +1,4 @@
-"""A lease, an arm that does what is forwarded to it, and the judge in between: gate, authority and journal are the real ones."""
+"""Lease, an obedient arm, and the judge in between: gate, authority and journal are real."""
 
 import asyncio
 import threading
@@ -91,7 +91,7 @@ class Arm:
                     pass
 
     def halt(self):
-        """By its program, or by somebody else."""
+        """Stops the arm, by its program or another party."""
         with self.lock:
             self.go_on()
             self.target, self.speed = None, 0.0
@@ -281,7 +281,7 @@ class House(Rig):
 
 
 def played(house, scenario):
-    """What `scenario(judge)` gives, the arm standing afterwards."""
+    """Result of `scenario(judge)`, with the arm standing afterwards."""
 
     async def inside():
         judge = house.judge()

@@ -1,4 +1,4 @@
-"""A gateway in a process of its own, with a judge that is told how to answer: ur_rtde's constructors never let go of the interpreter.
+"""Gateway in a process of its own, with a judge whose answers are told.
 
 `python -m tests.pep.rtde.leased_gateway LISTEN ROBOT FILE` prints `ready`; each line on its standard input is the judge's
 next manner. FILE gets one line for each word of the judge: what it was asked, what it answered, and what was withdrawn.
@@ -26,7 +26,11 @@ REPOSITORY = Path(__file__).parents[3]
 
 
 class Judge:
-    """`permit`, `refuse`, `defer:S` (then permits, S seconds later; `LATER_S` without), `silent`, `stop` (permits, then stops), `steps:N` (N values of a stream pass), `zeros`, `break` (raises)."""
+    """Judge with a manner that is told to it.
+
+    `permit`, `refuse`, `defer:S` (then permits, S seconds later; `LATER_S` without), `silent`, `stop` (permits, then
+    stops), `steps:N` (N values of a stream pass), `zeros`, `break` (raises).
+    """
 
     def __init__(self, out):
         self.manner, self.out = "permit", out
@@ -153,13 +157,13 @@ class Running:
         assert self.process.stdout.readline() == "done\n"
 
     def heard(self):
-        """What the judge has said so far."""
+        """Words of the judge so far."""
         return self.file.read_text().splitlines()
 
 
 @contextlib.contextmanager
 def leased_gateway(robot, file, module="tests.pep.rtde.leased_gateway", errors=None):
-    """A gateway in front of `robot`, on a loopback address of its own, for whoever connects."""
+    """Gateway in front of `robot`, on a loopback address of its own, for any client."""
     host = f"127.{random.randint(1, 254)}.{random.randint(0, 254)}.{random.randint(1, 254)}"
     Path(file).touch()
     command = [sys.executable, "-m", module, host, robot, str(file)]

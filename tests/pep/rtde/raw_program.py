@@ -53,7 +53,7 @@ class Raw:
         )
 
     def zeros(self, number):
-        """What a package says that says nothing."""
+        """Package without content."""
         return {name: VECTOR if name == EXTERNAL_WRENCH else 0 for name in self.names[number - 1]}
 
     def heard(self):

@@ -1,4 +1,4 @@
-"""A relay in a process of its own that keeps what a client says: ur_rtde's constructors never let go of the interpreter.
+"""Relay in a process of its own that keeps a client's bytes.
 
 `python relay.py LISTEN ROBOT FILE PORT...` appends one line for each piece of a client's bytes before it passes them on:
 number of the connection, port, bytes in hex. After a line `mute` on its standard input nothing of the robot's is passed

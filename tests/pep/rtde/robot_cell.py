@@ -32,7 +32,7 @@ FRAMES_S = 0.05
 
 
 def controller(*, off_m=0.0):
-    """One at home, whose installation has the model's tool, and what is said of it off by so much along the flange."""
+    """Controller at home with the model's tool, its told values off by so much along the flange."""
     *xy, z = FITTED.centre_m
     payload, (*tcp_xy, tcp_z) = (FITTED.payload_kg, *xy, z - off_m), TOOL.tcp_m
     return SimulatedController.start(joints=HOME, tcp_m=(*tcp_xy, tcp_z - off_m), payload=payload)

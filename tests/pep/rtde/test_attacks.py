@@ -1,7 +1,7 @@
-"""The attacks on the RTDE boundary, each with the tests that try it; those that no other file has are here.
+"""Attacks on the RTDE boundary, each with the tests that try it; those without another file are here.
 
-An attack is a row of the list in the boundary's analysis: what a hostile program in a lease can do with registers and
-recipes, and what it can upload.
+An attack is a row of the list in the boundary's analysis: the acts of a hostile program in a lease with registers and
+recipes, and its uploads.
 """
 
 import ast

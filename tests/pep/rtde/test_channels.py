@@ -1,6 +1,6 @@
-"""Every way to a controller, tried at the address of a gateway and at that of a program in a lease: what is closed, what only tells, and what takes nothing.
+"""Channels to a controller at the addresses of gateway and leased program: closed, telling, or taking nothing.
 
-The judge permits whatever it is asked, so that what does not happen was refused by the lines alone. A relay before the
+The judge permits any request, so that an act that does not happen was refused by the lines alone. A relay before the
 controller keeps what the gateway says to it, and eyes of our own see the robot.
 """
 
@@ -67,7 +67,7 @@ def somewhere():
 
 
 class Cell:
-    """A controller, the relay and the gateway before it, and a lease for whoever is to have one."""
+    """Controller, the relay and the gateway before it, and a lease for its holder."""
 
     def __init__(self, folder, robot, towards):
         self.folder, self.robot, self.towards, self.judge = folder, robot, towards, Permits()
@@ -108,7 +108,7 @@ class Cell:
 
     @contextlib.contextmanager
     def reached(self, leased):
-        """The address where its ports are, for the holder of a lease or for anybody."""
+        """Address of its ports, for the holder of a lease or for any client."""
         if not leased:
             yield self.stranger
             return
@@ -138,7 +138,7 @@ class Cell:
 
     @property
     def now(self):
-        """Where the arm is, and all that can be set without a command."""
+        """Place of the arm, and all that can be set without a command."""
         eyes = self.eyes
         return (
             eyes.getActualQ(), eyes.getActualDigitalOutputBits(), eyes.getTargetSpeedFraction(),
@@ -164,7 +164,7 @@ class Cell:
         assert len(self.judge.asked) == asked
 
     def told(self):
-        """What the controller was told so far on the ports where programs would be."""
+        """Bytes to the controller so far on the ports of programs."""
         return {port: b"".join(self.towards.said(port)) for port in (*SCRIPTS, *READ_ONLY)}
 
 
@@ -181,7 +181,7 @@ def cell(tmp_path_factory):
 
 
 def answers(host, port):
-    """Whether somebody listens there."""
+    """True where a server listens there."""
     try:
         socket.create_connection((host, port), timeout=2).close()
     except ConnectionRefusedError:
@@ -324,7 +324,7 @@ def moving(cell, host):
 
 
 def unbroken(packages):
-    """Whether each package is of the cycle after the one before."""
+    """True where each package is of the cycle after the one before."""
     stamps = [package["timestamp"] for package in packages]
     return all(abs(b - a - CYCLE_S) < CYCLE_S / 10 for a, b in zip(stamps, stamps[1:], strict=False))
 

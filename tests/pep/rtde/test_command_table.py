@@ -1,7 +1,7 @@
-"""Every command id of ur_rtde, by the method that says it, through a gateway that decides for real: what happens to the robot.
+"""Effect on the robot of every command id of ur_rtde, through a gateway that decides for real.
 
-A row is tried twice: with a token that does not grant it and with one that does. What the robot does is seen by
-connections of our own to the controller, past the gateway.
+A row is tried twice: with a token that does not grant it and with one that does. Connections of our own to the
+controller, past the gateway, show its effect.
 """
 
 import contextlib
@@ -59,11 +59,11 @@ DOWN = (0.0, 0.0, 9.82)
 SENSOR = (True, 0.1, NOWHERE, NOWHERE)
 EVERYTHING = {grant.operation for grant in leased_scope(0).grants} - {"read_state"}  # a token grants something
 UNSEEN_S = 0.1
-"""What the controller has not begun by then, fifty of its cycles later, was not sent."""
+"""Seconds after which a command that has not begun was not sent: fifty cycles of the controller."""
 OFF_M = OFFSET_M / 2
-"""The controller's tool and payload are off by so much, which counts as the same; what sets them again shows by it."""
+"""Offset of the controller's tool and payload that counts as the same; a new setting shows by it."""
 ODD = (0.3, -0.2, 0.1, 0.02, -0.01, 0.03)
-"""What stands in the registers of an answer before a question that has another."""
+"""Content of an answer's registers before a question that has another."""
 WORDS = (*NAMES, "input_double_register_0")
 
 
@@ -81,14 +81,14 @@ class Seen:
     running: bool
 
     def same(self, other):
-        """Whether nothing of it has changed, and the arm stands."""
+        """True where nothing of it has changed, and the arm stands."""
         still = max(self.speed, other.speed) < STILL_RAD_S and self.away(other.q) < 1e-4
         return still and all(
             getattr(self, name) == getattr(other, name) for name in ("digital", "analog", "slider", "payload", "tcp")
         )
 
     def away(self, q):
-        """How far the farthest joint is from there."""
+        """Distance of the farthest joint from there."""
         return max(abs(a - b) for a, b in zip(self.q, q, strict=True))
 
 
@@ -136,7 +136,7 @@ class Place:
         until(lambda: self.now.speed < STILL_RAD_S)
 
     def reasons(self, since=0):
-        """What was decided or refused, by its reason."""
+        """Reasons of the decisions and refusals."""
         return [
             record["body"]["decision"]["reason"] if record["kind"] == "decision" else record["body"]["reason"]
             for record in self.gateway.records()[since:]
@@ -144,7 +144,7 @@ class Place:
         ]
 
     def outcomes(self, since=0):
-        """How what was sent has ended."""
+        """Outcomes of the sent commands."""
         return [
             record["body"]["result"]["outcome"]
             for record in self.gateway.records()[since:]
@@ -152,7 +152,10 @@ class Place:
         ]
 
     def told(self):
-        """How each has ended that was permitted is on record, which may be after the program was answered."""
+        """True where the outcome of each permitted command is on record.
+
+        That may be after the program was answered.
+        """
         return len(self.outcomes()) == self.reasons().count("PERMITTED")
 
     def home(self):
@@ -266,7 +269,7 @@ def moves(before, now):
 
 
 def says(expected, within=1e-9):
-    """What is expected: a value, or what it is at that place."""
+    """Check of an answer against a value, or a function of the place."""
     what = expected if callable(expected) else lambda place: expected
     return lambda place, said: np.shape(said) == np.shape(want := what(place)) and np.allclose(said, want, 0, within)
 
@@ -276,20 +279,20 @@ def seen_pose(place):
 
 
 def seen_flange(place):
-    """Where the tool is, without the tool."""
+    """Pose of the flange, from the seen pose and tool."""
     *at, rx, ry, rz = seen_pose(place)
     *tool, _, _, _ = place.now.tcp
     return [*(np.array(at) - turned_by(np.array((rx, ry, rz))) @ tool), rx, ry, rz]
 
 
 def modelled(place):
-    """Where the model has the tool at home."""
+    """Pose of the model's tool at home."""
     here = stance(ROBOT, np.array(HOME))
     return [*here.position, *turn_of(here.rotation)]
 
 
 def reaches(place, said):
-    """Whether the model has the tool at `UP` with these joint angles."""
+    """True where the model has the tool at `UP` with these joint angles."""
     there, wanted = stance(ROBOT, np.array(said)), pose(place, RISE_M)
     turned = there.rotation.T @ turned_by(np.array(wanted[3:]))
     return np.allclose(there.position, wanted[:3], 0, 2 * OFF_M) and np.allclose(turned, np.eye(3), 0, 1e-4)
@@ -406,7 +409,7 @@ def calling(place, row, method=None, arguments=None):
 
 
 def called(place, row, method=None, arguments=None):
-    """What the method says."""
+    """Answer of the method."""
     return calling(place, row, method, arguments)()
 
 

@@ -1,4 +1,4 @@
-"""Steps that judge whole commands, whether they are told one, or the six doubles in which it differs from the last."""
+"""Steps that judge whole commands, told one or the six doubles that differ from the last."""
 
 from dataclasses import fields, replace
 

@@ -26,7 +26,7 @@ PARTS = {
 
 
 def run(name, seed, count, *, ledger, until, told):
-    """The figures of the trials of that part that are in the ledger or were done before `until`, and how many they are."""
+    """Figures of that part's trials that are in the ledger or done before `until`, and their number."""
     piece, _, share = PARTS[name]
     of = sources(name.partition("-")[0])
     done, whole, tried = known(ledger, name, seed, of), Figures(), 0

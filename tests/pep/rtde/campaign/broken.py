@@ -21,7 +21,7 @@ MOVE = 1
 
 
 def swapped_images():
-    """What is written over a command that stands goes through, and nobody is asked."""
+    """A command written over a standing one goes through, and nobody is asked."""
     LeasedCommands._drifted = lambda self, command: self._write(command)
 
 
@@ -32,7 +32,7 @@ def no_stops():
 
 
 def no_record():
-    """Whatever is asked for is sent, and not written down."""
+    """Any command is sent, and not written down."""
     Rule.judge = lambda self, held: held.forward(self)
 
 
@@ -48,7 +48,7 @@ def breaking():
 
 
 def stale_rewrites():
-    """The keep-alive writes the last move, whatever has been cleared since."""
+    """The keep-alive writes the last move, after any clear."""
     write = LeasedLine._write
 
     def keeping(self, values):

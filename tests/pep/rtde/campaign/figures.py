@@ -1,4 +1,7 @@
-"""What was found: counts, values whose distribution counts, and what failed. A ledger keeps them from one run to the next."""
+"""Figures of a campaign: counts, values whose distribution counts, and failures.
+
+A ledger keeps them from one run to the next.
+"""
 
 import hashlib
 import json
@@ -26,7 +29,7 @@ class Figures:
         self.failed += other.failed
 
     def claim(self, holds, what):
-        """What does not hold is a failure."""
+        """Counts a claim that does not hold as a failure."""
         if not holds:
             self.failed.append(what)
 
@@ -60,7 +63,7 @@ def sources(kind):
 
 
 def known(ledger, name, seed, of):
-    """What a ledger says of that part with these sources: figures by their first trial and their count."""
+    """Figures in a ledger of that part with these sources, by their first trial and their count."""
     if ledger is None or not ledger.exists():
         return {}
     found = {}

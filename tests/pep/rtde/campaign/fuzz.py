@@ -1,4 +1,7 @@
-"""Sequences of a hostile program: the arm is only where what is on record lets it be, nothing breaks, every stop stops."""
+"""Sequences of a hostile program: the arm is only where the record allows, and every stop stops.
+
+Nothing breaks.
+"""
 
 import random
 import socket
@@ -57,7 +60,7 @@ def begun(rng, here, found, name):
 
 
 def ended(client, here, found, name):
-    """It is gone, and with it whatever moved."""
+    """Ends the client, and checks that the arm stops with it."""
     gone_s = time.monotonic()
     client.close()
     took_s = here.stands(gone_s)
@@ -132,7 +135,7 @@ def fit(client, here, found, name):
 
 
 def spoken(rng, client, found):
-    """Whether the connection lives on after all that was said."""
+    """True where the connection lives on after a whole sequence."""
     try:
         for pause_s, deed in sequence(rng, client):
             if pause_s:
@@ -156,7 +159,7 @@ STOPS = (*("registers",) * 6, "program", "program", "dashboard", "dashboard", "e
 
 
 def stop_of(rng, client, here, found, name, *, lives):
-    """Somebody asks for a stop; how."""
+    """Asks for a stop in one of several ways."""
     how = rng.choice(STOPS) if lives else "end of the connection"
     found.counts[f"stops by {how}"] += 1
     try:

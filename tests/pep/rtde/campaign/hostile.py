@@ -1,4 +1,4 @@
-"""A hostile program inside a lease, without any library: recipes of its own choice, and packages in any order and time."""
+"""Hostile program inside a lease, without any library: own recipes, packages in any order and time."""
 
 import math
 import select
@@ -20,7 +20,7 @@ OUTPUTS = ("runtime_state", "output_int_register_0", "output_int_register_24")
 PLAYING = 2
 START_S = 5.0
 PROTECTIVE_STOP = 31
-"""Anybody may ask for it; a person has to come before the next sequence."""
+"""Command id that any client may send; a person has to come before the next sequence."""
 ODD = (math.nan, math.inf, -math.inf, 1e308, -0.0, 5e-324, 3.0, -2.0, 40.1, 0.0)
 BEYOND = (
     "input_bit_register_64", "input_bit_registers0_to_31", "speed_slider_fraction", "standard_digital_output",
@@ -48,7 +48,7 @@ class Hostile(Plain):
         self.ask(Start())
 
     def set_up(self, names):
-        """Whether a recipe was had that nobody may have."""
+        """True where a recipe was granted that no client may have."""
         answer = self.ask(SetupInputs(names))
         assert isinstance(answer, InputsAnswer), answer
         fits = set(names) <= {name for each in control_recipes(self.offset) for name in each}
@@ -59,7 +59,7 @@ class Hostile(Plain):
 
     @property
     def commands(self):
-        """Whether it has the register of the command."""
+        """True where the program has the register of the command."""
         return any(self.int(0) in recipe.names for recipe in self.recipes)
 
     def int(self, index):
@@ -92,7 +92,7 @@ class Hostile(Plain):
         self.socket.sendall(b"".join(self.frame(*package) for package in self.packages(wanted)))
 
     def hear(self):
-        """What has come by now; raises `ConnectionError` where the connection has ended."""
+        """Takes in all packages that came by now; raises `ConnectionError` where the connection has ended."""
         while select.select([self.socket], [], [], 0)[0]:
             received = self.socket.recv(65_536)
             if not received:
@@ -106,7 +106,7 @@ class Hostile(Plain):
                 self.told.append(answer.text)
 
     def playing(self, wait_s):
-        """Whether the control script runs, as far as this connection is told, before the time is over."""
+        """True where the control script is seen to run on this connection before the time is over."""
         due = time.monotonic() + wait_s
         while True:
             self.hear()
@@ -259,7 +259,7 @@ class Breach(bytes):
 
 
 def breach(rng, client):
-    """What no client says: the connection ends with it, and the arm stands."""
+    """Bytes that no client sends: the connection ends with them, and the arm stands."""
     yield Breach(
         rng.choice(
             (

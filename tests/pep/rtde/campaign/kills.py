@@ -1,7 +1,7 @@
-"""Deaths, losses and revocations on a whole cell of real processes, seen by a receive connection of our own at 500 Hz.
+"""Deaths, losses and revocations on a whole cell of real processes, seen by a receive connection at 500 Hz.
 
-t0 is the end of what the arm moves by: its program or gateway is gone, its token is revoked, its time is over. t1 is the
-first sample with commanded deceleration, t2 the first with every joint under 1 mrad/s (DESIGN, stop times).
+t0 is the end of the arm's right to move: its program or gateway is gone, its token is revoked, its time is over. t1 is
+the first sample with commanded deceleration, t2 the first with every joint under 1 mrad/s (DESIGN, stop times).
 """
 
 import contextlib
@@ -36,18 +36,21 @@ TRIALS = 4
 WATCHED_S = 0.5
 """After standstill: nothing moves again."""
 EXPIRES_S = 9
-"""Lifetime of a token that ends on the way: its program has to start and to get to its side before."""
+"""Lifetime of a token that ends on the way, seconds.
+
+Its program has to start and to get to its side before.
+"""
 PULL_S = 0.3
-"""The feed is asked each tenth of a second while something moves; the answer before the last may be as old as this."""
+"""Greatest age of the answer before the last, seconds; a moving arm asks the feed each tenth of a second."""
 DEAD_MAN_S = 1 / WATCHDOG_HZ
 """The gateway writes when it hears the controller; without that the controller's own watchdog ends the program."""
 EARLY_S = {"provider": PULL_S, "feed": DEAD_MAN_S, "expiry": 0.0}
-"""So much before t0 the arm may brake: the view was as old as that already, or the watchdog had last been heard then.
+"""Seconds before t0 from which the arm may brake: the view's age, or the watchdog's last word.
 
 All the others may from when it is done: a revocation takes effect before it is acknowledged.
 """
 OWN = {"provider": "REVOCATION_VIEW_STALE", "servo-revoked": "REVOKED", "move-revoked": "REVOKED"}
-"""What a stop before t0 says of itself; a busy machine ends what it can no longer watch, and that is none of these."""
+"""Reasons of a stop before t0; a busy machine ends motions that it can no longer watch for other reasons."""
 HEAD = """
 import os, math
 say("pid", os.getpid())
@@ -125,11 +128,11 @@ class Cell:
         return scope.not_after - time.time() + time.monotonic()
 
     def recorded(self, kind):
-        """What is on record of that kind since the trial began."""
+        """Bodies of the records of that kind since the trial began."""
         return [row["body"] for row in self.house.stage.journal() if row["kind"] == kind]
 
     def permitted(self, after_s):
-        """How many decisions of the trial are PERMIT, after then by CLOCK_MONOTONIC."""
+        """Number of the trial's PERMIT decisions after that instant by CLOCK_MONOTONIC."""
         after_ms = 1000 * (after_s - time.monotonic() + time.time())
         rows = [row for row in self.house.stage.journal() if row["kind"] == "decision" and row["at_ms"] > after_ms]
         return sum(row["body"]["decision"]["reason"] == "PERMITTED" for row in rows)
@@ -210,11 +213,14 @@ def piece(death, seed, first, count, folder):
 
 
 class NotBegunError(RuntimeError):
-    """Nothing moved, so nothing could be ended: a busy machine does not begin what it could not watch, or ends it."""
+    """Trial in which nothing moved, so nothing could be ended, as on a busy machine."""
 
 
 def begun(death, rng, cell, found, name):
-    """One motion that has begun, and how it was ended; tried again where it did not begin. The cell is whole afterwards."""
+    """One motion that has begun and was ended; tried again where it did not begin.
+
+    The cell is whole afterwards.
+    """
     for tries in range(TRIALS):
         try:
             one(death, rng, cell, found, name)

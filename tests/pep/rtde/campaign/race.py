@@ -32,7 +32,7 @@ NAMES = ("runtime_state", "output_int_register_0", "input_int_register_0", "actu
 
 
 class Words(Plain):
-    """What the controller says, package by package; `heard` is what it has said since it was idle."""
+    """Packages of the controller; `heard` holds those since it was idle."""
 
     def __init__(self, host, names=NAMES):
         super().__init__(host)
@@ -156,7 +156,10 @@ def cleared(said):
 
 
 def cut_short(client, words):
-    """Why a trial has no end that is no fault: a busy machine keeps the watchdog waiting, or a command comes too soon."""
+    """Reason for which a trial has no end that is no fault, or None.
+
+    A busy machine keeps the watchdog waiting, or a command comes too soon.
+    """
     runtime = words.until(lambda _: True)[-1]["runtime_state"]
     try:
         client.hear()

@@ -1,4 +1,4 @@
-"""What the campaign's judge permits, and the gateway that has it: near home, slow, and written down before it is sent.
+"""Rule of the campaign's judge, and its gateway: near home, slow, and written down before it is sent.
 
 `python -m tests.pep.rtde.campaign.rule LISTEN ROBOT FILE` is a gateway (`tests.pep.rtde.leased_gateway`) with this judge. FILE
 gets one JSON line for each command and each value of a stream that is permitted: number, CLOCK_MONOTONIC in seconds,

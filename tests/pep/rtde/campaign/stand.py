@@ -28,7 +28,7 @@ class Stand:
         self.read = 0
 
     def complaints(self):
-        """What the processes have said of exceptions; what came of one that has ended."""
+        """Exceptions that the processes printed, and the exit codes of those that ended."""
         text = self.errors.read_text()
         ended = [p for p in (self.controller.process, self.gateway.process) if p.poll() is not None]
         return [f"a process ended with {p.returncode}" for p in ended] + [
@@ -36,7 +36,7 @@ class Stand:
         ]
 
     def permits(self):
-        """What the judge has written down since the last time, without what was taken back."""
+        """Permits that the judge has written down since the last call, without those taken back."""
         with self.gateway.file.open() as file:
             file.seek(self.read)
             text = file.read()
@@ -47,7 +47,7 @@ class Stand:
         return [row for row in rows if "number" in row and row["number"] not in unsent]
 
     def stands(self, since_s, wait_s=STANDS_S):
-        """When the arm stood for good after `since_s`; None where it did not in time."""
+        """Seconds after `since_s` at which the arm stood for good; None where it did not in time."""
         while time.monotonic() < since_s + wait_s:
             last = self.eyes.after(since_s)
             if len(last) >= QUIET and all(s.still and s.commanded_rad_s == 0.0 for s in last[-QUIET:]):
@@ -57,7 +57,7 @@ class Stand:
         return None
 
     def anybody_stops(self):
-        """The dashboard's stop, of somebody without a lease, at the gateway."""
+        """Stops by the dashboard at the gateway, without a lease."""
         stop_program(self.gateway.host)
 
 
@@ -74,7 +74,7 @@ class Seen(StateRecorder):
 
 @contextlib.contextmanager
 def complaining_to(path):
-    """What processes that are started here say on their standard error goes to that file."""
+    """Sends the standard error of processes that are started here to that file."""
     sys.stderr.flush()
     before = os.dup(2)
     with path.open("ab") as file:

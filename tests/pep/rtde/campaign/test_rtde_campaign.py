@@ -1,4 +1,4 @@
-"""A slice of `make rtde-campaign`, and that each of its claims is seen to fail where a defence is taken out."""
+"""Slice of `make rtde-campaign`; each of its claims fails where a defence is taken out."""
 
 import json
 import re

@@ -1,4 +1,4 @@
-"""What may move, said slowly and obviously: by what a client has written, and by what is on record as permitted.
+"""Twin of the gateway, slow and obvious: the moves that a client's writes and the recorded permits allow.
 
 Nothing here is the gateway's: registers are a dictionary, a command is read out of it anew after every package.
 """
@@ -68,7 +68,7 @@ class Twin:
                 return None
 
     def knows(self, permit):
-        """Whether the registers have held what is on record."""
+        """True where the registers have held the recorded command."""
         return any(
             permit["id"] == number and all(abs(a - b) <= GRID for a, b in zip(permit["numbers"], numbers, strict=True))
             for number, numbers in (*self.held, *self.before)
@@ -119,7 +119,7 @@ def reach(joint, start, permits, now_s, fastest):
 
 
 def fastest_of(joint, permits):
-    """How fast a joint may be commanded."""
+    """Highest speed that may be commanded of a joint."""
     most = 0.0
     for permit in permits:
         if permit["id"] == 1:

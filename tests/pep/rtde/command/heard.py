@@ -1,4 +1,4 @@
-"""What a client's bytes on port 30004 say, read with the parts that the gateway will read them with."""
+"""Reader of a client's bytes on port 30004, with the parts that the gateway reads them with."""
 
 from dataclasses import dataclass, field
 
@@ -13,7 +13,7 @@ from pep.rtde.wire.refusal import InputRefusal
 
 @dataclass
 class Heard:
-    """What one connection has said."""
+    """Content of one connection."""
 
     recipes: list[tuple[str, ...]] = field(default_factory=list)
     changes: list[Change | InputRefusal | Ignored] = field(default_factory=list)
@@ -22,7 +22,7 @@ class Heard:
 
 
 def hear(said: bytes, profile: WritableVariables) -> Heard:
-    """What `said` means; a refusal of the reader itself fails."""
+    """Content of `said`; a refusal of the reader itself fails."""
     heard, image, recipes = Heard(), RegisterImage.blank(profile), InputRecipes(profile)
     for frame in Framer().feed(said):
         match decode_request(frame, 2):

@@ -1,4 +1,4 @@
-"""Every command of the table, out of an image and back, and what a package meant, whatever a client writes."""
+"""Every command of the table, out of an image and back, and the meaning of any package."""
 
 import math
 import re

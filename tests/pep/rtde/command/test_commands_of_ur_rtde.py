@@ -142,7 +142,7 @@ class Session:
         return [found for said in self.between.said(RTDE) for found in hear(said, self.profile).changes]
 
     def call(self, name, arguments, command):
-        """What a call says; it is made again when the client thought that no script runs, and said nothing."""
+        """Bytes of a call; it is made again when the client thought that no script runs, and said nothing."""
         # There is nothing to touch, and what the robot ignores is never done: the client waits for five minutes.
         endless = isinstance(command, v.MoveUntilContact | Ignored)
         for _ in range(5):

@@ -1,4 +1,4 @@
-"""What the judge of a lease is tried in, of several tests."""
+"""Fixtures of the judge of a lease."""
 
 import pytest
 from tests.pep.rtde.leased import House

@@ -1,4 +1,4 @@
-"""What a program computes with doubles is whole units of a request before it is judged, and that is what is written."""
+"""A program's doubles are whole units of a request before it is judged, and those are written."""
 
 import math
 from dataclasses import fields

@@ -1,4 +1,4 @@
-"""The judge of a leased program's commands: nothing is forwarded but in the gate's effect, and what moves is watched to its end."""
+"""Judge of a leased program's commands: it forwards only in the gate's effect, and watches to the end."""
 
 import asyncio
 import hashlib
@@ -378,7 +378,7 @@ NEAR = reading(3, 2_500)
 
 
 def deferred(house, then, command=MOVE):
-    """The answers to a command near somebody, after `then(judge, held, ask)`."""
+    """Answers to a command near a person, after `then(judge, held, ask)`."""
     house.physics.answer = NEAR
     house.holder = house.agent(scope=leased_scope(house.clock.wall_s()))
     held = house.held(command)

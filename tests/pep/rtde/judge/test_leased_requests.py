@@ -1,4 +1,4 @@
-"""What each command of a leased program is a request for: granted to be asked, free, or refused, and why."""
+"""Request of each command of a leased program: granted, free, or refused with its reason."""
 
 import math
 from dataclasses import replace

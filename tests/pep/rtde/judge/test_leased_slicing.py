@@ -1,4 +1,4 @@
-"""What a leased program does in many small commands is judged as what they make together, and begins where the last one ended (TEA-6)."""
+"""Small commands of a leased program are judged as their sum, which begins at the last end (TEA-6)."""
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
@@ -41,7 +41,7 @@ class Remembering(World):
         return self
 
     def played(self, scenario):
-        """What `scenario(judge)` gives, the sensor's frames going on."""
+        """Result of `scenario(judge)`, while the sensor's frames go on."""
 
         async def see():
             while True:

@@ -1,4 +1,4 @@
-"""What a line refuses by itself is on record as what a judge refuses, with its lease, and never many in a second."""
+"""A line's own refusal is recorded like a judge's, with its lease, and never many in a second."""
 
 import asyncio
 from types import SimpleNamespace
@@ -169,7 +169,7 @@ def test_a_script_and_a_line_of_the_dashboard_are_told_once_and_recorded(refuse,
 
 @pytest.mark.parametrize("broken", ["told", "noted"])
 def test_a_stop_waits_for_no_word_and_no_record(broken):
-    """What is done about a refusal is done first, and whatever becomes of the rest."""
+    """The stop for a refusal comes first, through any failure of the rest."""
     done = []
 
     def breaks(name):

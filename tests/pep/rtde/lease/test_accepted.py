@@ -1,4 +1,4 @@
-"""Who says "stop" and goes has said it: neither an end of the connection overtakes it, on the way in or on the way out."""
+"""A client that says "stop" and goes has said it: no end of the connection overtakes it, either way."""
 
 import asyncio
 import socket

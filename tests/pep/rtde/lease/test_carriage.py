@@ -1,4 +1,4 @@
-"""What a lease carries: one spelling of each word, two ends that agree, and nothing out of its place."""
+"""Carriage of a lease: one spelling of each word, two ends that agree, and nothing out of its place."""
 
 from collections import deque
 

@@ -1,4 +1,4 @@
-"""What goes out of one end of a carriage, and when: commands at once, what the controller says together."""
+"""Times of words out of a carriage: commands at once, the controller's words together."""
 
 import asyncio
 
@@ -66,7 +66,7 @@ def begun(*, asking, over=lambda _: None):
 
 
 def words(wire, *, asking):
-    """What the other end makes of all that was written."""
+    """Words that the other end reads in all that was written."""
     other, clock = session(asking=not asking), SystemClock()
     opened = [other.open(frame, at=clock.wall_s()) for frame in SessionFrameSplitter().feed(b"".join(wire.writes))]
     return [each if isinstance(each, End) else decode(each.body) for each in opened]

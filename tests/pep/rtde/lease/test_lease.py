@@ -1,4 +1,4 @@
-"""A motion lease: opened with a token and a proof, carried in its session, one at a time, and over when it is over."""
+"""Motion lease: opened with a token and a proof, carried in its session, one at a time, and ended."""
 
 import asyncio
 import contextlib
@@ -44,7 +44,7 @@ OWN = os.getuid()
 
 
 def told(said):
-    """What `user_of` says, made to say it."""
+    """Function that answers for `user_of`."""
     return lambda link: said
 
 

@@ -1,4 +1,4 @@
-"""What a client has said is acknowledged before anything is said back, so that its next command is not held back."""
+"""A client's word is acknowledged before any answer, so that its next command is not held back."""
 
 import asyncio
 import fcntl
@@ -68,7 +68,7 @@ def said():
 
 
 async def left_unacknowledged(made, words):
-    """How many bytes were not, each time that a word was acted on."""
+    """Number of unacknowledged bytes each time that a word was acted on."""
     left, again = [], asyncio.Event()
 
     def seen():

@@ -1,4 +1,4 @@
-"""The main loop of ur_rtde's control script, without an arm: what it carries out of what stands in its registers, and when."""
+"""Main loop of ur_rtde's control script, without an arm: it carries out the registers, cycle by cycle."""
 
 from pep.rtde.command.command_table import EVERY_CYCLE, decode, row_of
 from pep.rtde.command.register_image import RegisterImage

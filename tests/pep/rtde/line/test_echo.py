@@ -1,4 +1,4 @@
-"""What the controller says of its command register is never taken for newer than it is."""
+"""The controller's word on its command register is never taken for newer than it is."""
 
 from collections import deque
 

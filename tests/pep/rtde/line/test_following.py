@@ -1,4 +1,4 @@
-"""Values of a stream that follow each other: read by what changed in them, they come to what the long way comes to."""
+"""Successive values of a stream: the short reading of their changes comes to the long one's result."""
 
 import math
 import random
@@ -103,7 +103,7 @@ def saying(command, recipe=None, **changes):
 
 
 class Deeds:
-    """What a program, its judge and the controller do, one after the other: mostly a stream that goes on."""
+    """Acts of a program, its judge and the controller in turn: mostly a stream that goes on."""
 
     USUAL = (0.1, 0.2, -0.4, 0.0, -0.0)
     STRANGE = (5e-324, 1.5, BROKEN, math.nan, math.inf)
@@ -229,7 +229,7 @@ def test_values_that_follow_go_the_short_way(command, monkeypatch):
 
 
 def first(command=SERVO, **changes):
-    """What follows a command, where its package has these changes."""
+    """Following of a command, where its package has these changes."""
     layout = LAYOUTS[1]
     own = Recipe(layout.names[:12], layout.types[:12])
     said = saying(command, 1, **changes)

@@ -1,4 +1,4 @@
-"""A program that somebody sends to the controller itself, while ours runs: nothing more is said to what runs there."""
+"""A foreign program on the controller, while ours runs, gets no further word of ours."""
 
 import socket
 

@@ -1,4 +1,4 @@
-"""The command registers of a lease: nothing that moves is written unless the judge has forwarded it, whatever the order."""
+"""Command registers of a lease: no motion is written without the judge, in any order."""
 
 import math
 
@@ -57,7 +57,7 @@ class Line:
             self.commands.begin(PATH)
 
     def write(self, values):
-        """What follows from a package."""
+        """Acts that follow from a package."""
         self.commands.package(values, at_ms=self.at_ms)
         return self.acts()
 
@@ -119,7 +119,7 @@ def reasons(acts):
 
 
 def noted(acts):
-    """What goes on record, and of which command."""
+    """Reasons that go on record, with their commands."""
     return [(str(act.refused.reason), act.what) for act in acts if isinstance(act, Note)]
 
 
@@ -491,7 +491,7 @@ def test_any_stop_of_a_stream_is_given_as_that_ends_it(stream, ends, asked):
 
 
 def test_a_stop_waits_for_a_script_that_has_not_seen_the_clear_of_what_it_did():
-    """What the controller said before a question came there is no word of that question."""
+    """The controller's words from before a question came are no words of that question."""
     read = v.Read(v.Reading.TARGET_WAYPOINT)
     line = Line()
     assert line.written(line.say(read)) == [read]

@@ -302,7 +302,7 @@ def test_a_refused_output_is_not_written():
     [(1.0, 0.5, 1, 0), (0.5, 0.5, 0, 0), (0.5, 0.6, 0, 1), (float("nan"), 0.1, 0, 1)],
 )
 def test_the_slider_goes_down_without_a_judge_and_up_with_one(slider, fraction, written, asked):
-    """Where it stands it is not set: written late, that would raise what a person has just lowered."""
+    """A slider at its place is not set: written late, that would raise a slider just lowered."""
     talk = setting(slider)
     assert len(talk.write({"speed_slider_mask": 1, "speed_slider_fraction": fraction})) == written
     assert [act.question.command for act in talk.line.take()] == [SetSpeedSlider(fraction)] * asked
@@ -329,7 +329,7 @@ def test_an_output_that_is_asked_for_again_is_asked_for_once():
     ],
 )
 def test_who_asks_anew_for_the_same_output_does_not_want_what_was_asked_before(first, then, same):
-    """Whoever decides it late: the older is not set over the newer."""
+    """A late decision on the older request is not set over the newer."""
     talk = setting(0.5)
     digital = {"standard_digital_output_mask": 8}
     talk.write({**(digital if "standard_digital_output" in first else {}), **first})

@@ -127,7 +127,7 @@ def ports():
 
 
 def test_a_program_that_is_paused_has_not_been_ended():
-    """Somebody could let it go on: the dashboard is asked until it has ended."""
+    """A paused program could be let go on: the dashboard is asked until it has ended."""
     ladder = LeaseStopLadder()
     ladder.begin(StopMeans.DASHBOARD, newest=seen(0, 0.0), at_ms=0)
     assert ladder.look(seen(2, 0.0, runtime=4), at_ms=2) is None

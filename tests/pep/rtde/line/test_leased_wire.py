@@ -1,4 +1,4 @@
-"""Unmodified ur_rtde in a lease: it works when the judge permits, and the arm does not move when it does not."""
+"""Unmodified ur_rtde in a lease: it works when the judge permits, and the arm stands when not."""
 
 import contextlib
 import os
@@ -105,7 +105,7 @@ def program(here, manner="permit"):
 
 
 def at_home(here):
-    """Nobody has a control connection, and the arm is at home: ur_rtde takes a second to come, and is not asked if it is there."""
+    """Brings the arm home, without a control connection; ur_rtde is not asked if it is there."""
     here.let_go()
     here.gateway.tell("permit")
     if here.moved(HOME):

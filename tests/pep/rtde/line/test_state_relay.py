@@ -162,7 +162,7 @@ def controller():
 
 
 STOPPINGS = []
-"""What the gateway has been told of stops."""
+"""Stops that the gateway has been told of."""
 
 
 @pytest.fixture(scope="module")
@@ -415,7 +415,7 @@ def guests(host, port, sources):
 
 
 def ended(link):
-    """Whether it is: nothing is read from it but its end."""
+    """True where the link has ended: nothing is read from it but its end."""
     link.settimeout(5)
     try:
         while link.recv(65_536):

@@ -1,4 +1,7 @@
-"""A path of waypoints as one command: one request, one permit, one verdict on all of it, each leg sent when the one before has ended."""
+"""Path of waypoints as one command: one request, one permit, one verdict on all of it.
+
+Each leg is sent when the one before has ended.
+"""
 
 import asyncio
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""The tools' own lines at a controller: they move it as ur_rtde would, give way, come back, and say nothing unexpected."""
+"""Tools' own lines at a controller: they move it as ur_rtde would, give way, and come back.
+
+They say nothing unexpected.
+"""
 
 import asyncio
 import socket
@@ -48,7 +51,7 @@ class Program:
 
 
 class Served:
-    """The ports of a controller and our own lines there, on a loop in a thread of its own; also the ports' judge."""
+    """Ports of a controller and our own lines there, on a loop in a thread; also the ports' judge."""
 
     def __init__(self, host, fitted=FITTED):
         self.fitted = fitted
@@ -167,7 +170,7 @@ def test_speeds_are_held_and_end(served, eyes):
 
 
 def test_speeds_that_are_said_no_more_end(served, eyes):
-    """As with the controller's own watchdog: nothing is left that moves when whoever moves it says no more."""
+    """As with the controller's own watchdog: no motion outlives the word of its mover."""
     control = served.own.control
     control.setWatchdog(5.0)
     control.speedJ((0.3, *(0.0,) * 5), 2.0, 0.0)
@@ -296,7 +299,7 @@ def test_what_nobody_was_permitted_is_not_said(served, eyes, unasked):
 
 
 def test_a_move_and_an_output_at_once_are_both_said(served, eyes):
-    """What is expected on one line is no answer to what is asked on the other."""
+    """An expected answer on one line is none to the question on the other."""
     for i in range(10):
         mover = threading.Thread(target=served.own.control.moveJ, args=(HOME, 1.0, 4.0, True))
         mover.start()

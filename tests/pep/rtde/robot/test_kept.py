@@ -1,4 +1,4 @@
-"""A connection of our own to a controller's port: it comes back from whatever ended it."""
+"""Connection of our own to a controller's port: it comes back from any end."""
 
 import asyncio
 from contextlib import asynccontextmanager

@@ -1,4 +1,4 @@
-"""Digital outputs: exactly what was decided is sent, once, and it is told as done only when the robot shows it."""
+"""Digital outputs: exactly the decided one is sent, once, and is done only when the robot shows it."""
 
 import asyncio
 

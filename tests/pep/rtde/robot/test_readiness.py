@@ -1,4 +1,4 @@
-"""What the robot says about itself, from the real controller and the real ur_rtde client: true things, in time, and unknown otherwise."""
+"""Robot's word about itself, from the real controller and client: true, in time, else unknown."""
 
 import asyncio
 import dataclasses
@@ -239,7 +239,7 @@ def test_what_was_said_in_an_earlier_life_is_no_state(cell):
 
 
 def came(state):
-    """Whether a package came now."""
+    """True where a package came now."""
     try:
         return state.read() is not None
     except RobotError as error:

@@ -137,7 +137,7 @@ def test_a_byte_left_out_or_put_in_is_refused(scripts):
 
 
 def test_each_byte_of_the_path_counts(scripts):
-    """A byte that gives another path in the same grammar is that path, written as it was read; all others are refused."""
+    """A changed byte that gives another path is that path, as it was read; all others are refused."""
     own = scripts_for(11, scripts)
     block = render_path(PATH)
     begin = with_path(b"").index(b"# inject move path\n") + len(b"# inject move path\n")

@@ -1,4 +1,4 @@
-"""Which recipes a client may set up, and which of its packages count."""
+"""Recipes that a client may set up, and packages that count."""
 
 import pytest
 from hypothesis import given

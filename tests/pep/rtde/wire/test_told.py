@@ -1,4 +1,4 @@
-"""What a program is told: one line that fits, its reason once, its end not cut off in the midst of a word."""
+"""Text for a program: one line that fits, its reason once, its end not cut off within a word."""
 
 import pytest
 from hypothesis import given
