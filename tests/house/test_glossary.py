@@ -13,7 +13,20 @@ PRODUCT = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "eval
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 PACKAGES = ("capabilities", "policies", "ztpm_idp", "evaluation", "ursim")
 """Packages whose docstrings are plain."""
-TESTS = ("capabilities", "policies", "ztpm_idp", "evaluation", "ursim", "ztpm", "e2e", "house", "model", "vectors")
+TESTS = (
+    "capabilities",
+    "policies",
+    "ztpm_idp",
+    "evaluation",
+    "ursim",
+    "ztpm",
+    "pep/rtde",
+    "e2e",
+    "house",
+    "model",
+    "mutation",
+    "vectors",
+)
 """Folders of `tests` whose docstrings are plain."""
 QUESTION = re.compile(r"(?:What|Whether|Who|How|Why|Where|When|Which)\b")
 NOBODY = re.compile(r"\b(?:whoever|whatever|somebody|someone|anybody)\b", re.IGNORECASE)
