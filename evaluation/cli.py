@@ -144,7 +144,7 @@ def bench_rtde(
 
 
 def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:
-    """Run a benchmark; tell its tables, what is to be said beside them, and the ratios last."""
+    """Runs a benchmark; prints its tables, its remarks beside them, and the ratios last."""
     from evaluation.decisions.rules import NoPlainFormError
     from evaluation.harness.absent import AbsentError
     from evaluation.harness.timing import WrongAnswerError

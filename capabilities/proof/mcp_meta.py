@@ -91,8 +91,8 @@ def detach(params: object, *, rpc_method: str) -> UnverifiedRequest | Fault:
         rpc_method: JSON-RPC method of the request.
 
     Returns:
-        What is carried, credentials or none; or `TOKEN_MALFORMED` or `PROOF_MALFORMED` for a credential that is no
-        text, and `PROOF_MALFORMED` for credentials beside params without a canonical form.
+        The parts of the request, with or without credentials; or `TOKEN_MALFORMED` or `PROOF_MALFORMED` for a
+        credential that is no text, and `PROOF_MALFORMED` for credentials beside params without a canonical form.
     """
     meta = params.get(META) if isinstance(params, dict) else None
     if not isinstance(params, dict) or not isinstance(meta, dict) or meta.keys().isdisjoint(_CREDENTIALS):

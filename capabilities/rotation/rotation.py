@@ -4,7 +4,7 @@ r"""The keys of an identity provider over time: prepare, activate, taint, revoke
         \________________________________________________________\__________________\--revoke--> REVOKED
 
 A prepared key is trusted, so that every verifier knows it before it signs. The active key of a role signs. A retired
-one is trusted until what it signed is over. Under a tainted one nothing new is accepted, under a revoked one nothing.
+one is trusted until its tokens are over. Under a tainted one nothing new is accepted, under a revoked one nothing.
 The active key can be neither tainted nor revoked: another is activated first, so that every role always has a signer.
 """
 

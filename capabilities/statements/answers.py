@@ -37,7 +37,7 @@ class Answers(Form, frozen=True):
     """Standing of all asks and openings of one audience.
 
     Attributes:
-        issuer, audience: of the provider, and for whom.
+        issuer, audience: the provider, and the enforcement point that it answers.
         nonce: the caller's, echoed: the age of the answer runs from sending it.
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
         asks: each once.

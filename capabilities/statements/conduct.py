@@ -58,8 +58,8 @@ class AgentEntry(Form, frozen=True):
         deviated_at: seconds since the epoch of the newest of them; None for none.
         contracted: it holds the minimum safe set until a person restores it.
         samples: acts in its baseline.
-        restored_at: seconds since the epoch at which a person last restored it, or None: what an enforcement point saw
-            itself up to then counts no longer.
+        restored_at: seconds since the epoch at which a person last restored it, or None: an enforcement point's own
+            reports up to then count no longer.
     """
 
     version: Whole

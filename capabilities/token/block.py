@@ -1,7 +1,7 @@
 """Block of a token as values, and as signed content: one fact and the checks that Datalog evaluates.
 
-A block is written from values (`fact`, `checks`) and read back from what its fact says (capabilities.token.fact) and
-what its checks demand (capabilities.token.checks). The checks state grants, ceiling and window; the fact states all the
+A block is written from values (`fact`, `checks`) and read back from its fact (capabilities.token.fact) and its
+checks (capabilities.token.checks). The checks state grants, ceiling and window; the fact states all the
 rest. Nothing is stated twice.
 """
 

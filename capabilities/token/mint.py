@@ -35,7 +35,7 @@ def mint(
         token_id: 16 random bytes, base64url.
         sponsor: the human principal, already authenticated.
         hop: the first holder, already attested; its delegator is the sponsor's subject.
-        scope: the whole of what the token allows. `verify` takes no clock skew: begin `not_before` a few seconds early.
+        scope: the whole scope of the token. `verify` takes no clock skew: begin `not_before` a few seconds early.
         caps: the bounds.
 
     Raises:

@@ -65,8 +65,8 @@ class _Remembered(Generic[_K, _V]):
 class Verifier:
     """Verifies tokens under one trust bundle.
 
-    It remembers what steps 1 to 6 found, by token digest, revocation epoch and bundle version, and that step 12 found
-    agreement, by the form of what the blocks check and the operation. Only what was found valid is remembered, and only
+    It remembers the results of steps 1 to 6 by token digest, revocation epoch and bundle version, and the agreement of
+    step 12 by the form of the blocks' checks and the operation. Only valid results are remembered, and only
     for the canonical bytes.
     """
 

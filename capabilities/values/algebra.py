@@ -2,7 +2,7 @@
 
 Scopes are a meet-semilattice: `narrows` is the order, `meet` the greatest scope below two. `stated` lays a restriction
 over its parent as it was written, wider places included; `hop` is the rule for delegation, the only one that there is;
-`apply` gives what is left of a restriction under its parent. `capabilities.values.explanation` says a refusal in words.
+`apply` gives the meet of a restriction with its parent. `capabilities.values.explanation` puts a refusal into words.
 """
 
 from __future__ import annotations

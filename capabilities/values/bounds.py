@@ -1,8 +1,8 @@
 """Bounds of one integer: membership, the meet of two, and the nearest value or bound.
 
 A bound is a set of integers, and each set has one value: consecutive integers are a `Range`, others a `OneOf`. All
-functions are total. An empty bound can be written but is in no well-formed scope; it has nothing inside, and what needs
-a member answers None.
+functions are total. An empty bound can be written but is in no well-formed scope; it has no member, and a function that
+needs a member answers None.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """Forms: frozen types by which plain values are read, and as which they are written again.
 
-What our strict readers returned goes in (`strict_json.read`, `tomllib`), never bytes: msgspec keeps the last of two
+Results of our strict readers go in (`strict_json.read`, `tomllib`), never bytes: msgspec keeps the last of two
 equal keys, and knows nothing of canonical text.
 """
 

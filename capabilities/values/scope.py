@@ -156,8 +156,8 @@ class Widening:
         dimension: "grants", "limits", "ceiling", "audiences", "delegates", "depth" or "window".
         what: the grant or parameter concerned, e.g. "ur3e/move_joint/speed".
         parent, child: the two bounds as plain JSON values.
-        nearest: what the child could have had here, in the same form: the meet of the two bounds, or, where they have
-            nothing in common, the one permitted value nearest to what was asked. None when nothing is permitted.
+        nearest: the nearest allowed value in the same form: the meet of the two bounds, or, where they have
+            nothing in common, the one permitted value nearest to the wanted one. None when nothing is permitted.
         unit: of the integers of a limit.
     """
 

@@ -1,6 +1,6 @@
 """JSON with one meaning, the one strict reader of the project, and canonical bytes (RFC 8785).
 
-Two readers must never see two different values in the same bytes, so what one of them might read differently is
+Two readers must never see two different values in the same bytes, so bytes that one of them might read differently are
 refused: duplicate keys, NaN and infinities, numbers that no double holds, integers beyond 2^53 - 1, other encodings,
 halves of surrogate pairs; and, before the parser runs, more bytes or deeper nesting than is needed.
 """

@@ -1,6 +1,6 @@
 """Text that may stand in a token or statement: closed grammars, so that two readers never see two different words.
 
-Values are bound into Datalog and JSON, never formatted, so these rules are not what stops injection. They stop
+Values are bound into Datalog and JSON, never formatted, so injection is stopped without these rules. They stop
 look-alikes: two names that a person or a database would take for one, control and bidirectional characters, and one
 address spelled in several ways.
 """

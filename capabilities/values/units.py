@@ -3,7 +3,7 @@
 A token, a request and a policy hold whole numbers, each with its unit. Floats live at the edges alone: `parse` turns
 one into an integer or says exactly why it will not, and `si` turns an integer back for a library that wants SI floats.
 A float is accepted only when it lies on the unit's grid, that is when the integer found for it converts back to the
-very same float: what was decided is then what is sent, to the last bit.
+very same float: the decided value is then the sent one, to the last bit.
 """
 
 from __future__ import annotations

@@ -139,7 +139,7 @@ BROKEN: Final[Mapping[str, Mapping[str, Fact]]] = MappingProxyType(
         "a recorded argument at tier 3": {"integrities": frozenset({"RECORDED", "AGENT"}), "impact_tier": 3},
     }
 )
-"""Changes of the move that is permitted, each for one condition. What the set does not look at changes nothing."""
+"""Changes of the permitted move, each for one condition. A fact that the set does not look at changes nothing."""
 
 BROKEN_STOP: Final = (
     "the token has expired",

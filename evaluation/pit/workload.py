@@ -139,7 +139,7 @@ def peopled(rng: Generator, things: int, count: int) -> list[Question]:
 def lines(rng: Generator, things: int, count: int) -> list[Question]:
     """Lines of the tool of 0.1 m to 0.2 m from about the home position, among things and two people.
 
-    They are what a cell asks for: proven to their end, no joint faster than it may be. The last one of every
+    They are lines that a cell asks for: proven to their end, no joint faster than it may be. The last one of every
     `ONE_STUCK_OF` is not: it leads out of the arm's reach.
     """
     found: list[Question] = []

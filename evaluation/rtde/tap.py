@@ -2,9 +2,9 @@
 
     python -m evaluation.rtde.tap --listen HOST --robot HOST
 
-It stands before the controller whether there is a gateway or not, so that what it costs itself is on both sides. On a
-line on standard input it says what came since the last one: `[[ns, value], ...]`, the first time that each value of the
-first input double register was written, by CLOCK_MONOTONIC.
+It stands before the controller whether there is a gateway or not, so that its own cost is on both sides. On a
+line on standard input it prints the values since the last one: `[[ns, value], ...]`, the first time that each value of
+the first input double register was written, by CLOCK_MONOTONIC.
 """
 
 from __future__ import annotations

@@ -122,7 +122,7 @@ def reading(state: BehaviourState, agent: str, at: int, age_ms: int, parameters:
     Args:
         state: reports up to `at`.
         agent: the holder.
-        at: seconds since the epoch. Nothing fades with it: what deviated stays so until a person restores it.
+        at: seconds since the epoch. Nothing fades with it: a deviation stays one until a person restores the agent.
         age_ms: of the newest word of the identity provider, as the reader knows it.
         parameters: of the policy set.
     """

@@ -17,7 +17,7 @@ KEPT: Final = 512
 class CountedReports:
     """The newest reports of one reporter, and the instant up to which older ones are forgotten.
 
-    What is forgotten could be counted twice, so nothing at or before `floor` is counted: a late report is lost, a
+    A forgotten report could be counted twice, so nothing at or before `floor` is counted: a late report is lost, a
     duplicate never counts. One reporter's ids displace none of another's, so nobody can hide another one's report.
 
     Attributes:

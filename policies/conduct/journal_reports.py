@@ -1,7 +1,7 @@
 """Reports made from an enforcement point's journal: from the record of a decision and that of its outcome.
 
 The one home of that step, for the identity provider that is shipped the records and for the enforcement point that
-keeps them. Total: a record that says anything but what it has to makes no report.
+keeps them. Total: a malformed record makes no report.
 """
 
 from __future__ import annotations

@@ -108,7 +108,7 @@ NOTHING_REPORTED: Final = TrustState()
 def observe(state: TrustState, report: Report, parameters: Parameters, *, now: int) -> TrustState:
     """The state after the report; the same state when the report is not to be counted.
 
-    Not counted: one whose request id this reporter gave before, one that is older than what is remembered of this
+    Not counted: one whose request id this reporter gave before, one that is older than the remembered ones of this
     reporter, and one from the future, which would put off its decay. A late one is charged as if it had come in time.
 
     Args:
@@ -144,8 +144,8 @@ def score(state: TrustState, edge: Edge, at: int, stated_permille: int | None, p
     """Trust in one edge, in permille: the prior as its agent's acts lowered it, and never more than is stated.
 
     prior * s0 / (s0 + sum over reporters of bad * s0 / (s0 + good)), rounded to the nearest. With one reporter that is
-    prior * (s0 + good) / (s0 + good + bad). What a reporter says for an agent weighs against its own bad word alone: no
-    reporter can whitewash what another one saw. What it says against one is capped: alone it leaves at least
+    prior * (s0 + good) / (s0 + good + bad). A reporter's good word weighs against its own bad word alone: no
+    reporter can whitewash another's report. Its bad word is capped: alone it leaves at least
     prior * s0 / (s0 + cap).
 
     Args:
@@ -203,7 +203,7 @@ def chain_trust(
         stated_permille: one entry for each hop, the authority block's agent first; a chain without edges has no trust
             at all.
         parameters: of the policy set.
-        parties: the sponsor, then each hop's agent: one more than hops. Without them nothing but what is stated is
+        parties: the sponsor, then each hop's agent: one more than hops. Without them only the stated trust is
             known, and the reading names no edges; with another number of them it is no chain, and has no trust.
         snapshot: the identity provider's scores (`scores`); an edge that is not in it is not lowered by it.
         state: this enforcement point's own reports: they may only tighten, and only here.

@@ -1,7 +1,7 @@
 """The decision: one pure function from a request, its evidence and a policy set to an answer.
 
-Total: it never raises. Deterministic: the same values give the same Decision in every process. What is missing, late,
-broken or undecidable is DENY; only a view of the world may be supplied by a person (DEFER).
+Total: it never raises. Deterministic: the same values give the same Decision in every process. Evidence that is
+missing, late, broken or undecidable is DENY; only a view of the world may be supplied by a person (DEFER).
 """
 
 from __future__ import annotations

@@ -254,7 +254,7 @@ class Evidence:
         at_ms: the same instant on the PEP's monotonic clock.
         chain: the verified chain (steps 1 to 9), or the fault that verification found.
         proof: True after a valid proof of possession by the leaf's key that was never seen before, or the fault.
-        request_fault: what the compiled scope and Biscuit's own authorizer (steps 11 and 12) say against the request,
+        request_fault: the refusal of the request by the compiled scope or Biscuit's own authorizer (steps 11 and 12),
             or None.
         robot_fault: the robot's own parameter limit that the request breaks, or None.
         tool: the tool's identity.
@@ -295,7 +295,7 @@ class Evidence:
         """SHA-256 (hex) of all readings, for the record.
 
         A verified chain stands in it by the digest of its canonical bytes, which fixes sponsor, hops and scope,
-        together with what verification added: the root key, the epoch and the age of the revocation view.
+        together with the additions of verification: the root key, the epoch and the age of the revocation view.
         """
         chain: object = self.chain
         if isinstance(chain, Chain):

@@ -84,7 +84,7 @@ def fails(primitive: str, reason: Reason, **detail: object) -> Fails:
 
 
 def missing(primitive: str, what: str) -> Fails:
-    """A refusal because `what` was not collected: unknown never permits."""
+    """Refusal because `what` was not collected: unknown never permits."""
     return fails(primitive, Reason.EVIDENCE_MISSING, evidence=what)
 
 

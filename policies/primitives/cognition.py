@@ -69,9 +69,9 @@ def entering(primitive: str, case: Case) -> tuple[ItemReading, ...] | Fails:
 
 @dataclass(frozen=True, slots=True)
 class InstructionIsolation:
-    """CII-2: a text that is not from a principal carries no authority, and what was found in it taints it.
+    """CII-2: a text that is not from a principal carries no authority, and instructions found in it taint it.
 
-    That screening found nothing proves nothing: what protects is that the label goes with the text.
+    Screening that found nothing proves nothing: the label that goes with the text protects.
     """
 
     suspicious_admitted_count: int
@@ -161,7 +161,7 @@ class SensorProvenance:
 
 @dataclass(frozen=True, slots=True)
 class ProvenanceOfContent:
-    """CII-5: what is remembered or comes back from a tool has provenance, and so has every argument made of it.
+    """CII-5: a remembered value or a tool's result has provenance, and so has every argument made of it.
 
     A value is believed up to a tier by who vouches for it: nobody (or a tainted text), an agent, a record.
     """

@@ -1,6 +1,6 @@
 """Domain ABG, agent behaviour governance: the holder's behaviour against its baseline, and the contracted scope.
 
-What is known of behaviour only ever tightens: an agent of which nothing bad is known is permitted nothing for it.
+Knowledge of behaviour only ever tightens: an agent of which nothing bad is known is permitted nothing for it.
 """
 
 from __future__ import annotations

@@ -60,7 +60,7 @@ class NonTransitiveTrust:
 
 @dataclass(frozen=True, slots=True)
 class ScopeNarrowing:
-    """CATP-2: every delegation is strictly narrower than what it came from."""
+    """CATP-2: every delegation is strictly narrower than its parent."""
 
     id: ClassVar[str] = "CATP-2"
 

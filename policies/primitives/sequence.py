@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class SequenceCoherence:
-    """TEA-6: the command together with what was just done and what is queued stays safe.
+    """TEA-6: the command together with earlier and queued ones stays safe.
 
-    Small steps are taken together, so that none of them is smaller than what they make.
+    Small steps are taken together, so that none of them hides their sum.
     """
 
     alternations_max_count: int

@@ -156,7 +156,7 @@ def _real_case(
 
 
 def _told(found: Found, question: Question) -> Iterator[tuple[DecidedCase, ...]]:
-    """The real cases, decided; with an added policy, once for each real policy that may say what it does."""
+    """The real cases, decided; with an added policy, once for each real DENY policy in its place."""
     first, *others = found.facts
     before = _decided(first, question.policies, question.names)
     if found.added is None:

@@ -139,7 +139,7 @@ class Search:
             self._solver.pop()
 
     def insist(self, of: int, facts: Facts, verdicts: Mapping[Primitive, PrimitiveVerdict]) -> None:
-        """From now on these primitives say in case number `of` what they say in reality, where it is like `facts`."""
+        """Fixes the real verdicts of these primitives in case number `of`, where it is like `facts`."""
         terms = self._cases.facts[of]
         alike = SYMBOLIC.every(*(getattr(terms, name) == getattr(facts, name) for name in JUDGED))
         for primitive, said in verdicts.items():

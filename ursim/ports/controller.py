@@ -1,6 +1,6 @@
 """The controller: one state, one thread that changes it, once every 2 ms.
 
-Other threads (connections) hand in what they received; it takes effect at the start of the next tick, in order. What a
+Other threads (connections) hand in their messages; these take effect at the start of the next tick, in order. What a
 tick produces goes out through `listeners`, called at its end.
 """
 

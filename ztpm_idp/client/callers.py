@@ -303,7 +303,7 @@ class Operator(_Caller):
     ) -> None:
         """An agent is registered under a sponsor: this person unless another is named.
 
-        `workload` is what the provider's platform calls it, e.g. "spiffe://cell.example/mover"; without one the agent
+        `workload` is the platform's name of it, e.g. "spiffe://cell.example/mover"; without one the agent
         has evidence of kind `key` alone.
         """
         body = {"id": id, "key": b64u(key), "software_digest": software_digest, "model": model, "role": role}

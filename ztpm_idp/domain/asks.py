@@ -156,7 +156,7 @@ class OpeningRecord:
 def stated(text: str, caps: Caps) -> dict[str, str]:
     """The texts among a statement's claims, and its signer's thumbprint as `kid`. Nothing of it is verified.
 
-    Good for finding the rows that a judgement must see, and for nothing else; empty for what cannot be read.
+    Good for finding the rows that a judgement must see, and for nothing else; empty for a text that cannot be read.
     """
     try:
         unverified = jws.split(text, most_bytes=caps.statement_bytes)

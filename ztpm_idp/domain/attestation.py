@@ -1,6 +1,6 @@
 """Attestation as a rule: a nonce of ours, young, this agent's, signed by it over delegator and request, spent once.
 
-What evidence of kind `key` proves is that the agent's key is there and that its holder states the registered
+Evidence of kind `key` proves that the agent's key is there and that its holder states the registered
 software. It does not prove that this software runs. Evidence of kind `jwt` holds a platform's token as well: then the
 platform says that it measured the registered software in the workload that it knows to hold this key.
 """

@@ -149,7 +149,7 @@ class Delegate:
     """Delegates part of a holder's authority.
 
     `token` is the holder's, `by` and `key` are who proved possession of which key. `agents` are the holders that the
-    token names, as it was read beforehand: what is known of them is loaded; what is believed of them is verified here.
+    token names, as it was read beforehand: their conduct is loaded; only verified facts about them are believed here.
     """
 
     by: str

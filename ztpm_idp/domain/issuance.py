@@ -1,6 +1,6 @@
 """Lending authority: by a person to an agent, and by a holder to the next agent.
 
-What comes out is what the token's block will say.
+The result is the content of the token's block.
 """
 
 from __future__ import annotations

@@ -202,7 +202,7 @@ def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int)
 
 
 def _full(of_what: str) -> Refusal:
-    """A registry snapshot is one statement: what would make it too large for enforcement points is refused here."""
+    """Refusal of an entry that would make the registry snapshot too large for one statement."""
     return Refusal(IdpCode.REGISTRY_FULL, f"at most {of_what}")
 
 

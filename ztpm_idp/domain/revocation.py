@@ -1,6 +1,6 @@
 """Rights to revoke.
 
-A holder its own hops and what is below them, a sponsor its own trees, an administrator anything, a PEP nothing.
+A holder may revoke its own hops and those below, a sponsor its own trees, an administrator anything, a PEP nothing.
 """
 
 from __future__ import annotations

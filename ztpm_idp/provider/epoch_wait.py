@@ -61,7 +61,7 @@ class EpochWait:
 
         Args:
             since: the epoch that the caller knows.
-            gone: what it starts ends when the caller has hung up, and so ends the wait.
+            gone: a task that ends when the caller has hung up, and so ends the wait.
 
         Raises:
             Problem: `TOO_MANY_WAITERS`.

@@ -128,7 +128,7 @@ class Conduct:
     async def _peers(self, agent: str) -> dict[str, AgentHistory]:
         """Histories of other living agents of the same sponsor and role.
 
-        A sponsor answers for one agent and for what it is compared with.
+        A sponsor answers for one agent and for those that it is compared with.
         """
         other, own, c = t.agents.alias("other"), t.agents.alias("own"), t.conduct.c
         rows = await self._connection.execute(

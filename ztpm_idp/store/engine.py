@@ -157,7 +157,7 @@ def _make_sqlite_safe(engine: AsyncEngine) -> None:
     """Durable commits, enforced references, and transactions that begin where we say.
 
     WAL with full synchronous: an acknowledged commit survives a power cut (with `NORMAL` it need not). Writers take
-    SQLite's write lock at their first statement, so that what they read cannot change before they write.
+    SQLite's write lock at their first statement, so that their reads cannot change before they write.
     """
 
     @sa.event.listens_for(engine.sync_engine, "connect")

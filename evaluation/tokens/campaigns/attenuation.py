@@ -1,4 +1,4 @@
-"""Campaign A5: random chains and requests at their boundaries; no child permits what one of its parents does not.
+"""Campaign A5: random chains and requests at their boundaries; no child permits more than one of its parents.
 
 Every chain is of real tokens, and `verify` with `check_request` answers for each holder in it. Three opinions have to
 be one: theirs, the twin's, and, for a part of the requests, that of Biscuit's own authorizer. Beside that, hops are
@@ -226,7 +226,7 @@ def _compare(dimension: str, asked: object, answers: list[bool], expected: list[
 
 
 def _forge(asked: _Asked, what: str) -> None:
-    """A hop with too much, and a fair one, below one of the holders; and what verification says of them."""
+    """Forges a hop with too much, and a fair one, below one of the holders, and compares verification's answers."""
     chain = asked.chance.choice([each for each in asked.of.chains if each.scope.depth] or asked.of.chains[-1:])
     at = len(chain.hops) - 1
     agents = chain.scope.delegates - {hop.agent for hop in chain.hops}
