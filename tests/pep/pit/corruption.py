@@ -1,8 +1,8 @@
-"""Proof documents with something wrong in them: each differs in meaning from the true one, so each has to be refused.
+"""Corrupted proof documents: each differs in meaning from the true one, so each has to be refused.
 
-`corrupted` picks one of the kinds that apply to a document. Most of them seal the document anew, as a forger would; what
-only names another question (another robot, scene or cell with all its digests renewed) is no corruption but a proof of
-that question, and is not made here.
+`corrupted` picks one of the kinds that apply to a document. Most of them seal the document anew, as a forger would. A
+change that only names another question (another robot, scene or cell with all its digests renewed) is no corruption but
+a proof of that question, and is not made here.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def corrupted(document: bytes, rng) -> Corrupted:
 
 
 def all_refused(documents, corrupt, *seed, count) -> Counter:
-    """How often each kind was met when so many documents were corrupted; every one is refused, and by no accident."""
+    """Number of times that each kind was met over so many corruptions; every one is refused, by no accident."""
     met = Counter()
     for k in range(count):
         rng = np.random.default_rng([*seed, k])
@@ -119,7 +119,10 @@ def with_scene(top, change, *, named):
 
 
 def step_in(top, center, proofs):
-    """Somebody more stands around this point; in each of the proofs every pair with them, last of all people, has a row."""
+    """Puts one more person around this point; every pair with them gets a row in each proof.
+
+    They come last of all people.
+    """
     ball = {"type": "Sphere", "center_m": center, "radius_m": (0.15).hex()}
     who = {"type": "Person", "id": "stranger", "source": "camera", "age_s": (0.0).hex(), "regions": [["torso", ball]]}
     before = 0
@@ -140,7 +143,7 @@ def step_in(top, center, proofs):
 
 
 def tool_point(top):
-    """Where the tool point is in the middle of the path."""
+    """Tool point in the middle of the path."""
     robot = robot_of(top["question"]["model"])
     run = run_of(top["question"]["motion"], cell_of(top["question"]["cell"]))
     return [x.hex() for x in Sweep(robot, run).pose(robot.tcp, GRID // 2)[0]]

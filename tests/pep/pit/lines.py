@@ -106,7 +106,7 @@ def random_servo(rng):
 
 
 class Sampled:
-    """What pinocchio, coal and the slow twin say of single instants of a motion, in one scene."""
+    """Samples of pinocchio, coal and the slow twin at single instants of a motion, in one scene."""
 
     def __init__(self, scene):
         self.pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)

@@ -1,4 +1,4 @@
-"""What the properties P1 to P14 say of whole answers and is tested nowhere else; docs/physics.md lists which test shows which."""
+"""Properties P1 to P14 of whole answers that are tested nowhere else; docs/physics.md lists the others."""
 
 import itertools
 import math
@@ -225,7 +225,7 @@ def test_p7_a_link_without_geometry_is_no_robot(link):
 
 
 def test_p8_drift_is_seen_when_the_state_is_carried():
-    """Six steps of 0.3 rad towards a person: each from where the one before ended, and the path as its worst one."""
+    """Six steps of 0.3 rad towards a person, each from the last one's end; the path is its worst."""
     scene = with_person(1.0, bearing=FRONT + 1.4)
     legs = tuple(JointLeg((0.3 * (k + 1), *HOME[1:]), 0.4, 2.0) for k in range(6))
     from_the_start = ask(scene, MoveJ(HOME, legs[0].target, 0.4, 2.0))
@@ -254,7 +254,7 @@ def test_p10_the_index_of_a_ratio_jumps_at_its_limit_alone(ratio, step):
 
 
 def test_p10_a_little_nearer_is_a_little_more():
-    """Of whole answers: the index moves with a thing by no more than the steepest band and what the search leaves open."""
+    """The index moves with a thing by at most the steepest band and the search's open part."""
     found = []
     x, y, z = tcp()
     for away in np.arange(0.40, 0.10, -0.005).tolist():

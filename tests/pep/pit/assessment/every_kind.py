@@ -1,4 +1,4 @@
-"""Asks something of every kind, in a process where the engine has just said that it is ready, and names what it still compiles.
+"""Questions of every kind to an engine that has just said it is ready, with the names of late compilations.
 
 What numba reads from its cache takes the same way as what it compiles, so nothing needs to be compiled to find out.
 """

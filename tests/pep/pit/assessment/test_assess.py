@@ -540,7 +540,7 @@ def test_the_answer_is_the_same_again():
 
 
 def test_equal_things_that_are_spelt_differently_have_two_digests():
-    """What is kept of one thing is never told of another: the digest is exact to the last bit of each number."""
+    """Memory of one thing is never told of another: the digest is exact to each number's last bit."""
     thing = Thing("ball", "rigid", Sphere((0.0, 0.5, 0.5), 0.1), 0.01)
     other = replace(thing, shape=Sphere((-0.0, 0.5, 0.5), 0.1))
     assert thing == other

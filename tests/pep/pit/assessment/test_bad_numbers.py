@@ -1,4 +1,4 @@
-"""Every number of scene, motion, cell, age and model replaced by one that is none, or no possible one: nothing is permitted.
+"""Bad numbers in every place of scene, motion, cell, age and model: nothing is permitted for one.
 
 Per cell of the matrix the answer has to be a named fault, or tier 3 and more, or the number does no harm: the index is no
 lower than with the ordinary number that it stands for (0 for -0.0), and where there is none, than without it.
@@ -70,11 +70,11 @@ BAD = {
     "None": None,
 }
 ORDINARY = {"-0.0": (0.0,), "5e-324": (0.0, 1e-6), "True": (1.0,), "False": (0.0,)}
-"""What a number stands for, when that is one; the first that is not refused."""
+"""Ordinary numbers in place of a bad one; the first that is not refused counts."""
 
 
 def places(value, at=()):
-    """Where the numbers of a frozen thing are."""
+    """Places of the numbers in a frozen thing."""
     if isinstance(value, bool | str | Enum) or value is None:
         return
     if isinstance(value, int | float):
@@ -154,7 +154,7 @@ def ask(scene=SCENE, motion=SWEEP, cell=CONFIGURED, age=0.1, robot=ROBOT, touch=
 
 
 def passes(answer):
-    """Whether an answer would let the motion through without anybody being asked."""
+    """True where an answer would let the motion through without asking a person."""
     if isinstance(answer, ImpactFault):
         assert answer.reason in Reason.__members__
         assert answer.detail
@@ -165,7 +165,7 @@ def passes(answer):
 
 
 def wrong(asked, name, plain, ordinary=None):
-    """What is wrong with the answer to a question with this bad number.
+    """Fault of the answer to a question with this bad number, or None.
 
     Args:
         asked: answers the question with a number.
@@ -205,7 +205,7 @@ def matrix(asked, whole):
 
 
 def is_believed(asked, whole):
-    """Whether anything is wrong at any place."""
+    """True where the answer is wrong at any place."""
     return any(what is not None for _, _, what in cells_of(asked, whole))
 
 
@@ -250,7 +250,7 @@ STICK = GrippedObject("stick", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.015
 
 
 def test_p13_every_number_of_what_is_held():
-    """What is held is refused where it is taken up, or the answer is none that passes for less."""
+    """A bad held object is refused where it is taken up, or gets no answer that passes for less."""
     holding = ROBOT.holding(STICK)
     plain = ask(robot=holding).index
     found = []
@@ -313,7 +313,7 @@ def robot_of(text):
 
 @pytest.mark.parametrize("name", SPELT)
 def test_p13_every_number_of_a_model(name):
-    """An arm in which a number is 0 is another arm and may count less; what is no number, or no possible one, may not."""
+    """An arm with a 0 is another arm and may count less; one with a bad number may not."""
     found, count, plain = [], 0, ask().index
     for place in numbers_of_the_model():
         count += 1

@@ -35,7 +35,7 @@ def ask(scene, move, cell=CELL):
 
 
 def sampled(scene, move, samples=300):
-    """Highest ratio of surface speed to limit speed over samples of the other engine, and the highest speed of the tip."""
+    """Highest ratio of surface speed to limit speed over samples of the other engine, and the tip's top speed."""
     path, profile = NumpyPath(ROBOT, move), profile_of(move)
     pairs = pairs_of(ROBOT, scene, CELL, grown_m=0.0)
     stop = stopping(CELL, perception_age_s=AGE, joint_speed_rad_s=profile.peak_rad_s)

@@ -1,4 +1,4 @@
-"""The paper's three cells as fixed points: C0 tier 1, C1 tier 2, C2 tier 3, at the speeds people use."""
+"""Paper's three cells as fixed points: C0 tier 1, C1 tier 2, C2 tier 3, at the speeds people use."""
 
 from dataclasses import replace
 
@@ -79,7 +79,10 @@ def test_index_by_age_of_the_view():
 
 
 def test_protective_distance_by_speed():
-    """S_p of a tracked person by hand: 1.6 (T_r + T_s) + v (T_r + 0.06 + w / 16) + 0.1, with v = 0.7 w and T_r = 0.21 s."""
+    """S_p of a tracked person by hand, with v = 0.7 w and T_r = 0.21 s.
+
+    It is 1.6 (T_r + T_s) + v (T_r + 0.06 + w / 16) + 0.1.
+    """
     for omega, distance in {0.1: 0.571, 0.5: 0.737, 1.05: 0.989, 2.0: 1.485, 3.0: 2.093}.items():
         stop = stopping(CELL, perception_age_s=FRESH, joint_speed_rad_s=omega)
         assert stop.approach_m(0.1) + stop.travel_m(0.7 * omega) == pytest.approx(distance, abs=1e-3)

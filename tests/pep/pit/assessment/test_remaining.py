@@ -109,7 +109,7 @@ def test_no_rest_holds_against_a_sample_of_it(seed):
 
 
 def test_the_highest_rate_of_an_interval_counts_not_that_of_its_middle():
-    """A hand above the base axis keeps its distance while the base turns: only the rate decides, and it peaks at an edge."""
+    """A hand above the base axis keeps its distance: only the rate decides, and it peaks at an edge."""
     hand = Person("p", ((Region.HAND, Sphere((0.0, 0.0, 1.15), 0.05)),))
     scene, move = replace(empty(), people=(hand,)), sweep(3.0, 0.4, half=1.0)
     worst, demands, _ = dense_index(scene, move, samples=41)  # the middle one is at the peak
@@ -178,7 +178,7 @@ def test_new_zones_and_things_and_the_arm_itself():
 
 @pytest.mark.parametrize("wrist", [0.0, math.pi / 2])
 def test_a_violation_between_the_looks_is_found(wrist):
-    """A zone that the fingers graze by 2 mm on a few hundredths of a long turn, wherever on it that is."""
+    """A zone that the fingers graze by 2 mm on a small part of a long turn, anywhere on it."""
     home = (*HOME[1:5], wrist)
     move = MoveJ((-2.8, *home), (2.8, *home), 0.5, 1.0)
     for share in np.linspace(0.41, 0.53, 9):
@@ -345,7 +345,7 @@ def test_too_late_is_a_fault():
 
 
 def test_the_rest_asked_as_a_move_of_its_own_holds_too():
-    """What holds here is no more than what a new question about the rest would find."""
+    """A rest that holds here has no more than a new question about it would find."""
     rng = np.random.default_rng(6000)
     for _ in range(8):
         scene, move = random_scene(rng, things=2, regions=2), random_move(rng, 1.0)

@@ -1,4 +1,4 @@
-"""PHY-50: the highest speed at which what is left holds, and that the arm is safe on its way down to it."""
+"""PHY-50: the highest speed at which the rest holds, and the arm's safety on its way down to it."""
 
 import itertools
 import math
@@ -117,7 +117,10 @@ def index_of(scene, move):
 
 
 def cases(seed, wanted):
-    """Random motions under way, too fast for somebody near their end, and not at some lower speed: scene, move, share, authorised, pace."""
+    """Random motions under way, too fast for a person near their end, and not at some lower speed.
+
+    Each is a scene, move, share, authorised index and pace.
+    """
     rng = np.random.default_rng(seed)
     for _ in range(200):
         if wanted == 0:
@@ -139,7 +142,7 @@ def cases(seed, wanted):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_at_that_speed_it_is_what_is_said_of_the_slowed_motion(seed):
-    """The index at the named speed is that of the motion which is so slow, never above what was authorised; one step more is."""
+    """The index at the named speed is the slow motion's, never above the authorised one; one more step is."""
     for scene, move, share, authorised, pace in cases(100 + seed, 3):
         slow = at_fraction(move, pace.fraction)
         told = left(scene, slow, share, authorised, running=None)
@@ -167,7 +170,7 @@ def person_index(scene, path, profile, times):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_no_sample_on_the_way_down_to_it_is_above_what_was_authorised(seed):
-    """The arm goes on at full speed until it has to be slow, at the last moment; samples by the other engine and the slow twin."""
+    """The arm goes on at full speed until the last moment; the other engine and the slow twin sample it."""
     for scene, move, share, authorised, pace in cases(200 + seed, 2):
         path, fast = NumpyPath(ROBOT, move), profile_of(move)
         slow = slowed(fast, pace.fraction)
@@ -183,7 +186,7 @@ def test_no_sample_on_the_way_down_to_it_is_above_what_was_authorised(seed):
 
 
 def test_slowing_does_not_help_who_is_reached_before_it_takes_hold():
-    """A hand ahead of the arm: at the lowest speed it would do, but the arm can be there at full speed first."""
+    """A hand ahead would do at the lowest speed, but the arm can reach it at full speed first."""
     at_once = replace(PATIENT, slider_delay_s=0.0, slider_change_per_s=1e6, reaction_s=CELL.reaction_s)
     told = []
     for ahead in np.linspace(0.0, 0.6, 13):
@@ -358,7 +361,7 @@ def test_a_cell_whose_slider_cannot_be_is_refused(change):
 
 
 class Scripted:
-    """What is left, as a test says it, with what it was asked."""
+    """Rest as a test says it, with the questions to it."""
 
     def __init__(self, *, at, near=True):
         self.highest, self.near_holds, self.asked, self.check_time = at, near, [], None

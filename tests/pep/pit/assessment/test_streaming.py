@@ -1,4 +1,4 @@
-"""Steps of streams: a bound that is never under what `assess` proves or sampling finds, and `assess` where it is not enough."""
+"""Steps of streams: a bound never under `assess` or sampling, and `assess` where it is not enough."""
 
 import math
 import os

@@ -1,4 +1,4 @@
-"""A violation reached the decision as a word of a closed list of physics: the reading was not of its declared shape.
+"""Regression: a violation reached the decision as a word of physics' own list, not of its declared shape.
 
 The request was denied all the same, with EVIDENCE_MALFORMED in place of PHYSICS_VIOLATION.
 """

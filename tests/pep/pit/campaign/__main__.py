@@ -25,7 +25,7 @@ CORRUPTIONS = 1_000
 SHARE = 100
 """Trials of one piece of work."""
 CURVED = 0.0
-"""Share of trials that are no straight joint motion: such an answer takes ten times as long as a whole trial."""
+"""Share of trials that are no straight joint motion: such an answer takes ten times a whole trial."""
 OWN = (
     "between", "bracket", "__main__", "corruption", "curves", "dense", "facts", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timing", "trials", "twin",
 )  # fmt: skip
@@ -49,7 +49,7 @@ def path_of(name):
 
 
 def sources():
-    """SHA-256 (hex) of all that an answer or a trial depends on: what was tried with other sources was not tried."""
+    """SHA-256 (hex) of all that an answer or trial depends on: trials with other sources do not count."""
     top = Path(__file__).parents[4]
     own = [path_of(name) for name in OWN]
     parts = (*(top / "pep" / "pit").rglob("*"), *own, top / "evaluation" / "pit" / "ruler.py")
@@ -58,7 +58,7 @@ def sources():
 
 
 def known(ledger, seed, share, of):
-    """What the ledger says of this seed and share with these sources: figures by their first trial."""
+    """Figures in the ledger of this seed and share with these sources, by their first trial."""
     if ledger is None or not ledger.exists():
         return {}
     rows = [row for row in map(read, ledger.read_text().splitlines()) if row is not None]

@@ -1,4 +1,4 @@
-"""What a straight joint motion can do between two samples, by how fast it bends at most.
+"""Bounds on a straight joint motion between two samples, by its greatest bending.
 
 Of a point that the joints carry, and a motion x along a straight way in joint space, u rad of each joint per rad of x:
 with S the sum of |u| up to a joint and r its lever, the first three derivatives by x are at most sum(r u),

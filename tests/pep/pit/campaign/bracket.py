@@ -72,14 +72,14 @@ def _merged(old, new, fresh):
 
 
 def pieces(world, bounds, at_least_m):
-    """Into how many pieces each interval is to be cut, one where it is done: the excess falls with their square."""
+    """Number of pieces that each interval is cut into, one where it is done: the excess falls with their square."""
     excess = doubts(world, bounds, at_least_m)
     wanted = np.clip(np.ceil(np.sqrt(np.fmax(excess, 1))), 2, CUTS_MOST).astype(int)
     return np.where(excess <= 1, 1, wanted)
 
 
 def doubts(world, bounds, at_least_m):
-    """Per interval by how many times what is granted it may be worse than what was sampled; at most 1 when it is done."""
+    """Excess of each interval's possible index over the sampled one, by the granted tolerance; at most 1 when done."""
     seen, cell = world.seen(), world.cell
     retreats, gentle = world.allowed()
     excess = (bounds.index.max(axis=1, initial=0.0) - seen.high) / CLOSE

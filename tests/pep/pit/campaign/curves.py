@@ -33,7 +33,7 @@ from tests.pep.pit.scenes import CELL, random_move, random_scene
 from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedL
 
 TURN_LEVER_M = 0.1
-"""A turn of the tool counts as so much way at the tool, where that is more than the line (PHY-18)."""
+"""Lever, metre, by which a turn of the tool counts as way where that exceeds the line (PHY-18)."""
 SAMPLES = 160
 STEP_S = 0.004
 BRAKING = 16
@@ -43,7 +43,7 @@ SPEED_LIMITS = np.array([joint["speed_limit_rad_s"] for joint in FACTS["joints"]
 
 @dataclass(frozen=True)
 class _Peak:
-    """What a world wants to know of a motion's timing."""
+    """Timing of a motion as a world needs it."""
 
     peak: float
     duration_s: float
@@ -187,7 +187,7 @@ def _held(motion, until_s):
 
 
 def _servo(motion, share):
-    """Each joint at a speed of its own between the measured one and what makes for the target, and the stop."""
+    """Joints at speeds between the measured ones and those towards the target, and the stop."""
     start, now = np.array(motion.start), np.array(motion.qd_rad_s)
     wanted = (np.array(motion.target) - start) / max(motion.lookahead_s, 0.03)  # U12: the least lookahead
     qd = now + share * (wanted - now)

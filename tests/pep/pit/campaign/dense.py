@@ -1,8 +1,8 @@
-"""What a motion does to its scene, by MuJoCo at many instants.
+"""Samples of a motion in its scene, by MuJoCo at many instants.
 
-Nothing is shared with the room or with its second engine: MuJoCo places the arm and measures (`stage`), speeds come from
-its joint axes, timing (`timing`) and laws (`laws`) from the clauses. Scene, cell and motion are plain numbers of the
-question. At which instants is another's choice: `bracket` takes as many as leave nothing unseen between them.
+Nothing is shared with the room or with its second engine: MuJoCo places the arm and measures (`stage`), speeds come
+from its joint axes, timing (`timing`) and laws (`laws`) from the clauses. Scene, cell and motion are plain numbers of
+the question. Another module chooses the instants: `bracket` takes as many as leave nothing unseen between them.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ VIOLATED_BY_M = 1e-4 + 1e-6  # what a search may leave undecided, and what round
 
 @dataclass
 class Seen:
-    """What the samples so far showed.
+    """Findings of the samples so far.
 
     Attributes:
         low: highest index with every allowance that the samples bear out (retreat, meant contact).
         high: the same with none.
         violated: kinds that are met more deeply than a search may leave open, retreats left out.
-        nearest: least clearance to an obstacle, infinite when none came within what was measured.
+        nearest: least clearance to an obstacle, infinite when none came within the measured distance.
         ratios: each quantity of PHY-7 by its limit, torque left out.
-        samples: how many.
+        samples: their number.
     """
 
     low: float = 0.0
@@ -184,7 +184,10 @@ class World:
         return np.concatenate([part.reshape(count, -1) for part in parts], axis=1)
 
     def sided(self, at):
-        """Whether the direction of a pair is that to its nearest points: not when a body's axis is inside a box."""
+        """True where the direction of a pair is that to its nearest points.
+
+        It is not when a body's axis is inside a box.
+        """
         inside = self.clear[at, : len(self.least_m)] <= self.least_m + INSIDE_M
         return ~inside
 
@@ -234,7 +237,7 @@ class World:
         return retreats, gentle
 
     def seen(self):
-        """What all samples so far say together."""
+        """Findings of all samples so far together."""
         found = Seen(samples=len(self.times), ratios=self.ratios())
         least = max(1.0, self.floor, *(ratio_law(r) for r in found.ratios.values()))
         met = self.clear < FAR_M

@@ -1,4 +1,7 @@
-"""The laws of the index (docs/physics.md, PHY-2 to PHY-7), written down once more, in arrays; `twin` has them one by one."""
+"""Laws of the index (docs/physics.md, PHY-2 to PHY-7), written once more, in arrays.
+
+`twin` has them one by one.
+"""
 
 from __future__ import annotations
 

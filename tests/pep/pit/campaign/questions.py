@@ -55,9 +55,9 @@ def mild_question(rng):
 
 
 def grazing_question(rng):
-    """A long way past balls and walls, each just so near that all of them are passed at about the same index.
+    """Long way past balls and walls, each so near that all are passed at about the same index.
 
-    None of the intervals may then be settled by less than it is: whichever has the worst instant decides.
+    No interval may then be settled by less than its own worst instant, which may decide.
     """
     while True:
         move = long_move(rng)
@@ -91,14 +91,14 @@ def grazing_question(rng):
 
 
 def nearer_by(clear, speed, aim, law, stop):
-    """By how much (metre) each of so many obstacles has to come nearer until its index is what it is to be.
+    """Distance (metre) by which each obstacle has to come nearer until its index is the aim.
 
     Args:
         clear: clearances (samples, bodies, obstacles).
         speed: speeds (samples, bodies, 1).
         aim: the index.
         law: that of all of them.
-        stop: how the motion ends when it must.
+        stop: the stopping of the motion.
     """
     low, high = np.zeros(clear.shape[2]), np.full(clear.shape[2], FARTHEST_M)
     for _ in range(HALVINGS):

@@ -1,7 +1,7 @@
-"""The arm among things in MuJoCo: a model is built once for so many things, and each scene puts its own in their places.
+"""Arm among things in MuJoCo: a model is built once for a number of things, which each scene places.
 
-Where the bodies are, how far apart they are and in which direction is MuJoCo's answer; the arm is read from the model's
-TOML. How fast points go follows from where MuJoCo says that the joint axes are.
+Places of bodies, their distances and directions are MuJoCo's answer; the arm is read from the model's TOML. Speeds of
+points follow from MuJoCo's joint axes.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ def quaternion(matrix):
 
 @dataclass(frozen=True)
 class Placed:
-    """Where MuJoCo has a shape, and as what."""
+    """Place of a shape in MuJoCo, and its kind."""
 
     kind: int
     size: tuple
@@ -78,7 +78,7 @@ def add_body(parent, body):
 
 
 def compiled(bodies, apart, count):
-    """MuJoCo's model of the arm and so many balls, each a body of its own that stands where it is put."""
+    """MuJoCo's model of the arm and so many balls, each a body of its own."""
     spec = mujoco.MjSpec()
     spec.memory = ARENA
     links = [spec.worldbody]
@@ -102,7 +102,7 @@ def compiled(bodies, apart, count):
 
 @dataclass(frozen=True)
 class Shots:
-    """What MuJoCo says of some instants: n of them, m moving bodies, t things, s pairs of bodies, p points.
+    """Measurements of MuJoCo at n instants: m moving bodies, t things, s pairs of bodies, p points.
 
     Attributes:
         thing, thing_way: clearance (n, m, t), and the direction from the thing to the body (n, m, t, 3).
@@ -179,7 +179,7 @@ class Stage:
         self._column[second, first] = 2 * column + 1
 
     def _levers(self):
-        """How far each of `axes` can be from the axis of each joint that moves it, by the lengths between: (k, 6)."""
+        """Greatest distance of each of `axes` from the axis of each joint that moves it, by lengths: (k, 6)."""
         lengths = np.array([np.linalg.norm(joint["offset_m"]) for joint in MODEL["joints"]])
         found = np.zeros((len(self.links), JOINTS))
         own = np.linalg.norm(self.axes, axis=1).max(axis=1)
@@ -202,7 +202,7 @@ class Stage:
         model.pair_margin[:] = own_margin
 
     def shots(self, q, qd):
-        """What is measured at these joint angles and speeds, (n, 6) each."""
+        """Measurements at these joint angles and speeds, (n, 6) each."""
         count, model, state = len(q), self.model, self.state
         turns, origins = np.empty((count, LINKS, 9)), np.empty((count, LINKS, 3))
         axes, anchors = np.empty((count, JOINTS, 3)), np.empty((count, JOINTS, 3))

@@ -260,7 +260,7 @@ BROKEN = {
     "stops are a tenth shorter": shorter_stop,
 }
 WITHIN = 45
-"""Trials in which each of these is found; 97 even samples and two closer looks at eight peaks found them in as many."""
+"""Trials in which each of these is found; 97 even samples and two closer looks found them, too."""
 
 
 @pytest.mark.parametrize("name", BROKEN)
@@ -508,7 +508,7 @@ def test_laws_are_the_twins():
 
 
 def test_every_module_that_a_trial_is_made_of_makes_the_ledger_stale():
-    """What these modules import of the tests is among them; of the tests that lend the questions, only themselves."""
+    """Imports of these modules from the tests are among them; of lenders of questions, only themselves."""
     for name in set(campaign.OWN) - {"test_checker"}:
         text = campaign.path_of(name).read_text()
         asked_for = re.findall(r"from tests\.pep\.pit\.(?:\w+\.)*(\w+) import", text)
@@ -552,5 +552,8 @@ def test_the_ruler_measures_what_is_sampled_and_nothing_beyond_its_reach():
 
 @pytest.mark.parametrize("number", [53_219])
 def test_a_trial_that_failed_once_holds(number):
-    """53219: the arm comes to rest 0.35 um before a wall counts as reached; a certificate stopped short of its end."""
+    """53219: the arm comes to rest 0.35 um before a wall counts as reached.
+
+    A certificate stopped short of its end.
+    """
     assert trials.trial(2026, number, 0.0).failed == []

@@ -32,7 +32,7 @@ class Timing:
 
     @property
     def kinks_s(self):
-        """When the acceleration changes."""
+        """Times at which the acceleration changes, seconds."""
         return np.array([0.0, self.peak / self.up, self.peak / self.up + self.hold_s, self.duration_s])
 
     def lead(self, t):

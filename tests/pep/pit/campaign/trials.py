@@ -27,10 +27,13 @@ CORRUPT_EACH = 10
 CONTROL, CONTROL_EACH = 1001, 50
 """Even samples of every fiftieth trial."""
 UNDER = 1e-6
-"""What two ways of computing an index may differ by; a law with a band of 20 mm turns 20 nm into it."""
+"""Greatest difference of two ways of computing an index.
+
+A law with a band of 20 mm turns 20 nm into it.
+"""
 EXCESS = 0.02
 RATIO_EXCESS = 0.02
-"""The same of an index that a ratio of PHY-7 decides: what is proven of it is found by another search."""
+"""The same for an index that a ratio of PHY-7 decides: another search proves it."""
 CLEARANCE_M = 2e-4
 ROUNDING_M = 1e-6
 DOUBTS = {"singular", "unreachable", "joint_limit", "uneven_twist"}
@@ -39,7 +42,7 @@ RATIOS = {"joint_speed", "acceleration", "tcp_speed", "elbow_speed", "momentum",
 
 @dataclass
 class Figures:
-    """What trials showed: counts, highest and lowest values, and what must not be."""
+    """Figures of trials: counts, highest and lowest values, and failures."""
 
     counts: Counter = field(default_factory=Counter)
     most: dict = field(default_factory=dict)
@@ -158,7 +161,7 @@ def controlled(world, seen, found, fail, *, at_least_m):
 
 
 def judged(world, answer):
-    """What was seen; torque, which is sampled on both sides and of which nothing is proven, as the answer says it."""
+    """Findings of the world, with the answer's torque, which is sampled on both sides and never proven."""
     seen = world.seen()
     torque = max((c.index_milli / 1000 for c in answer.contributions if c.kind == "torque"), default=0.0)
     seen.high = max(seen.high, torque)
@@ -171,7 +174,7 @@ def beside(seen, answer):
 
 
 def near_enough(seen, least):
-    """Whether the certified clearance is near enough to the sampled one, or there is none to speak of."""
+    """True where the certified clearance is near enough to the sampled one, or there is none."""
     beyond = not np.isfinite(least.attained) or not np.isfinite(seen.nearest)
     return beyond or seen.nearest - least.proven <= CLEARANCE_M + ROUNDING_M
 
@@ -190,7 +193,7 @@ def asked_clearance(question):
 
 
 def curved_trial(rng, found, fail):
-    """No sample of what may be done is above the answer; of joint paths, which are straight, the answer is near too."""
+    """No sample is above the answer; of joint paths, which are straight, the answer is near too."""
     question = patient(curved_question(rng))
     answer = assess(**question, seed=SEED)
     motion = question["motion"]

@@ -287,7 +287,7 @@ def other_seconds(top, rng):
 
 @refused_by(FLOOR, ANSWER)
 def servo_farther(top, rng):
-    """The arm was measured to go as fast as it can: whatever the stream then says, it has a long way to a stop."""
+    """The arm was measured at its top speed: any stream has a long way to a stop."""
     fit(motion(top)["form"] == "servo_j" and index_of(top) < 3.9)
     motion(top)["qd_rad_s"] = [(rng.choice([-1, 1]) * 6.0).hex() for _ in range(6)]
 
@@ -330,7 +330,7 @@ def narrower_joint(top, rng):
 
 @refused_by(ROW, HIDDEN, MEANT)
 def person_on_the_way(top, rng):
-    """Where the tool comes by, with all digests renewed and rows for every pair."""
+    """Person on the tool's way, with all digests renewed and rows for every pair."""
     leg = pick(rng, [each for each in courses_of(top) if each["course"]["nodes"] and each["cover"]])
     fit(index_of(top) < 3.9 and "person" not in top["answer"]["violations"])
     fit(all(each["cover"] for each in courses_of(top)))
@@ -448,7 +448,7 @@ def stillness_claimed(top, rng):
 
 @refused_by(DOUBT, MEMBER)
 def out_of_reach_hidden(top, rng):
-    """What is out of reach is a violation; to be merely singular is none."""
+    """A place out of reach is a violation; a merely singular one is none."""
     course = single(top)["course"]
     fit(course["doubt"] == "unreachable")
     course["doubt"] = "singular"

@@ -1,4 +1,4 @@
-"""The independent checker: what is true is verified, what is corrupted is refused, and it shares no code with the writer."""
+"""Independent checker: true documents are verified, corrupted ones refused, and no code is the writer's."""
 
 import ast
 import hashlib
@@ -209,7 +209,7 @@ def test_300_random_motions_and_scenes_verify(seed):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_other_arms_verify(seed):
-    """Another tool, an arm's own calibration, and any arm of a URDF whose joints turn farther one way than the other."""
+    """Another tool, an arm's own calibration, and URDF arms whose joints turn farther one way verify."""
     rng = np.random.default_rng([9100, seed])
     hand = Robot.load("ur3e", tool="robotiq_hande")
     own = robot_of_rows(spelled(ARMS[sorted(ARMS)[seed % len(ARMS)]]))
@@ -380,7 +380,7 @@ EXPECTED = {
     "retreat_claimed": {Code.RETREAT_UNPROVEN, Code.FLOOR_EXCEEDS}, "touch_claimed": {Code.MEANT_UNPROVEN},
     "no_such_pair": {Code.MEMBER_WRONG}, "no_such_cut": {Code.COVER_WRONG, Code.ANSWER_WRONG},
 }  # fmt: skip
-"""What refuses each kind; None where it depends on what was hit."""
+"""Codes that refuse each kind; None where they depend on the changed place."""
 
 
 def test_each_kind_of_corruption_is_refused_for_its_own_reason(genuine):
@@ -710,7 +710,7 @@ def test_cores_that_meet_are_as_near_as_their_radii_say():
 
 
 def test_a_link_without_a_body_is_refused():
-    """Whatever else of the model is made to fit: a link without geometry would be clear of everything."""
+    """A link without geometry would be clear of everything, however the rest of the model is made to fit."""
     _, top, _ = proven(asked(empty(), sweep()))
     for link in range(7):
         model = json.loads(top["question"]["model"])

@@ -141,7 +141,7 @@ def test_a_path_is_proven_leg_by_leg():
 
 
 def test_a_path_of_lines_goes_on_where_a_leg_ends():
-    """Nothing says where a leg begins but the last node of the one before; moved both, neither is on its line."""
+    """Only the last node of a leg says where the next begins; moved both, neither is on its line."""
     pose = pose_of(HOME)
     path = LinePath(
         HOME, (LineLeg(shifted(pose, (0.05, 0, 0)), 0.2, 1.0), LineLeg(shifted(pose, (0, 0, 0.05)), 0.2, 1.0))
@@ -257,7 +257,7 @@ def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name
 
 
 def test_no_course_breaks_the_checker(texts):
-    """Any value in any place of the proof or the motion, sealed: a verdict, and never one of the checker's own failure."""
+    """Any value in any place of the proof or motion, sealed, gets a verdict, not the checker's own failure."""
     for k in range(500):
         rng = np.random.default_rng([56, k])
         top = json.loads(texts[int(rng.integers(len(texts)))])
@@ -477,8 +477,10 @@ def test_courses_and_ratios_are_those_of_the_room(form):
 
 
 def test_an_early_stop_stays_beside_the_course():
-    """Wherever in the window it takes hold: the joints' stop along their tangent is no farther off than the stray, no
-    faster than the course allows, and over before its end. This drives the arm round a bend (PHY-19)."""
+    """An early stop along the tangent is within the stray, no faster than allowed, and over in time.
+
+    It takes hold anywhere in the window. This drives the arm round a bend (PHY-19).
+    """
     rng = np.random.default_rng(96)
     bent = 0
     for _ in range(8):

@@ -53,7 +53,7 @@ def motion(name):
 
 
 def answer(scene, move, *, changed=lambda stated: None):
-    """What the room says of two files; `changed` may edit the scene's value first."""
+    """Answer of the room to two files; `changed` may edit the scene's value first."""
     stated = example(f"{scene}.scene.json")
     changed(stated)
     asked = situation_of(stated)
@@ -422,7 +422,7 @@ BEYOND_A_SCHEMA = {"scene", "scene.view", "scene.cell", "scene.touch.0", "scene.
     "scene.cell.contacts.0.object",
     "scene.view.source.signed",
 }
-"""Places of what a schema does not say: names that must or must not occur twice, ranges of the cell's numbers."""
+"""Places that a schema does not check: repeated names, and ranges of the cell's numbers."""
 
 
 @pytest.mark.parametrize(("path", "to", "reason", "place"), BAD_SCENES)

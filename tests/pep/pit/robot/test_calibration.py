@@ -174,7 +174,7 @@ def changed(joint, column, by):
     [(0, OFFSET_LIMIT_M), (1, OFFSET_LIMIT_M), (2, OFFSET_LIMIT_M), (3, TURN_LIMIT_RAD), (5, TURN_LIMIT_RAD)],
 )
 def test_each_entry_has_its_bound(joint, column, limit):
-    """Alone, an offset may go to its bound and no farther; a turn is bound by what it does to the tool point as well."""
+    """Alone, an offset may go to its bound; a turn is also bound by its effect on the tool point."""
     with pytest.raises(ModelError) as caught:
         robot_of(spelled(changed(joint, column, 1.01 * limit)))
     assert caught.value.reason == "PHYSICS_FAULT"

@@ -162,7 +162,9 @@ def outside(points, capsules):
 @pytest.mark.shared
 @pytest.mark.parametrize(("mesh", "link", "xyz", "rpy"), MESHES)
 def test_capsules_contain_the_vendors_mesh(mesh, link, xyz, rpy):
-    """Every vertex of the vendor's collision mesh lies at least 0.5 mm deep in a capsule of its link, no tool's.
+    """Every vertex of the vendor's collision mesh lies at least 0.5 mm deep in a capsule of its link.
+
+    No capsule of a tool counts.
 
     So do the faces between them, but for the two long links: there the vendor's mesh is the convex hull over both
     housings, and the tube between them, which our capsules follow, is up to 24.6 mm thinner.

@@ -1,4 +1,4 @@
-"""What the room reckons with of a gripper is that gripper's own: stroke, force, speed, pads."""
+"""Gripper's own numbers in the room: stroke, force, speed, pads."""
 
 from dataclasses import replace
 
@@ -40,7 +40,7 @@ def test_what_one_gripper_can_is_too_much_for_the_other(move, kind):
 
 @pytest.mark.parametrize("robot", [ROBOT, HAND_E], ids=["2F-85", "Hand-E"])
 def test_asked_for_less_than_its_least_it_presses_with_that(robot):
-    """A gripper asked for 1 N closes with its least force all the same: what is at its fingers feels that."""
+    """A gripper asked for 1 N closes with its least force: a thing at its fingers feels that."""
     egg = Thing("egg", "fragile", at_tool(robot, robot.tool.tcp_m[2] + 0.03, 0.02), 0.001)
     scene = replace(empty(), objects=(*empty().objects, egg))
 
@@ -53,7 +53,7 @@ def test_asked_for_less_than_its_least_it_presses_with_that(robot):
 
 
 def test_where_the_pads_are_is_the_tools_own():
-    """A part 30 mm behind the tool point lies between the long pads of the one and behind the short ones of the other."""
+    """A part 30 mm behind the tool point lies between one's long pads, behind the other's short ones."""
     for robot, held in ((ROBOT, True), (HAND_E, False)):
         part = Thing("part", "rigid", at_tool(robot, robot.tool.tcp_m[2] - 0.034, 0.002), 0.0)
         assert (gripped(robot, HOME, [part], CELL) is not None) is held

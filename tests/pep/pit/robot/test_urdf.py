@@ -47,7 +47,10 @@ def ends_of(arm, q):
 
 @pytest.mark.parametrize("seed", range(30))
 def test_pinocchio_reads_the_same_arm(seed):
-    """Every shape where pinocchio has it, at random angles, to 1e-9 m; and the torques of every motion, to 1e-9 Nm."""
+    """Every shape is where pinocchio has it, to 1e-9 m; every torque is pinocchio's, to 1e-9 Nm.
+
+    The angles are random.
+    """
     rng = np.random.default_rng(seed)
     text = random_arm(rng)
     arm = arm_of(text)
@@ -507,7 +510,7 @@ def test_the_base_is_fixed(base):
 
 
 def test_others_drop_the_capsules_that_we_refuse():
-    """Why a version is asked for: pinocchio reads the same text as an arm without any shape."""
+    """Reason for a version: pinocchio reads the same text as an arm without any shape."""
     text = simple(version="")
     model = pinocchio.buildModelFromXML(text)
     assert len(pinocchio.buildGeomFromUrdfString(model, text, pinocchio.GeometryType.COLLISION).geometryObjects) == 0

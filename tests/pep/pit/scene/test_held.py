@@ -1,4 +1,4 @@
-"""What is held is a part of the robot: its body, its mass, its place in the view, and the guess from what was seen."""
+"""Held object as a part of the robot: body, mass, place in the view, and a frame's guess."""
 
 import math
 from dataclasses import replace

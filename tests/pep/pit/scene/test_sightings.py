@@ -1,4 +1,4 @@
-"""PHY-23: who says that something is there, and how long ago it was last seen. An older sighting never counts less."""
+"""PHY-23: the source of each thing and its age. An older sighting never counts less."""
 
 import math
 from dataclasses import replace
@@ -65,7 +65,7 @@ def glass(age_s, source="camera"):
 
 
 def test_p3_a_person_not_seen_for_a_while_may_have_walked_on():
-    """0.2 s at 1.6 m/s: the same as one who stands 0.32 m nearer, but for the violation, which is of where they were."""
+    """0.2 s at 1.6 m/s are as 0.32 m nearer, but for the violation, which is of the old place."""
     scene = with_sighting(0.2)
     walked = ask(scene)
     vaguer = ask(with_sighting(0.0), cell=replace(PATIENT, person_uncertainty_m=CELL.person_uncertainty_m + 0.32))
@@ -205,7 +205,7 @@ def test_a_look_is_as_old_as_its_oldest_sighting():
 
 
 def test_a_younger_claim_is_not_what_was_proven():
-    """A text that says of a late sighting that it is younger proves another question, whatever else holds."""
+    """A text that makes a late sighting younger proves another question."""
     scene, move = with_sighting(0.25), sweep(0.5, 1.0)
     answer = ask(scene, move)
     question = {

@@ -1,4 +1,7 @@
-"""Contact that is meant: declared by the cell, granted by the token, gentle all the way. Then tier 2, never a person."""
+"""Contact that is meant: declared by the cell, granted by the token, gentle all the way.
+
+Then it has tier 2, and never with a person.
+"""
 
 from dataclasses import replace
 
@@ -82,7 +85,7 @@ def test_too_fast_is_an_accident_and_the_speed_that_would_do_is_named():
 
 
 def test_far_from_the_object_the_tool_may_go_faster():
-    """The bound on speed holds only nearer than 30 mm: from high above the peak is higher, the last part is not."""
+    """The bound on speed holds only within 30 mm: from high above the peak is higher, the end is not."""
     from_home = place(0.5, 0.15, start=HOME)
     answer = ask(from_home)
     assert answer.tcp_speed_m_s > DECLARED.contact_speed_m_s
@@ -168,7 +171,7 @@ def test_granting_a_touch_only_lowers():
 
 
 def test_gentle_is_what_samples_say():
-    """Every pair that is proven gentle is so at each sample of the other engine; the others have a sample that is not."""
+    """A pair proven gentle is so at each sample of the other engine; another has a sample that is not."""
     rng = np.random.default_rng(901)
     proven = refused = met = 0
     for _ in range(20):

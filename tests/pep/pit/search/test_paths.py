@@ -1,4 +1,4 @@
-"""Paths of several legs: the answer of the worst leg, told by the time of the whole; appending never lowers (P8)."""
+"""Paths of several legs: the worst leg's answer, in the time of the whole; appending never lowers (P8)."""
 
 import math
 from dataclasses import replace

@@ -1,4 +1,7 @@
-"""P5, P7 to P9, P11, P12: the certified answer against dense sampling by pinocchio and coal, and what may not lower it."""
+"""P5, P7 to P9, P11, P12: the certified answer against dense sampling by pinocchio and coal.
+
+Some changes may not lower it.
+"""
 
 from dataclasses import replace
 
@@ -167,7 +170,10 @@ def test_p2_p3_p4_faster_older_heavier_never_lowers():
 
 
 def test_p8_splitting_a_move_never_lowers_and_nothing_hides_in_slices():
-    """Slices at the same speed reach the whole's index where geometry decides; the whole is at most the worst slice, plus its speed."""
+    """Slices at the same speed reach the whole's index where geometry decides.
+
+    The whole is at most the worst slice, plus its speed.
+    """
     scene = with_person(0.9)
     whole = sweep(0.3, 40.0)
     parts = []

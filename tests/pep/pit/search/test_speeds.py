@@ -1,4 +1,4 @@
-"""PHY-7: a ratio that a speed decides is proven within 0.005 of the index that the motion attains, and never below it."""
+"""PHY-7: a ratio by a speed is proven within 0.005 above the index that the motion attains."""
 
 import hashlib
 import json
@@ -45,7 +45,7 @@ def fast(rng):
 
 
 def limited(rng, move):
-    """A cell whose limits are near what the move does: every band of the index, and either side of each tier."""
+    """Cell whose limits are near the move's values: every band of the index, and either side of each tier."""
     robot, run = ROBOT, as_run(move, CELL)
     profile = profile_of(run)
     most = Demands(NumpyPath(robot, run), CELL).surface_speed_m_s(profile)

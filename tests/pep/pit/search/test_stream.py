@@ -1,4 +1,4 @@
-"""Whether an arm moves with a stream; that the envelope bounds one is shown with the controller's in tests/pep/rtde/motion/test_jog.py."""
+"""Motion of an arm with a stream; tests/pep/rtde/motion/test_jog.py shows that the envelope bounds it."""
 
 import pytest
 from pep.pit.search.speed_envelope import moves_with, stream_envelope

@@ -1,4 +1,4 @@
-"""Joints that turn farther one way than the other: each limit counts its own way, for every form of motion (PHY-42)."""
+"""Joints that turn farther one way: each limit counts its own way, for every form of motion (PHY-42)."""
 
 import math
 from dataclasses import replace
@@ -59,7 +59,7 @@ def motions(start, target):
 
 @pytest.mark.parametrize(("start", "target"), [(1.25, 1.45), (-0.8, -0.9), (0.7, 1.2), (1.0, 1.3)])
 def test_inside_the_wider_limit_nothing_is_broken(start, target):
-    """These angles are beyond the narrower limit taken both ways, or near it; the joint may have them all the same."""
+    """These angles are beyond or near the narrower limit taken both ways; the joint may have them."""
     move, path, _, line, lines, _ = motions(start, target)
     for motion in (move, path, line, lines):
         assert not broken(motion), motion

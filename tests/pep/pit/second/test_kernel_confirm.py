@@ -22,7 +22,7 @@ ROOMS = (None, Workspace((-0.6, -0.6, -0.1), (0.6, 0.6, 0.9)))
 
 
 def sights(rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
-    """What both see at a few random places, and the pairs; the first engine's clearances are off by `wrong`."""
+    """Sights of both at a few random places, and the pairs; the first engine's clearances are off by `wrong`."""
     scene = replace(random_scene(rng), people=(adult_at_distance(0.7, bearing_rad=0.4),), workspace=room)
     pairs = pairs_of(robot, scene, CELL, grown_m=0.0)
     places = [(rng.uniform(-2, 2, 6), rng.uniform(-1, 1, 6)) for _ in range(5)]

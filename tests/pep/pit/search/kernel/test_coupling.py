@@ -1,4 +1,4 @@
-"""The bound that takes clearance and speed at the same place: above all that is met there, and often tighter (PHY-9)."""
+"""Bound that takes clearance and speed at one place: above all values there, and often tighter (PHY-9)."""
 
 import math
 
@@ -174,7 +174,7 @@ def level(value):
 
 
 class Made:
-    """One body before a wall on one span, as the bound sees it: three nodes and how much each quantity bends."""
+    """One body before a wall on one span, as the bound sees it: three nodes, and each quantity's bending."""
 
     def __init__(self, low, high, profile, *, clear, fast, turns, kind):
         self.low, self.high, self.profile = round(low * GRID), round(high * GRID), profile
@@ -220,7 +220,7 @@ EXACT = 1e-8  # of an index: what the bound takes off a clearance for rounding
 
 
 def held_exactly(made):
-    """The bound is what is met, neither more nor less; and it lies where the laws are neither 1 nor at their top."""
+    """The bound is the met value, and lies where the laws are neither 1 nor at their top."""
     bound, met = made.bound(), made.met().max()
     assert 1.0 < met < 3.0
     assert met <= bound + SLACK
@@ -229,7 +229,7 @@ def held_exactly(made):
 
 @pytest.mark.parametrize("kind", sorted(KINDS))
 def test_speed_that_falls_while_the_rate_rises_is_bounded_exactly(kind):
-    """Where both products of one half's ends are the same, the one in its middle is above them by a quarter of both."""
+    """With equal products at one half's ends, its middle is above by a quarter of both."""
     low, half = 0.125, 0.125
     rate = float(RISING.rate(np.array(low + 0.5 * half)))
     turn = 0.5 * half * RISING.acceleration_rad_s2 / rate  # of the tangent, from the half's middle to its end
@@ -241,7 +241,7 @@ def test_speed_that_falls_while_the_rate_rises_is_bounded_exactly(kind):
 @pytest.mark.parametrize("kind", sorted(KINDS))
 @pytest.mark.parametrize("of", ["fast", "turns"])
 def test_speed_above_its_chord_is_bounded_exactly(kind, of):
-    """Where a half's ends are as fast as each other, its middle is faster by what the third derivative allows."""
+    """With equally fast ends, a half's middle is faster by the third derivative's allowance."""
     low, half, bend = 0.25, 0.125, -20.0
     arch = Parabola(low, 4.0, -0.5 * bend * half, bend)
     still = Parabola(low, 0.5, 0.0, 0.0)

@@ -93,7 +93,7 @@ class Asked:
         return path.certify(self.pairs, self.profile, self.stop, rows=self.rows, floor=floor, check_time=ready)
 
     def proven(self, low, high, pair, index):
-        """Whether the numpy engine, which takes the worst clearance with the worst speed, proves it on finer rows."""
+        """True where the numpy engine, with worst clearance and worst speed, proves it on finer rows."""
         for _ in range(FINER):
             rows = self.numpy.examine(self.pairs, low, high, pair)
             rate = self.profile.highest_rate(low / GRID, high / GRID)
@@ -160,7 +160,7 @@ def test_places_side_by_side_are_to_the_last_bit_what_each_is_alone(count):
 
 @pytest.fixture
 def plain(monkeypatch):
-    """What `put` and the broad phase call is Python as well."""
+    """Makes the callees of `put` and the broad phase Python as well."""
     squares = arm_module.squares.py_func
     for module in (arm_module, broad_phase):
         monkeypatch.setattr(module, "squares", squares)

@@ -1,4 +1,4 @@
-"""What a straight move asks of the arm, by the kernel and by the numpy twin: the same ratios, speeds and slower speeds."""
+"""Loads of a straight move by the kernel and the numpy twin: the same ratios, speeds and slower speeds."""
 
 from dataclasses import replace
 

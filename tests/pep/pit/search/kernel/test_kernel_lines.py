@@ -114,7 +114,7 @@ def test_p12_what_is_reachable_is_the_same():
 
 
 def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
-    """Both engines say so of the same boxes, whatever decides: the way, the turn or how near it is."""
+    """Both engines say so of the same boxes, by the way, the turn or the distance."""
     from pep.pit.robot.inverse_kinematics import stance
     from pep.pit.search.kernel.arithmetic.compilation import entry
     from pep.pit.search.kernel.arithmetic.line_piece import on_path

@@ -95,7 +95,7 @@ def test_a_constant_of_another_module_counts(monkeypatch):
 
 
 def test_an_index_of_types_that_are_gone_is_as_none(tmp_path):
-    """A named tuple was renamed: what was compiled for the old one is compiled anew, and no start fails for it."""
+    """A named tuple was renamed: code compiled for the old one is compiled anew, and no start fails."""
     files = compilation._Files(cache_path=str(tmp_path), filename_base="entry", source_stamp="digest")
     files.save(("a key",), {"machine": "code"})
     index = tmp_path / "entry.nbi"
