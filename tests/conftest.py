@@ -108,7 +108,8 @@ def pytest_collection_modifyitems(config, items):
         if in_real_time(item):
             of_a_point = item.path.is_relative_to(config.rootpath / "tests/pep")
             item.add_marker(pytest.mark.xdist_group("points" if of_a_point else "cells"))
-            item.add_marker(pytest.mark.flaky(reruns=1))
+            if config.pluginmanager.hasplugin("rerunfailures"):  # not with `-p no:rerunfailures`
+                item.add_marker(pytest.mark.flaky(reruns=1))
 
 
 SHARE = Path("/proc/self/autogroup")
