@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Tier
     from pep.base.operations import Operation
     from pep.request.permit import Permit
-    from pep.rtde.motion.drive import MotionEnd
+    from pep.rtde.motion.standstill import MotionEnd
     from pep.rtde.robot.gripper import GripResult
     from pep.rtde.robot.state_receiver import JointState
 

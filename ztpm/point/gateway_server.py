@@ -17,6 +17,7 @@ import argparse
 import asyncio
 import contextlib
 import sys
+import time
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
@@ -41,7 +42,7 @@ from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
 from pep.rtde.line.lease_stop import StopMeans
-from pep.rtde.motion.permitted_control import PermittedControl
+from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.gripper import RobotiqGripper
@@ -51,7 +52,7 @@ from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
-from ztpm.point.arm_tools import ArmTools
+from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.robot import confirm_kinematics, found_holding, readiness
@@ -127,7 +128,6 @@ class GatewayServer(RobotPoint):
             stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             clock=self.clock,
             closed=self._left,
-            stopped=self._stopped,
         )
         telemetry, remote = Telemetry(config.robot_host), RemoteControl(config.robot_host)
         # Without its connection no program of a lease runs, and none of ours.
@@ -146,41 +146,31 @@ class GatewayServer(RobotPoint):
         # It compiles what its steps ask when it is made, or reads what was compiled before.
         self._stream(frozenset()).see(self.state.read().q_rad)
         self.judging = ThreadPoolExecutor(1, "rest")
-        self.control = PermittedControl(
-            self.own.control,
-            audience=config.audience,
-            clock=self.clock,
-            raise_refusals=True,
-            stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
-        )
-        self.tools = ArmTools.of(
-            self,
-            control=self.control,
-            io=self.own.switches,
-            gripper=gripper,
-            telemetry=telemetry,
-            judging=self.judging,
-            watch=watch,
-        )
-        self.gate = self.gated(policies, slot=self.tools.devices)
-        tools_app = self.tools.app(self, self.gate, key, readiness=ready(self.own))
         stopper = _Stopper(self.ports, self._loop)
+        self.motions = Motions(
+            starts=self.physics,
+            hurry=self.follower.hurry,
+            state=self.state,
+            stopper=stopper,
+            clock=self.clock,
+            pause=time.sleep,
+        )
+        watching = partial(
+            watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
+        )
+        self.tools = tool_motions(
+            self, lines=self.own, motions=self.motions, gripper=gripper, telemetry=telemetry, watching=watching
+        )
+        self.gate = self.gated(policies, slot=self.tools)
+        tools_app = tools_app_of(self, self.tools, self.gate, key, readiness=ready(self.own))
         self.judging_commands = LeasedJudge(
             gate=self.gate,
             effects=LeasedEffects(
+                motions=self.motions,
                 acts=self.physics,
                 remaining=self.physics,
                 certifying=self._stream,
-                watching=partial(
-                    watch,
-                    views=self.frames,
-                    limits=WatchAges.of(self.cell),
-                    clock=self.clock,
-                    submit=self.judging.submit,
-                ),
-                hurry=self.follower.hurry,
-                state=self.state,
-                stopper=stopper,
+                watching=watching,
                 record=self.gate.record,
                 parameters=policies.parameters,
                 audience=config.audience,
@@ -250,7 +240,7 @@ class GatewayServer(RobotPoint):
         """Ends the lease, with the arm standing still."""
         self.gateway.close()
         await self._end(LeaseEnding.GATEWAY)
-        await self.tools.devices.stop()
+        await self.tools.stop()
         await self.carriages.close()
         await self.judging_commands.close()
         with contextlib.suppress(TimeoutError):
@@ -261,6 +251,7 @@ class GatewayServer(RobotPoint):
     async def close(self) -> None:
         """Ends the connections to the robot."""
         await self.tools.close()
+        self.motions.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._notes, return_exceptions=True)
@@ -272,15 +263,15 @@ class GatewayServer(RobotPoint):
 
     def judge(self, held: PendingCommand) -> None:
         """See `Judge.judge`."""
-        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).judge(held)
+        self.judging_commands.judge(held)
 
     def withdrawn(self, held: PendingCommand) -> None:
         """See `Judge.withdrawn`."""
-        (self.own if isinstance(held.lease, OwnLease) else self.judging_commands).withdrawn(held)
+        self.judging_commands.withdrawn(held)
 
     def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
         """See `Judge.refused`."""
-        (self.own if isinstance(holder, OwnLease) else self.judging_commands).refused(holder, refused, what)
+        self.judging_commands.refused(holder, refused, what)
 
     # ---- the tools' own lines
 
@@ -291,12 +282,12 @@ class GatewayServer(RobotPoint):
 
     def _vacated(self) -> bool:
         """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
-        if not self.tools.devices.reserve(VACATING):
+        if not self.tools.reserve(VACATING):
             return False
         try:
             self.own.give_way()
         finally:
-            self.tools.devices.release(VACATING)
+            self.tools.release(VACATING)
         return True
 
     async def _equipped(self) -> None:
@@ -305,10 +296,6 @@ class GatewayServer(RobotPoint):
             async with asyncio.timeout(EQUIPPED_S):
                 while not self.own.up:  # noqa: ASYNC110 - a look at the controller, which sets no event
                     await asyncio.sleep(FAREWELL_S)
-
-    def _stopped(self) -> None:
-        """Somebody has stopped the arm past the tools: what they were about to do is not done."""
-        self.control.note_stop()
 
     # ---- the lease
 

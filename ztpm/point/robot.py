@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit import Robot
-    from pep.rtde.motion.permitted_control import PermittedControl
+    from pep.rtde.own.tool_lease import OwnLines
     from pep.rtde.robot.dashboard import RemoteControl
     from pep.rtde.robot.gripper import GripResult, RobotiqGripper
     from pep.rtde.robot.readiness import RunningProgram
@@ -84,18 +84,18 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
         raise ConfigError(PepFault.CONFIG_INVALID, "calibration_file: the controller has the tool elsewhere")
 
 
-async def committed(physics: CellPhysics, control: PermittedControl, holding: CommittedGrip, grip: GripResult) -> None:
-    """What the gripper holds after a grip is committed, and the controller reckons with it.
+async def committed(physics: CellPhysics, lines: OwnLines, holding: CommittedGrip, grip: GripResult) -> None:
+    """What the gripper holds after a grip is committed, and the controller reckons with it, whoever waits for that.
 
     A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
     """
 
-    def commit() -> None:
+    async def commit() -> None:
         before = holding.carried_kg
         try:
-            physics.grip_ended(on_something=grip.object, arrived=grip.arrived)
+            await asyncio.to_thread(physics.grip_ended, on_something=grip.object, arrived=grip.arrived)
         finally:
             if holding.carried_kg != before:
-                control.carries(holding.carried_kg, holding.centre_m)
+                await lines.equip(holding.carried_kg, holding.centre_m)
 
-    await asyncio.to_thread(commit)
+    await asyncio.shield(asyncio.ensure_future(commit()))

@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.base.errors import ActuationRefusedError, JournalError
 from pep.base.operations import Moves, OperationKind, digest_of, touchable
-from pep.base.thread_priority import goes_first
 from pep.gate.gate import EffectResult
 from pep.rtde.command.stream_bounds import StreamBounds
-from pep.rtde.judge.motion_follower import MotionFollower, StreamProgress, TargetProgress, TimedProgress
-from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, envelope
-from pep.rtde.robot.newest_state import NewestState
+from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, StreamProgress, envelope
+from pep.rtde.motion.motion_follower import TargetProgress, TimedProgress
+from pep.rtde.motion.motions import finished
 from pep.rtde.wire.client_texts import told
 from pep.rtde.wire.refusal import InputRefusal
 from pep.watch.watch import MotionOutcome
@@ -31,12 +30,11 @@ if TYPE_CHECKING:
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.judge.command_requests import CommandedOperation, ToolSetup
-    from pep.rtde.judge.motion_follower import MotionProgress
     from pep.rtde.judge.stream_values import Certifying
-    from pep.rtde.motion.drive_ports import Hurry
-    from pep.rtde.motion.stop_ladder import MotionEnd
-    from pep.rtde.robot.judge_port import PendingCommand, Stopper
-    from pep.rtde.robot.state_receiver import RobotState
+    from pep.rtde.motion.motion_follower import MotionProgress
+    from pep.rtde.motion.motions import Motions
+    from pep.rtde.robot.judge_port import PendingCommand
+    from pep.rtde.robot.newest_state import NewestState
     from pep.watch.watch import Watch
     from policies.evidence.model import Request
     from policies.words.parameters import Parameters
@@ -47,10 +45,6 @@ BATCH_S: Final = 1.0
 
 class AssessedMotions(Protocol):
     """What the effects ask of the physics: `pep.world.world.CellPhysics`."""
-
-    def start_of(self, request_id: str) -> tuple[float, ...] | None:
-        """The joint angles from which that request was assessed."""
-        ...
 
     def arrived(self, request_id: str, q_rad: tuple[float, ...]) -> bool:
         """Whether an arm there is where that request leads."""
@@ -104,13 +98,11 @@ class LeasedEffects:
     """Carries out what was permitted. One at a time: the gate's slot sees to that.
 
     Args:
+        motions: of the arm.
         acts: the physics that assessed them.
         remaining: the same, for what is left of a motion.
         certifying: begins a stream, with the objects that may be touched.
         watching: begins a watch.
-        hurry: told whether something moves.
-        state: what the robot says about itself.
-        stopper: of the arm.
         record: for streams.
         parameters: of the policies.
         audience: canonical URL of the robot.
@@ -120,31 +112,26 @@ class LeasedEffects:
     def __init__(
         self,
         *,
+        motions: Motions,
         acts: AssessedMotions,
         remaining: RemainingImpact,
         certifying: Callable[[frozenset[str]], Certifying],
         watching: WatchStarter,
-        hurry: Hurry,
-        state: RobotState,
-        stopper: Stopper,
         record: Recording,
         parameters: Parameters,
         audience: str,
         clock: Clock,
     ) -> None:
+        self._motions = motions
         self._acts = acts
         self._remaining = remaining
         self._certifying = certifying
         self._watching = watching
-        self._hurry = hurry
-        self._state = state
-        self._stopper = stopper
         self._record = record
         self._parameters = parameters
         self._audience = audience
         self._clock = clock
-        self._looks = ThreadPoolExecutor(1, "leased look")
-        self._watch = ThreadPoolExecutor(1, "leased watch", initializer=goes_first)
+        self._looks = ThreadPoolExecutor(1, "shown")
 
     async def prepare(self, chain: Chain, request: Request) -> Prepared | InputRefusal | None:
         """A stream under that chain, shown the world as it is; None where the chain does not grant it.
@@ -159,7 +146,7 @@ class LeasedEffects:
         certifying = self._certifying(touchable(chain))
 
         def show() -> object:
-            return certifying.see(self._state.read().q_rad)
+            return certifying.see(self._motions.state.read().q_rad)
 
         shown = await asyncio.get_running_loop().run_in_executor(self._looks, show)
         if isinstance(shown, ImpactFault):
@@ -197,17 +184,28 @@ class LeasedEffects:
         if asked.operation.kind is not OperationKind.MOTION:
             self._send(case, asked, permit, None)
             return EffectResult({"outcome": "sent"})
-        arm = await asyncio.get_running_loop().run_in_executor(self._looks, NewestState, self._state, self._clock)
-        permit.begins(assessed_rad=self._acts.start_of(permit.request_id), at_rad=arm.state.q_rad)
+        arm = await self._motions.begins(permit)
         stream = self._begun(held, asked, prepared, fitted, permit=permit, arm=arm)
         watch = self._watching(permit, remaining=self._remaining if stream is None else stream)
         self._send(case, asked, permit, stream)
         arm.sent()
-        end = await self._followed(
-            self._course(asked, permit.request, stream), stream, arm, watch, permit=permit, held=held
-        )
-        told = {"outcome": str(end.end), "q_rad": list(end.q_rad), "reason": end.reason}
-        return EffectResult(told, failed=end.end is MotionOutcome.ROBOT_FAILED)
+        loop = asyncio.get_running_loop()
+
+        def brake(reason: Reason) -> None:
+            loop.call_soon_threadsafe(held.stop, reason, told(reason))
+
+        courses = (self._course(asked, permit.request, stream),)
+        following = loop.create_task(self._motions.follow(courses, arm, watch, permit, brake=brake))
+        try:
+            while not following.done():
+                await asyncio.wait((following,), timeout=BATCH_S)
+                await self._kept(stream, held)
+        finally:
+            following.cancel()
+            await finished(following)
+        end = following.result()
+        result = {"outcome": str(end.end), "q_rad": list(end.q_rad), "reason": end.reason}
+        return EffectResult(result, failed=end.end is MotionOutcome.ROBOT_FAILED)
 
     def _begun(
         self,
@@ -231,7 +229,7 @@ class LeasedEffects:
             parameters=self._parameters,
             fitted=fitted,
             arm=arm,
-            stopper=self._stopper,
+            stopper=self._motions.stopper,
             clock=self._clock,
         )
         reason = stream.step(held.command)  # type: ignore[arg-type]  # a stream's command is one of the control interface
@@ -249,7 +247,7 @@ class LeasedEffects:
         if case.held.command != case.command:
             raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "another command than was asked about")
         digest = digest_of(asked.operation, asked.spelt, audience=self._audience)
-        permit.spend(digest=digest, stopped_ms=self._stopper.stopped_ms)
+        permit.spend(digest=digest, stopped_ms=self._motions.stopper.stopped_ms)
         case.forwarded = case.held.forward(stream)
         if not case.forwarded:
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
@@ -258,39 +256,9 @@ class LeasedEffects:
         if stream is not None:
             return StreamProgress(stream, self._clock)
         if asked.operation.moves is Moves.AT_TOOL_SPEED:
-            return TimedProgress(request.values[-1].value + LATE_MS, self._clock)
+            return TimedProgress(self._clock.monotonic_ms() + request.values[-1].value + LATE_MS, self._clock)
         request_id = request.request_id
         return TargetProgress(lambda q_rad: self._acts.arrived(request_id, q_rad))
-
-    async def _followed(
-        self,
-        course: MotionProgress,
-        stream: LeasedStream | None,
-        arm: NewestState,
-        watch: Watch,
-        *,
-        permit: Permit,
-        held: PendingCommand,
-    ) -> MotionEnd:
-        """How it has ended. Whoever waits for that and goes leaves the arm stopped."""
-        loop = asyncio.get_running_loop()
-
-        def brake(reason: Reason) -> None:
-            loop.call_soon_threadsafe(held.stop, reason, told(reason))
-
-        follower = MotionFollower(
-            arm, watch, permit, brake=brake, stopper=self._stopper, newest=self._state.newest, clock=self._clock
-        )
-        self._hurry(moving=True)
-        following = loop.run_in_executor(self._watch, follower.follow, course)
-        try:
-            while not following.done():
-                await asyncio.wait((following,), timeout=BATCH_S)
-                await self._kept(stream, held)
-            return following.result()
-        finally:
-            follower.leave()
-            self._hurry(moving=False)
 
     async def _kept(self, stream: LeasedStream | None, held: PendingCommand) -> None:
         """The values of the stream are on record; without a record there are no more of them."""
@@ -304,5 +272,4 @@ class LeasedEffects:
 
     def close(self) -> None:
         """Nothing is carried out any more."""
-        for pool in (self._looks, self._watch):
-            pool.shutdown(wait=False, cancel_futures=True)
+        self._looks.shutdown(wait=False, cancel_futures=True)

@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Final, Protocol
 from capabilities.values.algebra import bound_to_json
 from capabilities.values.units import Unit
 from pep.base.ports import RemainingVerdict
+from pep.base.stop_model import ESCALATE_MS
 from pep.rtde.command import command_values as v
 from pep.rtde.judge.command_requests import CommandedOperation, asked_of, stands_s
+from pep.rtde.motion.motion_follower import Over
+from pep.watch.watch import MotionOutcome
 from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
@@ -248,6 +251,35 @@ class LeasedStream:
             "first_ms": taken[0][0],
             "digest": hashlib.sha256(content).hexdigest(),
         }
+
+
+class StreamProgress:
+    """A stream: as long as its values come and are taken.
+
+    Args:
+        stream: whose values they are.
+        clock: the monotonic one counts.
+    """
+
+    stands: Final = True
+
+    def __init__(self, stream: LeasedStream, clock: Clock) -> None:
+        self._stream = stream
+        self._clock = clock
+
+    def look(self, state: JointState) -> Over | None:
+        """Stopped, where a value was not taken; ended, by its time or by its program, which has stopped it then."""
+        stream = self._stream
+        if stream.lost is not None:
+            return Over(MotionOutcome.STOPPED, stream.lost)
+        if stream.over:
+            return Over(MotionOutcome.ENDED, Reason.VERDICT_EXPIRED)
+        if stream.ended_ms is None:
+            return None
+        if state.still:
+            return Over(MotionOutcome.ENDED)
+        late = self._clock.monotonic_ms() - stream.ended_ms > ESCALATE_MS
+        return Over(MotionOutcome.ENDED, Reason.VERDICT_EXPIRED) if late else None
 
 
 def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:

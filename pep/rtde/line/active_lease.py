@@ -13,8 +13,8 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.rtde.lease.lease import LeaseEnding
+    from pep.rtde.line.command_registers import LeasedCommands
     from pep.rtde.line.lease_stop import LeaseStopLadder
-    from pep.rtde.line.rtde_line import LeasedLine
     from pep.rtde.robot.connections import Upstream
     from pep.rtde.robot.judge_port import Judge, ProgramOwner
     from pep.rtde.robot.state_stream import Sample, StateStream
@@ -26,10 +26,31 @@ PAUSED: Final = (3, 4, 5)
 """`runtime_state` of a program that somebody may let go on."""
 
 
-class CommandPort(Protocol):
-    """An RTDE connection of the lease's program."""
+class CommandLine(Protocol):
+    """A line on which commands of the lease reach the controller: of its program, or of the cell's own tools."""
 
-    line: LeasedLine
+    running: bool
+
+    @property
+    def commands(self) -> LeasedCommands | None:
+        """The registers that it commands with, if it does."""
+
+    def rewrite(self) -> None:
+        """Write again, so that the watchdog hears it."""
+
+    def refresh(self) -> None:
+        """Show the newest package again."""
+
+    def tell(self, text: str) -> None:
+        """Tell the program."""
+
+
+class CommandPort(Protocol):
+    """An RTDE connection of the lease."""
+
+    @property
+    def line(self) -> CommandLine:
+        """The line that it serves."""
 
     @property
     def wrote_ms(self) -> int:

@@ -54,7 +54,6 @@ class LeasedPorts:
         stop_deceleration_rad_s2: of the cell's stop model.
         clock: the monotonic one counts.
         closed: is told of a lease whose control connection has ended, and why; the arm is being stopped then.
-        stopped: is told of each stop that somebody sends past the judge and the tools.
 
     Attributes:
         stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
@@ -69,7 +68,6 @@ class LeasedPorts:
         stop_deceleration_rad_s2: float,
         clock: Clock,
         closed: Callable[[ProgramOwner, LeaseEnding], None],
-        stopped: Callable[[], None] = lambda: None,
     ) -> None:
         self.robot = robot
         self.judge = judge
@@ -77,7 +75,6 @@ class LeasedPorts:
         self.clock = clock
         self.closed = closed
         self._all_scripts = scripts
-        self._stopped = stopped
         self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2, stopping=self.note)
         self._stop_text = stop_text(stop_deceleration_rad_s2)
         self.feed = StateStream(robot, clock=clock, heard=self._heard)
@@ -133,15 +130,9 @@ class LeasedPorts:
         """A connection to that port."""
         if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
             return await self._anybody.open(lease, port, back)
-        if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
-            return Reason.ROBOT_NOT_RUNNING
-        if lease is self._past:
-            return Reason.NOT_GRANTED
-        tenant = self._tenant
-        if tenant is None or tenant.lease is not lease:
-            if tenant is not None:
-                tenant.end(LeaseEnding.CLOSED)
-            tenant = self._tenant = ActiveLease(self, lease)
+        tenant = self.taken(lease)
+        if isinstance(tenant, Reason):
+            return tenant
         line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
         if port == RTDE:
             line = LeasedRtdePort(tenant, back)
@@ -154,6 +145,18 @@ class LeasedPorts:
             line.left()
         return refused or line
 
+    def taken(self, lease: ProgramOwner) -> ActiveLease | Reason:
+        """That lease at the controller, whose other lease is over then; or why it has none there."""
+        if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
+            return Reason.ROBOT_NOT_RUNNING
+        if lease is self._past:
+            return Reason.NOT_GRANTED
+        if self._tenant is None or self._tenant.lease is not lease:
+            if self._tenant is not None:
+                self._tenant.end(LeaseEnding.CLOSED)
+            self._tenant = ActiveLease(self, lease)
+        return self._tenant
+
     def over(self, lease: ProgramOwner, ending: LeaseEnding) -> None:
         """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
         self._past = lease
@@ -164,9 +167,13 @@ class LeasedPorts:
 
     # ---- stopping
 
+    def counted(self) -> None:
+        """A stop was asked for: every permit of an earlier request is void from now on. From any thread."""
+        self.stopped_ms = self.clock.monotonic_ms()
+
     def stop(self, rung: StopMeans) -> None:
         """The arm is being stopped, this way or a harder one."""
-        self.stopped_ms = self.clock.monotonic_ms()
+        self.counted()
         newest, tenant = self.feed.newest, self._tenant
         known = newest is not None and self.feed.silent_ms() <= FRESH_MS
         idle = known and newest is not None and newest.still and newest.runtime_state == STOPPED
@@ -179,9 +186,8 @@ class LeasedPorts:
 
     def note(self, rung: StopMeans) -> None:
         """Somebody has sent such a stop past us: it counts, and a harder one follows where it does not help."""
-        self.stopped_ms = self.clock.monotonic_ms()
-        self._stopped()
-        self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.stopped_ms)
+        self.counted()
+        self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.clock.monotonic_ms())
 
     def _take(self, rung: StopMeans) -> None:
         if rung is StopMeans.REGISTERS:

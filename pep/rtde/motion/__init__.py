@@ -1,1 +1,1 @@
-"""Motions of the cell's tools: sent once, followed to their end, stopped at any time."""
+"""Motions of the arm, whoever began them: followed to their end, slowed, and stopped at any time."""

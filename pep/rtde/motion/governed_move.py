@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -12,6 +11,8 @@ from pep.rtde.robot.state_receiver import STILL_RAD_S
 from pep.watch.governor import Governor
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pep.base.ports import Clock
     from pep.rtde.robot.newest_state import NewestState
     from pep.watch.governor import Pacing, Slider
@@ -55,7 +56,7 @@ def least_fraction(speed_rad_s: float, acceleration_rad_s2: float) -> float:
     )
 
 
-def put_back(governor: Governor, arm: NewestState, *, clock: Clock) -> None:
+def put_back(governor: Governor, arm: NewestState, *, clock: Clock, pause: Callable[[float], None]) -> None:
     """The speed slider is where it was, unless the arm may still move or the robot does not say so."""
     arm.look()
     if arm.silent_ms > SILENCE_MS or not arm.state.still:
@@ -64,6 +65,6 @@ def put_back(governor: Governor, arm: NewestState, *, clock: Clock) -> None:
     until_ms = now + PUT_BACK_MS
     governor.end(now_ms=now)
     while not governor.put_back(arm.speeds, now_ms=now) and now < until_ms:
-        time.sleep(PAUSE_S)
+        pause(PAUSE_S)
         arm.look()
         now = clock.monotonic_ms()

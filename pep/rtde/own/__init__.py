@@ -1,1 +1,1 @@
-"""The lease of the cell's own tools, which gives way to a program's lease."""
+"""The cell's own tools: their motions, and their lease, which gives way to a program's."""

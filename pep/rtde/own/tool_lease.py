@@ -1,40 +1,33 @@
 """The lease of the cell's own tools: nobody opens it, and it gives way to those that programs open.
 
-    no lease of a program ─▶ our lines at the ports ─▶ our control script, our tool, our payload ─▶ the tools may move
+    no lease of a program ─▶ our line to the controller ─▶ our control script, tool and payload ─▶ the tools may move
 
-A permit was spent for each command before it is said here; the judge of these lines looks that it is that very command.
-So everything that holds for a program holds for the tools too: one writer, the controller's watchdog, the stop ladder.
+A permit was spent for each command before it is given here. Everything that holds for a program holds for the tools
+too: one writer, the controller's watchdog, the stop ladder.
 """
 
 from __future__ import annotations
 
 import asyncio
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, TypeVar
+from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
 from pep.request.authority import NOBODY
 from pep.rtde.command import command_values as v
-from pep.rtde.command.io_commands import IoCommand
-from pep.rtde.command.rounding import on_grid
 from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.lease_stop import StopMeans
-from pep.rtde.own.control import OwnControl, OwnOutputs
-from pep.rtde.own.local_line import DONE_S, OFFSET, READY_S, OwnCommands, OwnSwitches
-from pep.rtde.robot.connections import SECONDARY
-from pep.rtde.script.control_script import Upload
+from pep.rtde.own.tool_line import OFFSET, ToolLine
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable
 
     from pep.request.authority import Credentials
     from pep.rtde.command.command_values import Command
+    from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.judge.command_requests import ToolSetup
     from pep.rtde.line.controller_ports import LeasedPorts
-    from pep.rtde.robot.connections import ProgramConnection
-    from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
-    from pep.rtde.wire.refusal import InputRefusal
 
 STARTS_S: Final = 6.5
 """Longest wait for the control script to run: the controller's own limits (2 s and 4 s), and a little."""
@@ -42,10 +35,6 @@ AGAIN_S: Final = 0.5
 """Pause before the lines are tried again."""
 LOOK_S: Final = 0.05
 """How often it is looked whether the lines may be there."""
-ANSWERS_S: Final = READY_S + DONE_S + 1.0
-"""Longest wait of a thread for the loop."""
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,36 +47,15 @@ class OwnLease:
         return NOBODY
 
 
-class _Script:
-    """The way back from the script port: what the controller streams there is for nobody."""
-
-    def __init__(self) -> None:
-        self.line: ProgramConnection | None = None
-
-    def send(self, content: bytes) -> None:
-        """Dropped."""
-
-    def close(self) -> None:
-        """The controller has closed it; what was uploaded runs on."""
-        self.line = None
-
-    def tell(self, text: str) -> None:
-        """See `OwnLine.tell`."""
-
-
 class OwnLines:
-    """Our lines at the controller's ports. On the event loop on which it was made, but for `control` and `switches`.
+    """Our line at the controller. On the event loop on which it was made, but for `stop`.
 
     Args:
         ports: of the controller.
         fitted: tool and payload that the controller is to reckon with.
         free: whether no program has the lease, or is about to.
         able: whether the arm could move: powered, no safety stop, remote control.
-        failed: is told each time that they could not be brought up, and why.
-
-    Attributes:
-        control: to be guarded; `RTDEControlInterface`, as far as guarded tools use it.
-        switches: likewise, of `RTDEIOInterface`.
+        failed: is told each time that it could not be brought up, and why.
     """
 
     def __init__(
@@ -106,15 +74,13 @@ class OwnLines:
         self._failed = failed
         self._loop = asyncio.get_running_loop()
         self._lease: OwnLease | None = None
-        self._commands, self._switches, self._script = OwnCommands(), OwnSwitches(), _Script()
+        self._line: ToolLine | None = None
         self._up = self._over = False
-        self.control = OwnControl(self)
-        self.switches = OwnOutputs(self)
 
     # ---- up and down
 
     async def keep(self) -> None:
-        """The lines are there whenever they may be. Runs until it is cancelled."""
+        """The line is there whenever it may be. Runs until it is cancelled."""
         while True:
             if self._lease is None and not self._over and self._free() and self._able():
                 try:
@@ -128,96 +94,80 @@ class OwnLines:
             await asyncio.sleep(LOOK_S)
 
     def give_way(self) -> None:
-        """What our lines moved is being stopped, and they are gone."""
-        lease, self._lease, self._up = self._lease, None, False
-        if lease is None:
-            return
-        self._ports.over(lease, LeaseEnding.CLOSED)
-        self._commands.leave()
-        self._switches.leave()
-        if self._script.line is not None:
-            self._script.line.left()
+        """What our line moved is being stopped, and it is gone."""
+        lease, line = self._lease, self._line
+        self._lease, self._line, self._up = None, None, False
+        if lease is not None:
+            self._ports.over(lease, LeaseEnding.CLOSED)
+        if line is not None:
+            line.close()
+
+    def end(self) -> None:
+        """As `give_way`, and for good."""
+        self._over = True
+        self.give_way()
 
     @property
     def up(self) -> bool:
         """Whether the tools have the arm: our control script runs, and the controller has our tool and payload."""
-        return self._up and self._commands.running
+        return self._up and self._line is not None and self._line.up
 
     def undisturbed(self) -> bool:
-        """See `pep.rtde.robot.readiness.Program`."""
+        """See `pep.rtde.robot.readiness.RunningProgram`."""
         return self.up and self._ports.undisturbed()
 
     def close(self) -> None:
-        """See `pep.rtde.robot.readiness.Program`. The lines go with their ports."""
+        """See `pep.rtde.robot.readiness.RunningProgram`. The line goes with its ports."""
 
     async def _bring(self) -> None:
         script = next((each for each in self._ports.scripts if each.offset == OFFSET), None)
         if script is None:
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "the controller has not said what it is, or is none of ours")
-        self._commands, self._switches, self._script = OwnCommands(), OwnSwitches(), _Script()
         lease = self._lease = OwnLease()
-        await self._commands.open(self._ports, lease)
-        await self._switches.open(self._ports, lease)
-        line = await self._ports.open(lease, SECONDARY, self._script)
-        if isinstance(line, Reason):
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, str(line))
-        self._script.line = line
-        line.received(Upload(script, ()).render())
-        if not await self._commands.until(lambda: self._commands.running, within_s=STARTS_S):
+        tenant = self._ports.taken(lease)
+        if isinstance(tenant, Reason):
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, str(tenant))
+        line = self._line = ToolLine(tenant)
+        refused = await line.reach(self._ports.robot, script)
+        if refused is not None or not await line.until(lambda: line.running, within_s=STARTS_S):
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "the control script does not run")
         tool = self._fitted()
         payload = v.SetPayload(tool.payload_kg, tool.centre_m)
-        equipped = await self.said(payload) and await self.said(v.SetTcp(tool.tcp_m_rad))
+        equipped = await self._done(line, payload) and await self._done(line, v.SetTcp(tool.tcp_m_rad))
         if self._lease is not lease or not equipped:
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "payload or tool centre point was not taken")
         self._up = True
 
-    # ---- what is said, and the judge of it
+    async def _done(self, line: ToolLine, command: Command) -> bool:
+        """Whether the control script has carried it out."""
+        return await line.ready() and line.give(command) and await line.ready()
 
-    async def said(self, command: Command) -> bool:
-        """Whether the control script took the command."""
-        line = self._commands
-        if isinstance(command, v.Stop):
-            return await line.say(command)
-        line.expected, line.refused = on_grid(command), False
-        taken = await line.say(command)
-        if line.refused:
-            line.clear()
-        return taken and not line.refused
+    # ---- what is said
 
-    async def switched(self, command: IoCommand) -> bool:
-        """Whether it was written."""
-        line = self._switches
-        if line.gone:
-            return False
-        line.expected, line.refused = command, False
-        line.say(command)
-        return not line.refused
+    async def ready(self) -> bool:
+        """Whether the control script waits for a command of the tools, at once or soon."""
+        return self._line is not None and self.up and await self._line.ready()
 
-    def judge(self, held: PendingCommand) -> None:
-        """See `pep.rtde.robot.judge_port.Judge`: what a permit was spent for, and nothing else."""
-        line = self._switches if isinstance(held.command, IoCommand) else self._commands
-        expected, line.expected = line.expected, None
-        if held.command == expected and held.forward():
-            return
-        line.refused = True
-        held.deny(Reason.NOT_WHAT_WAS_DECIDED, "no permit")
+    def give(self, command: Command) -> bool:
+        """Whether the command was written. It is carried out, or seen not to be."""
+        return self._line is not None and self.up and self._line.give(command)
 
-    def withdrawn(self, held: PendingCommand) -> None:
-        """See `pep.rtde.robot.judge_port.Judge`: each was answered at once."""
+    async def equip(self, mass_kg: float, centre_m: v.Three) -> bool:
+        """Whether the controller reckons with this payload from now on."""
+        line = self._line
+        return line is not None and self.up and await self._done(line, v.SetPayload(mass_kg, centre_m))
 
-    def refused(self, holder: ProgramOwner, refused: InputRefusal, what: str) -> None:
-        """See `pep.rtde.robot.judge_port.Judge`: what a permit was shown for has an outcome on record."""
+    def switch(self, command: IoCommand) -> bool:
+        """Whether the outputs or the slider were written."""
+        return self._line is not None and self._up and self._line.switch(command)
 
-    async def stop(self) -> None:
-        """Whatever moves the arm is being ended, whoever it is of."""
-        self._ports.stop(StopMeans.PROGRAM)
+    def stop(self) -> None:
+        """Whatever moves the arm is being stopped, a program's motion too. From any thread; never waits."""
+        self._ports.counted()
+        self._loop.call_soon_threadsafe(self._stop)
 
-    async def end(self) -> None:
-        """As `give_way`, and for good."""
-        self._over = True
-        self.give_way()
-
-    def from_thread(self, what: Coroutine[None, None, T]) -> T:
-        """What it gives, for another thread than the loop's."""
-        return asyncio.run_coroutine_threadsafe(what, self._loop).result(ANSWERS_S)
+    def _stop(self) -> None:
+        if self._line is not None and self.up:
+            self._line.brake()
+        else:
+            self._ports.stop(StopMeans.PROGRAM)

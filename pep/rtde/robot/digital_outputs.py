@@ -5,16 +5,18 @@ from __future__ import annotations
 import asyncio
 import time
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
 from pep.base.operations import SET_DIGITAL_OUTPUT, digest_of
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.request.permit import Permit
+    from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.robot.telemetry import Telemetry
 
 SEEN_S: Final = 0.5
@@ -22,21 +24,28 @@ SEEN_S: Final = 0.5
 
 
 class DigitalOutputs:
-    """The standard digital outputs.
+    """The standard digital outputs. On one event loop.
 
     Args:
-        io: the raw `RTDEIOInterface`; keep no other reference to it.
+        switch: writes one; whether it was written.
         telemetry: of the same controller.
         audience: canonical URL of the server whose permits count here.
         stopped_ms: monotonic time of the newest stop, or None; a stop voids what was permitted before it.
     """
 
-    def __init__(self, io: Any, telemetry: Telemetry, *, audience: str, stopped_ms: Callable[[], int | None]) -> None:
-        self._io = io
+    def __init__(
+        self,
+        switch: Callable[[IoCommand], bool],
+        telemetry: Telemetry,
+        *,
+        audience: str,
+        stopped_ms: Callable[[], int | None],
+    ) -> None:
+        self._switch = switch
         self._telemetry = telemetry
         self._audience = audience
         self._stopped_ms = stopped_ms
-        self._sender = ThreadPoolExecutor(1, "outputs")
+        self._looks = ThreadPoolExecutor(1, "outputs")
 
     async def set(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
         """The robot has this value at this output.
@@ -50,20 +59,19 @@ class DigitalOutputs:
             ActuationRefusedError: nothing was sent.
             RobotError: `OUTPUT_UNCONFIRMED` when it was sent and the robot does not show it.
         """
-        await asyncio.get_running_loop().run_in_executor(self._sender, self._set, pin, value, permit)
-
-    def close(self) -> None:
-        """The connection has ended."""
-        self._sender.shutdown(wait=True, cancel_futures=True)
-        self._io.disconnect()
-
-    def _set(self, pin: int, value: bool, permit: Permit) -> None:  # noqa: FBT001
         permit.spend(
             digest=digest_of(SET_DIGITAL_OUTPUT, (pin, int(value)), audience=self._audience),
             stopped_ms=self._stopped_ms(),
         )
-        if not self._io.setStandardDigitalOut(pin, value):
+        if not self._switch(SetDigitalOutputs(Bank.STANDARD, 1 << pin, int(value) << pin)):
             raise ActuationRefusedError(Reason.EFFECT_FAILED, "the controller did not take it")
+        await asyncio.get_running_loop().run_in_executor(self._looks, self._see, pin, value)
+
+    def close(self) -> None:
+        """Nobody looks any more."""
+        self._looks.shutdown(wait=True, cancel_futures=True)
+
+    def _see(self, pin: int, value: bool) -> None:  # noqa: FBT001
         deadline_s = time.monotonic() + SEEN_S
         while time.monotonic() < deadline_s:
             if self._telemetry.next().output_bits >> pin & 1 == value:

@@ -1,31 +1,34 @@
-"""The controller's speed slider: set in a thread of its own, so that nobody who looks at the arm waits for it."""
+"""The controller's speed slider: set on the event loop of its line, so that no look at the arm waits for it."""
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING, Any
+import asyncio
+from typing import TYPE_CHECKING
+
+from pep.rtde.command.io_commands import SetSpeedSlider
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from concurrent.futures import Future
+
+    from pep.rtde.command.io_commands import IoCommand
 
 
 class SpeedSlider:
-    """The `Slider` port over ur_rtde.
-
-    The connection may be that of the digital outputs: one motion or one output acts at a time, so they never meet.
+    """The `Slider` port over the line of the cell's tools. Made on its event loop, used from other threads.
 
     Args:
-        io: the raw `RTDEIOInterface`; keep no other reference to its slider.
+        switch: writes it; whether it was written. On that event loop.
     """
 
-    def __init__(self, io: Any) -> None:
-        self._io = io
-        self._sender = ThreadPoolExecutor(1, "slider")
-        self._newest: Future[Any] | None = None
+    def __init__(self, switch: Callable[[IoCommand], bool]) -> None:
+        self._switch = switch
+        self._loop = asyncio.get_running_loop()
+        self._newest: Future[bool] | None = None
 
     def set(self, fraction: float) -> None:
         """It is being set, after what was asked for before; whether the robot has it, only the robot can say."""
-        self._newest = self._sender.submit(self._io.setSpeedSlider, fraction)
+        self._newest = asyncio.run_coroutine_threadsafe(self._set(fraction), self._loop)
 
     @property
     def failed(self) -> bool:
@@ -35,6 +38,5 @@ class SpeedSlider:
             return False
         return newest.cancelled() or newest.exception() is not None or not newest.result()
 
-    def close(self) -> None:
-        """Nothing is set any more."""
-        self._sender.shutdown(wait=False, cancel_futures=True)
+    async def _set(self, fraction: float) -> bool:
+        return self._switch(SetSpeedSlider(fraction))

@@ -19,8 +19,9 @@ from pep.mcp.body_screen import screen
 from pep.mcp.dpop import WELL_KNOWN
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS
-from pep.rtde.motion.drive import MotionEnd, MotionOutcome
+from pep.rtde.motion.standstill import MotionEnd
 from pep.rtde.robot.state_receiver import JointState
+from pep.watch.watch import MotionOutcome
 from policies.evidence.evidence import ImpactFault
 from tests.hostile_bodies import HOSTILE_BODIES
 from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_scope, reading

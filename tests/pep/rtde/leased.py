@@ -23,6 +23,7 @@ from pep.perception.sensor_frames import Seen
 from pep.rtde.judge.command_judge import LeasedJudge
 from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
+from pep.rtde.motion.motions import Motions
 from pep.rtde.lease.lease import Lease
 from pep.rtde.robot.state_receiver import JointState, Package
 from pep.rtde.wire.client_texts import fits
@@ -216,13 +217,18 @@ class House(Rig):
 
     def judge(self):
         effects = LeasedEffects(
+            motions=Motions(
+                starts=self,
+                hurry=lambda *, moving: self.hurried.append(moving),
+                state=self.arm,
+                stopper=self.arm,
+                clock=self.clock,
+                pause=time.sleep,
+            ),
             acts=self,
             remaining=self,
             certifying=self.begin_stream,
             watching=self.watching,
-            hurry=lambda *, moving: self.hurried.append(moving),
-            state=self.arm,
-            stopper=self.arm,
             record=self.gate.record,
             parameters=Parameters(),
             audience=AUDIENCE,

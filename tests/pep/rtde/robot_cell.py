@@ -5,12 +5,14 @@ What is made by hand is the identity provider's word (keys, a token, its registr
 
 import asyncio
 import contextlib
+import time
 from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 from pep.rtde.judge.command_judge import LeasedJudge
 from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
+from pep.rtde.motion.motions import Motions
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.state_receiver import ReceivedState
 from pep.rtde.robot.telemetry import Telemetry
@@ -66,9 +68,12 @@ class RobotCell(World):
         self.judge_ = LeasedJudge(
             gate=self.gate,
             effects=LeasedEffects(
+                motions=Motions(
+                    starts=self.physics, hurry=lambda *, moving: None, state=self.state, stopper=stopper, clock=self.clock,
+                    pause=time.sleep,
+                ),
                 acts=self.physics, remaining=self.physics, certifying=self.begin_stream, watching=watching,
-                hurry=lambda *, moving: None, state=self.state, stopper=stopper, record=self.gate.record,
-                parameters=Parameters(), audience=AUDIENCE, clock=self.clock,
+                record=self.gate.record, parameters=Parameters(), audience=AUDIENCE, clock=self.clock,
             ),
             asks=self.asks, registry=self.registry, readiness=self.readiness, stopper=stopper, fitted=lambda: FITTED, audience=AUDIENCE,
             clock=self.clock,

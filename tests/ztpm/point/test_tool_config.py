@@ -221,18 +221,15 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
         def __init__(self, ports, *, fitted, **_):
             assert ports.deceleration == 5.0
             equipped.append(fitted())
-            self.control = self.switches = self
+            self.deceleration = ports.deceleration
 
-        def stopJ(self, a, asynchronous):
-            sent.append(a)
+        def stop(self):
+            sent.append(self.deceleration)
 
-        def stopScript(self):
-            pass
-
-        def isProgramRunning(self):
+        def switch(self, command):
             return False
 
-        def disconnect(self):
+        def end(self):
             pass
 
     stamps = itertools.count(1.0)

@@ -322,7 +322,7 @@ def test_an_arm_that_halts_by_itself_is_stopped(house):
 
 
 def test_an_arm_that_never_begins_is_stopped(house, monkeypatch):
-    monkeypatch.setattr("pep.rtde.judge.motion_follower.BEGINS_MS", 100)
+    monkeypatch.setattr("pep.rtde.motion.motion_follower.BEGINS_MS", 100)
     house.arm.sticks = True
     assert ended(house, MOVE) == ["forward"]
     assert house.outcomes()[0]["result"]["reason"] == "moved False"
@@ -722,7 +722,7 @@ def test_after_a_stop_no_value_is_taken(house):
 
 @pytest.mark.clause("LSD-3")
 def test_a_stream_of_a_robot_that_says_nothing_ends(house, monkeypatch):
-    monkeypatch.setattr("pep.rtde.judge.motion_follower.SILENCE_MS", 10_000)
+    monkeypatch.setattr("pep.rtde.motion.motion_follower.SILENCE_MS", 10_000)
     monkeypatch.setattr("pep.watch.watch.FRAME_PERIOD_MS", 10_000)  # nobody but the next value asks
 
     async def during(steps):

@@ -8,25 +8,20 @@ from dataclasses import replace
 
 import pytest
 from capabilities.values.chain import Refusal
-from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Grant, Limit, Range
-from pep.base.errors import ActuationRefusedError
 from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, targets_of
 from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
+from pep.pit import JointPath
 from pep.rtde.command.limits import Ur3eLimits
-from pep.rtde.motion.drive import MotionOutcome
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.world import _motion
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep import kit
-from tests.pep.rtde.motion.test_drive import HERE, World, driven, until
-
-from pep.pit import JointPath
+from tests.pep.rtde.motion.moved_arm import HERE
 
 A, B, C = ((x, 0.0, 0.0, 0.0, 0.0, 0.0) for x in (0.3, 0.1, 0.5))
 PATH = (A, B, C)
-QUICK, SLOW = (2.0, 1.4), (0.2, 1.4)
 
 
 def asked(waypoints=PATH, speed=0.5, acceleration=1.4):
@@ -36,10 +31,6 @@ def asked(waypoints=PATH, speed=0.5, acceleration=1.4):
         "acceleration_rad_s2": acceleration,
     }
     return to_request(ARM_TOOLS["move_path"], arguments, request_id="r", audience=kit.AUDIENCE, at=0.0)
-
-
-def numbers(waypoints, timing):
-    return (*(q for point in padded(waypoints) for q in point), *timing)
 
 
 # -- from arguments to a request
@@ -133,141 +124,7 @@ def test_all_legs_are_assessed_from_where_the_arm_stands():
     ]
 
 
-# -- what is sent
-
-
-def driving(world, waypoints=PATH, timing=QUICK):
-    permit = world.permit(MOVE_PATH, numbers(waypoints, timing))
-    return lambda drive: drive.move_path(waypoints, *timing, permit)
-
-
-@pytest.fixture
-def world():
-    world = World()
-    sent = world.arm.moveJ
-    world.targets = []
-
-    def remembered(q, *more):
-        world.targets.append(q[0])
-        return sent(q, *more)
-
-    world.arm.moveJ = remembered
-    return world
-
-
-def test_it_goes_through_every_waypoint_in_order(world):
-    end = driven(world, driving(world))
-    assert (end.end, end.q_rad[0]) == (MotionOutcome.REACHED, pytest.approx(0.5, abs=1e-3))
-    assert world.targets == [0.3, 0.1, 0.5]
-
-
-async def in_the_second_leg(world, drive, act):
-    moving = asyncio.create_task(driving(world, timing=SLOW)(drive))
-    await until(lambda: len(world.targets) == 2)
-    await act()
-    return await moving
-
-
-def test_a_stop_in_a_leg_ends_the_path(world):
-    async def scenario(drive):
-        return await in_the_second_leg(world, drive, drive.stop)
-
-    assert driven(world, scenario).end is MotionOutcome.STOPPED
-    assert world.targets == [0.3, 0.1]
-    assert world.arm.target is None
-
-
-def test_lost_authority_in_a_leg_ends_the_path(world):
-    async def scenario(drive):
-        async def revoke():
-            world.fault = Fault(FaultCode.REVOKED, "TOK-9")
-
-        return await in_the_second_leg(world, drive, revoke)
-
-    end = driven(world, scenario)
-    assert (end.end, end.reason) == (MotionOutcome.AUTHORITY_LOST, "REVOKED")
-    assert world.targets == [0.3, 0.1]
-
-
-def test_a_world_that_changes_in_a_leg_ends_the_path(world):
-    async def scenario(drive):
-        async def change():
-            world.rest = replace(world.rest, holds=False, cause="person", index_milli=2_500)
-
-        return await in_the_second_leg(world, drive, change)
-
-    assert driven(world, scenario).end is MotionOutcome.WORLD_CHANGED
-    assert world.targets == [0.3, 0.1]
-
-
-def test_a_path_is_stopped_where_a_move_would_be_slowed(world):
-    """PHY-50: nobody asks about another speed of it, and none is set."""
-    asked_at = []
-
-    def left(request, q_rad, *, authorised_milli, touch, running):
-        asked_at.append(running)
-        return world.rest if q_rad[0] < 0.05 else replace(world.rest, holds=False, index_milli=2_500, pace=0.4)
-
-    world.left = left
-    end = driven(world, driving(world, timing=SLOW))
-    assert (end.end, end.changes, world.arm.sliders) == (MotionOutcome.WORLD_CHANGED, (), [])
-    assert set(asked_at) == {None}
-
-
-def test_a_leg_that_the_controller_does_not_take_ends_the_path(world):
-    async def scenario(drive):
-        moving = asyncio.create_task(driving(world)(drive))
-        await until(lambda: world.targets)
-        world.arm.unheard = True
-        return await moving
-
-    end = driven(world, scenario)
-    assert end.end is MotionOutcome.ROBOT_FAILED
-    assert world.targets == [0.3, 0.1]
-    assert world.arm.target is None
-
-
 @pytest.mark.parametrize("waypoints", [(), (A,) * (WAYPOINTS + 1)])
 def test_no_waypoint_and_too_many_are_no_path(waypoints):
     with pytest.raises(ValueError):
         padded(waypoints)
-
-
-def test_after_a_first_leg_that_was_not_taken_no_other_is_sent(world):
-    control = world.drive()._control
-    world.arm.unheard = True
-    with pytest.raises(ActuationRefusedError):
-        control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
-    world.arm.unheard = False
-    assert not control.next_leg()
-    assert world.targets == [0.3]
-
-
-def test_after_a_stop_no_leg_is_sent(world):
-    control = world.drive()._control
-    control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
-    control.stopJ()
-    assert not control.next_leg()
-    assert not control.next_leg()
-    assert world.targets == [0.3]
-
-
-def test_another_command_is_no_leg_of_the_path_before_it(world):
-    control = world.drive()._control
-    control.move_path(PATH, *QUICK, permit=world.permit(MOVE_PATH, numbers(PATH, QUICK)))
-    control.moveJ(C, *QUICK, True, permit=world.permit(numbers=(*C, *QUICK)))  # noqa: FBT003 - the interface's own order
-    assert not control.next_leg()
-    assert world.targets == [0.3, 0.5]
-
-
-@pytest.mark.parametrize("other", [(A, B), (B, A, C), (A, B, (0.500001, *C[1:]))])
-def test_a_permit_is_for_its_own_waypoints(world, other):
-    permit = world.permit(MOVE_PATH, numbers(PATH, QUICK))
-
-    async def scenario(drive):
-        with pytest.raises(ActuationRefusedError) as raised:
-            await drive.move_path(other, *QUICK, permit)
-        assert raised.value.reason is Reason.NOT_WHAT_WAS_DECIDED
-
-    driven(world, scenario)
-    assert world.targets == []

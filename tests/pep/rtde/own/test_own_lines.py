@@ -1,7 +1,4 @@
-"""Tools' own lines at a controller: they move it as ur_rtde would, give way, and come back.
-
-They say nothing unexpected.
-"""
+"""Line of the tools at a controller: it moves the arm by typed commands, gives way, and comes back."""
 
 import asyncio
 import socket
@@ -12,12 +9,11 @@ import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import RobotError
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
-from pep.rtde.command.command_table import encode
-from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
+from pep.rtde.command import command_values as v
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 from pep.rtde.judge.command_requests import ToolSetup
-from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.controller_ports import LeasedPorts
-from pep.rtde.own.local_line import OFFSET, OwnCommands
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
 from pep.rtde.robot.telemetry import Telemetry
@@ -26,8 +22,6 @@ from policies.words.reason_table import Reason
 from tests.ursim.cell import HOME, until
 from ursim.ports.launch import SimulatedController
 from ztpm.stage.samples import StateRecorder
-
-from pep.rtde.command import command_values as v
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60), pytest.mark.clause("LSD-9")]
 
@@ -51,11 +45,11 @@ class Program:
 
 
 class Served:
-    """Ports of a controller and our own lines there, on a loop in a thread; also the ports' judge."""
+    """Ports of a controller and our own line there, on a loop in a thread; also the judge of the ports."""
 
     def __init__(self, host, fitted=FITTED):
         self.fitted = fitted
-        self.host, self.free, self.able, self.asked, self.failed = host, True, True, [], []
+        self.host, self.free, self.able, self.asked, self.failed, self.ended = host, True, True, [], [], []
         self.loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self.thread.start()
@@ -64,11 +58,33 @@ class Served:
     def do(self, what):
         return asyncio.run_coroutine_threadsafe(what, self.loop).result(20)
 
+    def give(self, command):
+        async def given():
+            return await self.own.ready() and self.own.give(command)
+
+        return self.do(given())
+
+    def move(self, q, speed=1.0, acceleration=4.0):
+        return self.give(v.MoveJ(q, speed, acceleration, asynchronous=True))
+
+    def switch(self, command):
+        async def switched():
+            return self.own.switch(command)
+
+        return self.do(switched())
+
+    def output(self, pin, level):
+        return self.switch(SetDigitalOutputs(Bank.STANDARD, 1 << pin, int(level) << pin))
+
+    def closed(self, lease, ending):
+        self.ended.append(ending)
+        self.own.give_way()
+
     async def open(self):
         scripts = allow_list(installed_body)
         self.ports = LeasedPorts(
             self.host, self, scripts=scripts, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, clock=SystemClock(),
-            closed=lambda lease, _: self.own.give_way() if isinstance(lease, OwnLease) else None,
+            closed=self.closed,
         )  # fmt: skip
         self.own = OwnLines(
             self.ports,
@@ -82,17 +98,16 @@ class Served:
 
     def judge(self, held):
         self.asked.append(held.command)
-        self.own.judge(held)
 
     def withdrawn(self, held):
-        self.own.withdrawn(held)
+        pass
 
     def refused(self, holder, refused, what):
-        self.own.refused(holder, refused, what)
+        pass
 
     def close(self):
         async def over():
-            await self.own.end()
+            self.own.end()
             self.keeping.cancel()
             self.ports.close()
             await asyncio.wait(asyncio.all_tasks() - {asyncio.current_task()}, timeout=1)  # what was cancelled ends
@@ -127,7 +142,7 @@ def at(eyes, q):
 
 
 def home(served, eyes):
-    served.own.control.moveJ(HOME, 3.0, 6.0, True)
+    assert served.move(HOME, 3.0, 6.0)
     at(eyes, HOME)
 
 
@@ -137,10 +152,11 @@ def moving(eyes, rad_s=0.2):
 
 def test_a_move_is_begun_and_made(served, eyes):
     began = time.monotonic()
-    assert served.own.control.moveJ(THERE, 1.0, 4.0, True) is True
+    assert served.move(THERE) is True
     assert time.monotonic() - began < 0.5, "asynchronous"
     at(eyes, THERE)
     home(served, eyes)
+    assert served.asked == [], "nobody is asked again about what a permit was spent for"
 
 
 def test_the_controller_has_our_tool_and_payload(served):
@@ -148,45 +164,47 @@ def test_the_controller_has_our_tool_and_payload(served):
     try:
         posture = until(lambda: telemetry.next())
         assert (posture.tcp_offset, posture.payload_kg) == (pytest.approx(FITTED.tcp_m_rad), FITTED.payload_kg)
-        assert served.own.control.setPayload(1.2, (0.0, 0.0, 0.06)) is True
+        assert served.do(served.own.equip(1.2, (0.0, 0.0, 0.06))) is True
         assert telemetry.next().payload_kg == 1.2
     finally:
         telemetry.close()
 
 
-def test_speeds_are_held_and_end(served, eyes):
-    control = served.own.control
-    assert control.setWatchdog(5.0) is True
-    assert control.speedJ((0.3, *(0.0,) * 5), 2.0, 0.0) is True
+SPEEDS = v.SpeedJ((0.3, *(0.0,) * 5), 2.0, 0.0)
+
+
+def test_speeds_are_held_until_a_stop(served, eyes):
+    assert served.give(SPEEDS) is True
     moving(eyes)
-    for _ in range(20):
-        assert control.speedJ((0.3, *(0.0,) * 5), 2.0, 0.0) is True
-        time.sleep(0.02)
+    time.sleep(0.4)  # longer than the watchdog waits
     assert eyes.now().commanded_rad_s == pytest.approx(0.3)
-    control.speedStop(8.0)
+    served.own.stop()
     until(lambda: eyes.now().still)
-    assert control.setWatchdog(1e-6) is True
+    assert served.own.up, "the control script lives on"
     home(served, eyes)
 
 
-def test_speeds_that_are_said_no_more_end(served, eyes):
-    """As with the controller's own watchdog: no motion outlives the word of its mover."""
-    control = served.own.control
-    control.setWatchdog(5.0)
-    control.speedJ((0.3, *(0.0,) * 5), 2.0, 0.0)
+def test_speeds_end_when_the_event_loop_hangs(served, eyes):
+    """The controller's own watchdog: nothing is left that moves when nobody writes any more."""
+    served.give(SPEEDS)
     moving(eyes)
-    until(lambda: eyes.now().still, 2.0)
+    hung = threading.Event()
+    served.loop.call_soon_threadsafe(hung.wait, 5)
+    try:
+        until(lambda: eyes.now().still, 2.0)
+    finally:
+        hung.set()
+    until(lambda: not served.own.up)
     until(lambda: served.own.up)
     home(served, eyes)
 
 
-@pytest.mark.parametrize("stop", ["stopJ", "stopL"])
-def test_a_stop_ends_a_move_at_once(served, eyes, stop):
-    control = served.own.control
-    control.moveJ(THERE, 1.0, 4.0, True)
+def test_a_stop_ends_a_move_at_once_and_counts_at_once(served, eyes):
+    served.move(THERE)
     moving(eyes)
-    told_s = time.monotonic()
-    getattr(control, stop)(8.0 if stop == "stopJ" else 10.0, False)
+    told_s, told_ms = time.monotonic(), served.ports.clock.monotonic_ms()
+    served.own.stop()
+    assert served.ports.stopped_ms >= told_ms, "earlier requests are void before the event loop knows of it"
     until(lambda: eyes.now().still)
     stood = next(s for s in eyes.since(told_s) if s.still)
     assert stood.arrived_s - told_s < 0.5
@@ -197,15 +215,14 @@ def test_a_stop_ends_a_move_at_once(served, eyes, stop):
 
 def test_a_stop_that_meets_a_move_leaves_an_arm_that_stands(served, eyes):
     """From two threads, again and again: whichever comes first, nothing moves afterwards."""
-    control = served.own.control
     for i in range(15):
         until(lambda: served.own.up)
-        mover = threading.Thread(target=control.moveJ, args=(THERE if i % 2 else HOME, 0.5, 4.0, True))
+        mover = threading.Thread(target=served.move, args=(THERE if i % 2 else HOME, 0.5))
         mover.start()
         time.sleep(0.001 * i)
-        control.stopJ(8.0, False)
+        served.own.stop()
         mover.join()
-        control.stopJ(8.0, False)
+        served.own.stop()
         until(lambda: eyes.now().still)
         stood = eyes.now().q_rad
         time.sleep(0.05)
@@ -214,116 +231,21 @@ def test_a_stop_that_meets_a_move_leaves_an_arm_that_stands(served, eyes):
     home(served, eyes)
 
 
-def test_a_move_that_waits_for_its_turn_is_not_begun_after_a_stop():
-    async def scenario():
-        line, written = OwnCommands(), []
-        line.write = written.append
-
-        def heard(said):
-            line._newest = {"runtime_state": 2, "output_int_register_0": said}
-            line._look()
-
-        heard(DONE)
-        move = asyncio.create_task(line.say(v.MoveJ(THERE, 0.5, 4.0, asynchronous=True)))
-        await asyncio.sleep(0)
-        stop = asyncio.create_task(line.say(v.StopJ(8.0, asynchronous=False)))
-        await asyncio.sleep(0)
-        assert [values["input_int_register_0"] for values in written] == [34], "it has not said that of the stop"
-        heard(READY)
-        for _ in range(5):
-            await asyncio.sleep(0)
-        heard(DONE)
-        assert (await move, await stop) == (False, True)
-        assert [values["input_int_register_0"] for values in written] == [34, 0]
-
-    asyncio.run(scenario())
-
-
-def test_a_permit_is_for_one_command(served, eyes):
-    assert served.own.control.moveJ(HOME, 1.0, 4.0, True) is True
-    at(eyes, HOME)
-    again = v.MoveJ(HOME, 1.0, 4.0, asynchronous=True)
-    count = served.asked.count(again)
-
-    async def written():
-        served.own._commands.write(encode(again, OFFSET))
-
-    served.do(written())
-    until(lambda: served.asked.count(again) > count)
-    assert served.own._commands.refused
-
-    async def clear():
-        served.own._commands.clear()
-
-    served.do(clear())
-
-
 def test_outputs_and_the_slider_are_set(served):
     telemetry = Telemetry(served.host)
     try:
         for level in (True, False):
-            assert served.own.switches.setStandardDigitalOut(3, level) is True
+            assert served.output(3, level) is True
             until(lambda level=level: (telemetry.next().output_bits >> 3 & 1) == level)
         for fraction in (0.5, 0.25, 1.0):
-            assert served.own.switches.setSpeedSlider(fraction) is True
+            assert served.switch(SetSpeedSlider(fraction)) is True
             until(lambda fraction=fraction: served.ports.feed.newest.slider == pytest.approx(fraction))
     finally:
         telemetry.close()
 
 
-@pytest.mark.parametrize(
-    "unasked",
-    [
-        v.MoveJ(THERE, 1.0, 4.0, asynchronous=True),
-        v.SetTcp((0.0, 0.0, 0.3, 0.0, 0.0, 0.0)),
-        v.SpeedJ((0.3, *(0.0,) * 5), 2.0, 0.0),
-    ],
-    ids=lambda command: type(command).__name__,
-)
-def test_what_nobody_was_permitted_is_not_said(served, eyes, unasked):
-    async def written():
-        served.own._commands.write(encode(unasked, OFFSET))
-
-    before = eyes.now().q_rad
-    served.do(written())
-    until(lambda: unasked in served.asked)
-    time.sleep(0.1)
-    assert eyes.now().q_rad == pytest.approx(before, abs=1e-4)
-
-    async def clear():
-        served.own._commands.clear()
-
-    served.do(clear())
-    until(lambda: served.own.up)
-    assert served.own.control.moveJ(HOME, 1.0, 4.0, True) is True, "and what is permitted is said afterwards"
-
-
-def test_a_move_and_an_output_at_once_are_both_said(served, eyes):
-    """An expected answer on one line is none to the question on the other."""
-    for i in range(10):
-        mover = threading.Thread(target=served.own.control.moveJ, args=(HOME, 1.0, 4.0, True))
-        mover.start()
-        assert served.own.switches.setStandardDigitalOut(1, bool(i % 2)) is True
-        mover.join()
-    assert served.own._commands.refused is served.own._switches.refused is False
-    at(eyes, HOME)
-
-
-def test_an_output_that_nobody_was_permitted_is_not_set(served):
-    async def written():
-        served.own._switches.say(SetDigitalOutputs(Bank.STANDARD, 1, 1))
-
-    served.do(written())
-    until(lambda: served.own._switches.refused)
-    telemetry = Telemetry(served.host)
-    try:
-        assert until(lambda: telemetry.next()).output_bits & 1 == 0
-    finally:
-        telemetry.close()
-
-
 def test_they_give_way_while_they_move_and_come_back(served, eyes):
-    served.own.control.moveJ(THERE, 0.5, 4.0, True)
+    served.move(THERE, 0.5)
     moving(eyes)
 
     async def give_way():
@@ -337,8 +259,8 @@ def test_they_give_way_while_they_move_and_come_back(served, eyes):
     stood = eyes.now().q_rad
     assert not served.own.up
     assert not served.own.undisturbed()
-    assert served.own.control.moveJ(THERE, 1.0, 4.0, True) is False
-    assert served.own.switches.setStandardDigitalOut(3, True) is False
+    assert served.move(THERE) is False
+    assert served.output(3, True) is False
     time.sleep(1.0)
     assert served.own._lease is None, "while the program has its lease"
     assert eyes.now().q_rad == pytest.approx(stood, abs=1e-4)
@@ -373,7 +295,7 @@ def test_a_program_that_comes_while_they_are_being_brought_has_the_arm(served):
 
 @pytest.mark.parametrize("how", ["script", "dashboard"])
 def test_whoever_stops_the_arm_stops_ours_and_we_come_back(served, eyes, how):
-    served.own.control.moveJ(THERE, 0.5, 4.0, True)
+    served.move(THERE, 0.5)
     moving(eyes)
     if how == "script":
         with socket.create_connection((served.host, SECONDARY)) as link:
@@ -407,15 +329,29 @@ async def _given_way(served):
 def test_a_controller_that_refuses_is_tried_again(served, robot, monkeypatch):
     tried = []
 
-    async def failing(self, ports, lease):
-        tried.append(lease)
+    async def failing(self, host, script):
+        tried.append(self._tenant.lease)
         raise RobotError("ROBOT_UNREACHABLE", "as tested")
 
     with monkeypatch.context() as patch:
-        patch.setattr("pep.rtde.own.local_line.OwnLine.open", failing)
+        patch.setattr("pep.rtde.own.tool_line.ToolLine.reach", failing)
         served.do(_given_way(served))
         until(lambda: len(served.failed) > 1)
     assert str(served.failed[-1]) == "ROBOT_UNREACHABLE: as tested"
     assert len(set(map(id, tried))) == len(tried), "each try is another lease"
     assert isinstance(tried[0], OwnLease)
     until(lambda: served.own.up)
+
+
+@pytest.mark.parametrize("which", ["_registers", "_switches"])
+def test_a_controller_that_closes_a_connection_ends_it_and_we_come_back(served, eyes, which):
+    served.move(THERE, 0.5)
+    moving(eyes)
+    upstream = getattr(served.own._line, which).robot
+    served.loop.call_soon_threadsafe(upstream._transport.abort)
+    until(lambda: served.ended)
+    assert served.ended == [LeaseEnding.ROBOT]
+    until(lambda: eyes.now().still)
+    assert eyes.now().q_rad[0] < THERE[0] - 0.02
+    until(lambda: served.own.up)
+    home(served, eyes)

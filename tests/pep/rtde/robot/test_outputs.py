@@ -6,6 +6,7 @@ import pytest
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
 from pep.base.operations import SET_DIGITAL_OUTPUT, digest_of
 from pep.request.permit import Permit
+from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
 from pep.rtde.robot.digital_outputs import DigitalOutputs
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, ManualClock
@@ -15,17 +16,14 @@ class Io:
     def __init__(self, *, takes=True, shows=True):
         self.takes, self.shows, self.sent, self.output_bits = takes, shows, [], 0
 
-    def setStandardDigitalOut(self, pin, value):
-        self.sent.append((pin, value))
+    def switch(self, command):
+        self.sent.append(command)
         if self.shows:
-            self.output_bits = self.output_bits & ~(1 << pin) | value << pin
+            self.output_bits = self.output_bits & ~command.mask | command.levels
         return self.takes
 
     def next(self):
         return self
-
-    def disconnect(self):
-        self.sent.append("disconnect")
 
 
 def switched(io, pin=2, value=True, *, permitted=(2, 1), stopped_ms=None, times=1):
@@ -38,7 +36,7 @@ def switched(io, pin=2, value=True, *, permitted=(2, 1), stopped_ms=None, times=
         clock=clock,
         standing=lambda: None,
     )
-    outputs = DigitalOutputs(io, io, audience=AUDIENCE, stopped_ms=lambda: stopped_ms)
+    outputs = DigitalOutputs(io.switch, io, audience=AUDIENCE, stopped_ms=lambda: stopped_ms)
     try:
         for _ in range(times):
             asyncio.run(outputs.set(pin, value, permit))
@@ -49,7 +47,7 @@ def switched(io, pin=2, value=True, *, permitted=(2, 1), stopped_ms=None, times=
 def test_it_is_sent_and_seen():
     io = Io()
     switched(io)
-    assert io.sent == [(2, True), "disconnect"]
+    assert io.sent == [SetDigitalOutputs(Bank.STANDARD, 0b100, 0b100)]
 
 
 @pytest.mark.parametrize(
@@ -66,14 +64,14 @@ def test_nothing_else_is_sent(options, reason):
     with pytest.raises(ActuationRefusedError) as raised:
         switched(io, **options)
     assert raised.value.reason is reason
-    assert io.sent == ["disconnect"]
+    assert io.sent == []
 
 
 def test_not_twice():
     io = Io()
     with pytest.raises(ActuationRefusedError):
         switched(io, times=2)
-    assert io.sent == [(2, True), "disconnect"]
+    assert io.sent == [SetDigitalOutputs(Bank.STANDARD, 0b100, 0b100)]
 
 
 def test_a_controller_that_does_not_take_it():

@@ -63,7 +63,7 @@ class Held:
 
     def says(self, command):
         """The controller has taken the command."""
-        return self.served.do(self.served.own.said(command))
+        return self.served.do(self.served.own._done(self.served.own._line, command))
 
     def becomes(self, **changes):
         expected = dataclasses.replace(READY, **changes)
