@@ -9,7 +9,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
+from pep.rtde.robot.connections import RTDE
 from pep.rtde.robot.listener import Listener, packages
+from pep.rtde.robot.state_receiver import FRESH_S
 from pep.rtde.wire.subscription import Subscription
 
 if TYPE_CHECKING:
@@ -17,10 +19,7 @@ if TYPE_CHECKING:
 
     from pep.rtde.wire.codec import Value
 
-PORT: Final = 30004  # RTDE
 RATE_HZ: Final = 125.0
-FRESH_S: Final = 0.1
-"""Age beyond which a package does not count; twelve are due."""
 _NAMES: Final = (
     "actual_q", "actual_TCP_pose", "tcp_offset", "payload", "robot_mode", "safety_mode", "runtime_state",
     "actual_digital_output_bits",
@@ -62,7 +61,7 @@ class Telemetry:
     def __init__(self, host: str) -> None:
         self._newest: TelemetrySample | None = None
         self._came = threading.Condition()
-        self._listener = Listener("telemetry", host, PORT, self._talk)
+        self._listener = Listener("telemetry", host, RTDE, self._talk)
         self._listener.start()
 
     def read(self) -> TelemetrySample:
