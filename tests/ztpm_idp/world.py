@@ -6,7 +6,9 @@ import asyncio
 import secrets
 import threading
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import httpx2
 from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
@@ -17,6 +19,7 @@ from capabilities.keys import keys
 from capabilities.statements import workload
 from ztpm_idp import IdpKeys, Settings, create_app
 from ztpm_idp.client import Agent, Operator
+from ztpm_idp.store import Store
 
 START_S = 1_800_000_000.0
 ISSUER = "http://127.0.0.1:8700/ztpm"
@@ -67,6 +70,19 @@ def settings_for(folder: Path, **changes) -> Settings:
     return Settings(**(stated | changes))
 
 
+@cache
+def empty_store() -> bytes:
+    """Migrated database without a row in it, made once: migrating takes longer than most tests."""
+
+    async def migrate(folder: str) -> None:
+        await (await Store.open(settings_for(Path(folder)).database_url)).close()
+
+    with TemporaryDirectory() as folder:
+        asyncio.run(migrate(folder))
+        (file,) = Path(folder).iterdir()
+        return file.read_bytes()
+
+
 TRUST_DOMAIN = "cell.example"
 
 
@@ -98,6 +114,9 @@ class World:
             TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))
         )
         first = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), roles) for n, roles in self.ROLES.items()]
+        store = self.folder / "idp.sqlite"
+        store.touch(0o600)
+        store.write_bytes(empty_store())
         self.on_loop(initialise(self.settings.database_url, people=first, now=self.clock))
         self.start()
         self.people = {name: self.caller(Operator, name) for name in self.ROLES}
