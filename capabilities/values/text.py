@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final, cast
 from urllib.parse import urlsplit
 
 from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.invisible import INVISIBLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -24,7 +25,7 @@ _PATH: Final = re.compile(r"(/[A-Za-z0-9._~:@+=,%-]+)*", re.ASCII)
 _SCHEME: Final = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
 _DEFAULT_PORT: Final = {"http": 80, "https": 443}
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
-"""Unicode categories that no reader sees: controls, formats (bidi, zero width), private, unassigned, surrogates."""
+"""Unicode categories that no reader sees, beside `INVISIBLE`: controls, formats, private, unassigned, surrogates."""
 
 _TRUST_DOMAIN: Final = re.compile(r"[a-z0-9._-]{1,255}", re.ASCII)
 _WORKLOAD_ID: Final = re.compile(r"spiffe://[a-z0-9._-]{1,255}(/(?!\.{1,2}(/|\Z))[A-Za-z0-9._-]+)+", re.ASCII)
@@ -144,7 +145,7 @@ def prose(value: object, *, most_bytes: int) -> str:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a text, or too long")
     if value.isascii() and value.isprintable():
         return value
-    if any(unicodedata.category(character) in _HIDDEN for character in value):
+    if any(each in INVISIBLE or unicodedata.category(each) in _HIDDEN for each in value):
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "text with invisible characters")
     if not unicodedata.is_normalized("NFC", value) or len(value.encode()) > most_bytes:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "text not in normal form C, or too long")

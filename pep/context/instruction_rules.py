@@ -5,8 +5,8 @@ al. 2023, arXiv 2306.05499), the attacks of AgentDojo (Debenedetti et al. 2024, 
 et al. 2024, arXiv 2403.02691), tool poisoning, forged chat markup and forged authority. The wordings are ours.
 
 Every rule runs in linear time: no repetition stands inside another one, and every gap is bounded. They read folded text
-(`pep.context.characters.folded`): lower case, one alphabet, nothing hidden. They err in both directions: a text in
-another wording is not found here, and its label is what protects.
+(`capabilities.values.characters.folded`): lower case, one alphabet, nothing hidden. They err in both directions: a text
+in another wording is not found here, and its label is what protects.
 """
 
 from __future__ import annotations

@@ -16,7 +16,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Final
 from urllib.parse import unquote
 
-from pep.context import characters, instruction_rules
+from capabilities.values import characters
+from pep.context import instruction_rules
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -11,6 +11,8 @@ from typing import Final, NoReturn
 import typer
 from rich.console import Console
 
+from capabilities.values.characters import shown
+
 FAILURE: Final = 1
 USAGE: Final = 2
 DENY: Final = 3
@@ -31,8 +33,8 @@ def say_json(value: object) -> None:
 
 
 def plain(text: str) -> str:
-    """Foreign text, made safe for a terminal: nothing in it may control that."""
-    return "".join(c if c.isprintable() else "\N{REPLACEMENT CHARACTER}" for c in text)
+    """Foreign text, made safe for a terminal and its reader: nothing controls the one or deceives the other."""
+    return shown(text)
 
 
 def fail(

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from capabilities.values.characters import shown
 from ztpm.picture.bodies import bodies_of, extent, triangles_of
 from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI
 
@@ -216,7 +217,7 @@ def _gap(axes: Any, shown: Picture, taken: list[tuple[float, float]]) -> None:
 
 
 def _short(text: str, limit: int = 24) -> str:
-    kept = "".join(c if c.isprintable() else "?" for c in text)
+    kept = shown(text)
     return kept if len(kept) <= limit else f"{kept[: limit - 1]}…"
 
 

@@ -18,6 +18,8 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Self
 
+from capabilities.values.characters import shown
+
 if TYPE_CHECKING:
     from collections.abc import Callable
 
@@ -49,9 +51,9 @@ class Repeats:
         self._texts: dict[str, _Told] = {}
 
     def told(self, text: str, *, at_s: float) -> list[str]:
-        """Lines due now that this text has come; only its printable signs."""
+        """Lines due now that this text has come; spelled as `shown` does."""
         lines = self.due(at_s=at_s)
-        text = "".join(sign for sign in text if sign.isprintable())
+        text = shown(text)
         if text not in self._texts and len(self._texts) >= DIFFERENT:
             self._texts.setdefault(OTHERS, _Told(at_s, 0)).more += 1
         elif text in self._texts:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from html import escape
 from typing import Final
 
+from capabilities.values.characters import shown
+
 VOID: Final = frozenset({"meta", "link", "br"})
 
 
@@ -15,7 +17,7 @@ class Markup(str):
 
 
 def text(*content: object) -> Markup:
-    """Contents as HTML, with text escaped and unprintable characters replaced."""
+    """Contents as HTML, with text escaped and as `shown` spells it."""
     return Markup("".join(part if isinstance(part, Markup) else _shown(str(part)) for part in content))
 
 
@@ -36,4 +38,4 @@ def tag(name: str, /, *content: object, **attributes: str) -> Markup:
 
 
 def _shown(raw: str) -> str:
-    return escape("".join(c if c.isprintable() or c == "\n" else "\N{REPLACEMENT CHARACTER}" for c in raw))
+    return escape("\n".join(map(shown, raw.split("\n"))))

@@ -1,8 +1,8 @@
 """An ask as people read it: one plain page, without script, colour that means anything, or anything from elsewhere.
 
 Every value comes from the text whose digest an approval binds, and stands as its exact integer beside the readable
-figure. Names in an ask are of a closed ASCII grammar ([capabilities.values.text]), so no name can look like another or
-turn the line; everything is escaped all the same.
+figure. Names in an ask are of a closed ASCII grammar ([capabilities.values.text]), stand in a monospaced font, and are
+spelled by `shown`, so no name can look like another or turn the line; everything is escaped all the same.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import jinja2
 
+from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
@@ -32,6 +33,7 @@ _STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
 _PAGES: Final = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER),
     autoescape=True,
+    finalize=lambda value: shown(value) if type(value) is str else value,
     undefined=jinja2.StrictUndefined,
     trim_blocks=True,
     lstrip_blocks=True,

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.invisible import INVISIBLE
 from capabilities.values.scope import Grant, Limit, OneOf, Range
 from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from hypothesis import given
@@ -149,6 +150,30 @@ def test_a_sentence_is_bounded_in_bytes():
     assert text.prose("", most_bytes=512) == ""
     for value in ("ä" * 256 + "x", "x" * 513, "a\u0308", "a\nb", "\u200b", 5):
         assert refused(text.prose, value, most_bytes=512)
+
+
+@pytest.mark.clause("VAL-4")
+@pytest.mark.parametrize(
+    "code", [0x3164, 0x115F, 0xFFA0, 0x2800, 0x34F, 0xFE00, 0xFE0F, 0xE0100, 0xE01EF, 0xA0, 0x2003]
+)
+def test_a_sentence_holds_nothing_invisible(code):
+    for value in (chr(code), f"a{chr(code)}b", f"ä{chr(code)}ö"):
+        assert refused(text.prose, value, most_bytes=512)
+
+
+@pytest.mark.clause("VAL-4")
+def test_no_character_that_is_drawn_as_nothing_stands_in_a_sentence():
+    assert len(INVISIBLE) > 4_000
+    for character in INVISIBLE:
+        assert refused(text.prose, f"a{character}b", most_bytes=512), hex(ord(character))
+
+
+@pytest.mark.clause("VAL-4")
+@pytest.mark.parametrize(
+    "value", ["Greife die Schraube M3 (2 mm)", "Возьми деталь", "部品を取る", "m/s²", "a  b", "👍 ok"]
+)
+def test_a_sentence_that_was_valid_stays_valid(value):
+    assert text.prose(value, most_bytes=512) == value
 
 
 @pytest.mark.clause("VAL-7")

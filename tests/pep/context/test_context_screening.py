@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 from pep.context.screening import SIGNS, TRACES, screen, screen_value, signs
 from tests.pep.context.context_corpus import ATTACKS, MISSED, ORDINARY_DE, ORDINARY_EN
 
-from pep.context import characters, instruction_rules, screening
+from capabilities.values import characters
+from pep.context import instruction_rules, screening
 
 
 @pytest.mark.parametrize("text", ORDINARY_EN + ORDINARY_DE)

@@ -183,6 +183,16 @@ def test_what_an_agent_wrote_does_not_speak_to_the_terminal(run, who, double):
     assert "\x1b" not in out and "[red]x[/]" in out
 
 
+def test_names_that_look_alike_are_shown_apart(run, who, double):
+    names = ["mover", "m\u043ever", "mover\u3164", "mover\ufe0f"]
+    rows = [{"ask_id": ID, "agent": name, "object": "ur3e", "operation": "open"} for name in names]
+    double.answers = {"approvals": rows}
+    told = run("approvals", "list", *who).out
+    assert "m⟨U+043E⟩ver" in told and "mover⟨U+3164⟩" in told and "mover⟨U+FE0F⟩" in told
+    double.answers = {"approval": {**ASKED, "shown": {**SHOWN, "agent": names[1]}}}
+    assert "m⟨U+043E⟩ver" in run("approvals", "show", ID, *who).out
+
+
 def test_approve_shows_asks_and_binds_what_was_shown(run, who, double):
     double.answers = {"approval": ASKED, "approve": {"state": "granted"}}
     told = run(

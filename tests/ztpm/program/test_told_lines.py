@@ -32,7 +32,7 @@ def test_after_a_quiet_second_it_is_new_again():
 
 def test_nothing_that_does_not_print_reaches_a_terminal():
     (line,) = Repeats().told("BUSY: a\x1b[2Jb\nc\r\x07\x9b\u202e\x00d", at_s=0.0)
-    assert line == f"{NAME}: BUSY: a[2Jbcd"
+    assert line == (f"{NAME}: BUSY: a⟨U+001B⟩[2Jb⟨U+000A⟩c⟨U+000D⟩⟨U+0007⟩⟨U+009B⟩⟨U+202E⟩⟨U+0000⟩d")
 
 
 def test_texts_that_all_differ_are_counted_together():

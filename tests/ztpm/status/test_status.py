@@ -97,6 +97,12 @@ def test_markup_escapes_by_itself():
     assert isinstance(text("a"), Markup)
 
 
+def test_a_name_that_looks_like_another_is_shown_apart():
+    assert tag("p", "m\u043ever\u3164\nb", title="m\u043ever") == (
+        '<p title="m⟨U+043E⟩ver">m⟨U+043E⟩ver⟨U+3164⟩\nb</p>'
+    )
+
+
 @pytest.fixture
 def served():
     server = StatusServer(lambda: PICTURE, host=HOST, port=8890)

@@ -202,9 +202,15 @@ def test_whatever_a_text_holds_it_stays_a_text():
     stated, asked = hostile()
     shown = ask_page.render(stated, asked, AskState.OPEN, at_ms=0)
     assert "<script" not in shown and "{{7*7}}" in shown and "49" not in Reader(shown).text
-    assert HOSTILE in "".join(Reader(shown).seen)
+    assert HOSTILE.replace("\u202e", "⟨U+202E⟩") in "".join(Reader(shown).seen)
     for state in AskState:
         Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
+
+
+def test_a_name_that_looks_like_another_is_shown_apart():
+    stated, asked = hostile()
+    seen = Reader(ask_page.render(replace(stated, agent="m\u043ever"), asked, AskState.OPEN, at_ms=0)).text
+    assert "m⟨U+043E⟩ver" in seen and "m\u043ever" not in seen
 
 
 @given(st.sampled_from(list(Unit)), st.integers(-INT_LIMIT, INT_LIMIT))

@@ -12,7 +12,8 @@ export const UNITS: readonly string[] = [
 
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*$/;
 const URL = /^([a-z][a-z0-9+.-]*):\/\/([a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\])(?::([0-9]+))?((?:\/[A-Za-z0-9._~:@+=,%-]+)*)$/;
-const HIDDEN = /[\p{Cc}\p{Cf}\p{Cs}\p{Co}\p{Cn}\p{Zl}\p{Zp}]/u;
+const HIDDEN =
+  /[\p{Cc}\p{Cf}\p{Cs}\p{Co}\p{Cn}\p{Zl}\p{Zp}\p{Default_Ignorable_Code_Point}\u{2800}\u{13441}\u{13442}\u{16FE4}\u{1D159}]|(?! )\p{White_Space}/u;
 
 export function integer(value: unknown, low: number, high: number): number {
   demand(typeof value === "number" && Number.isInteger(value) && low <= value && value <= high);

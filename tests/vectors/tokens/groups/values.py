@@ -111,6 +111,12 @@ ODD_SENTENCES = {
     "A sentence with a delete character": "a\x7fb",
     "A sentence not in normal form C": "e\u0301",
     "A sentence with a sign that normal form C replaces": "\u212b",
+    "A sentence with a Hangul filler": "a\u3164b",
+    "A sentence with a combining joiner": "a\u034fb",
+    "A sentence with a variation selector": "a\ufe0fb",
+    "A sentence with a variation selector of a later plane": "a\U000e0100b",
+    "A sentence with a blank of no width": "a\u2800b",
+    "A sentence with a space of another width": "a\u2003b",
     "A sentence of 513 bytes": "a" * 513,
     "A sentence of 513 bytes in fewer characters": "\u00e4" * 256 + "a",
 }

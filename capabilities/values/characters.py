@@ -1,8 +1,9 @@
 """Characters that a reader does not see, or takes for others, and the places where they belong.
 
-Sources: the General_Category of the Unicode Character Database (`unicodedata`), UAX #9 (bidirectional controls), UTS
-#51 (emoji sequences), UTS #39 (confusable characters; a small part of its table: letters that look like one Latin
-letter in most fonts), and the blocks of tag characters and variation selectors, in which text can be smuggled whole.
+Sources: the table of [capabilities.values.invisible], the General_Category of the Unicode Character Database
+(`unicodedata`), UAX #9 (bidirectional controls), UTS #51 (emoji sequences), UTS #39 (confusable characters; a small
+part of its table: letters that look like one Latin letter in most fonts), and the blocks of tag characters and
+variation selectors, in which text can be smuggled whole.
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ import functools
 import re
 import unicodedata
 from typing import TYPE_CHECKING, Final
+
+from capabilities.values.invisible import BLANKS, IGNORABLE, INVISIBLE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -30,13 +33,13 @@ _FOREIGN_WORD: Final = 3
 _MOSTLY: Final = 0.75
 """Least share of Latin letters of a Latin text. Ours."""
 _TAGS: Final = range(0xE0000, 0xE0080)
-_SELECTORS: Final = (*range(0x180B, 0x180E), *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
+_SELECTORS: Final = (*range(0x180B, 0x180E), 0x180F, *range(0xFE00, 0xFE10), *range(0xE0100, 0xE01F0))
 _BIDI: Final = frozenset("\u061c\u200e\u200f\u202a\u202b\u202c\u202d\u202e\u2066\u2067\u2068\u2069")
 _JOINERS: Final = frozenset("\u200c\u200d")
 _SOFT_HYPHEN: Final = "\u00ad"
 _BYTE_ORDER: Final = "\ufeff"
-_BLANK: Final = frozenset("\u115f\u1160\u2800\u3164\uffa0")
-"""Letters and symbols that are drawn as nothing (UTS #39: Default_Ignorable, and the braille blank)."""
+_OPEN, _CLOSE = "\u27e8", "\u27e9"
+"""Mathematical angle brackets, between which `shown` spells a character by its number."""
 _PICTOGRAPHS: Final = range(0x1F000, 0x1FB00)
 """Blocks whose unassigned characters are kept for emoji (UTS #51): a newer emoji is no hidden text."""
 _KEYCAPS: Final = frozenset("0123456789#*")
@@ -55,15 +58,17 @@ _ALPHABETS: Final = frozenset({"CYRILLIC", "ARMENIAN", "CHEROKEE", "COPTIC", "LI
 
 LOOK_ALIKES: Final = dict(
     zip(
-        "асеорхуіјѕԁһԛԝкмтвнАВСЕНІЈКМОРЅТХУΑΒΕΖΗΙΚΜΝΟΡΤΥΧοαινρυτκօոսհց",
-        "aceopxyijsdhqwkmtbhABCEHIJKMOPSTXYABEZHIKMNOPTYXoaivputkonuhg",
+        "асеорхуіјѕԁһԛԝкмтвнАВСЕНІЈКМОРЅТХУΑΒΕΖΗΙΚΜΝΟΡΤΥΧοαινρυτκօոսհցɑɡ",
+        "aceopxyijsdhqwkmtbhABCEHIJKMOPSTXYABEZHIKMNOPTYXoaivputkonuhgag",
         strict=True,
     )
 )
 """Latin letter that each character looks like.
 
-UTS #39 confusables.txt, and small Cyrillic letters drawn like capitals.
+UTS #39 confusables.txt; small Cyrillic letters drawn like capitals.
 """
+_DRAWN_ALIKE: Final = LOOK_ALIKES.keys() - set("кмтвн")
+"""Those that are drawn as the letter, and not as its capital in small."""
 _SYMBOLS: Final = frozenset("αινρυτκ")
 """Greek letters that stand for quantities: they are look-alikes only between Latin letters."""
 
@@ -130,6 +135,48 @@ def folded(text: str) -> tuple[str, list[int] | None]:
     return "".join(out), places
 
 
+def shown(text: str) -> str:
+    """The text as people are shown it: no two texts look alike.
+
+    A character that is not seen, and a letter that passes for a Latin one, stands as `\u27e8U+043E\u27e9`.
+    """
+    if text.isascii() and text.isprintable():
+        return text
+    disguised = set(_disguised(text))
+    return "".join(
+        f"{_OPEN}U+{ord(each):04X}{_CLOSE}"
+        if at in disguised or each in INVISIBLE or not each.isprintable() or each in (_OPEN, _CLOSE)
+        else each
+        for at, each in enumerate(text)
+    )
+
+
+def _disguised(text: str) -> Iterator[int]:
+    """Places of the letters and digits that nothing around them tells from Latin ones."""
+    yield from (at for at, each in enumerate(text) if each > "\x7f" and _drawn_as_ascii(each))
+    letters = [each for each in text if each.isalpha()]
+    latin = sum(script(each) == "LATIN" for each in letters)
+    foreign = [each for each in letters if script(each) != "LATIN"]
+    doubtful = latin >= _MOSTLY * len(letters) or set(foreign) <= _DRAWN_ALIKE
+    for match in _LETTERS.finditer(text):
+        word = match.group()
+        if word.isascii():
+            continue
+        mixed_in = any(script(each) == "LATIN" for each in word)
+        alike = set(word) <= _DRAWN_ALIKE
+        for n, each in enumerate(word):
+            if (each in LOOK_ALIKES or script(each) in _ALPHABETS) and (mixed_in or (doubtful and alike)):
+                yield match.start() + n
+
+
+@functools.lru_cache(maxsize=65_536)
+def _drawn_as_ascii(character: str) -> bool:
+    """True for a letter or digit whose compatibility form is ASCII letters or digits."""
+    plain = unicodedata.normalize("NFKC", character)
+    kinds = {"Ll", "Lu", "Lm", "Nd", "Nl"}
+    return plain != character and plain.isascii() and plain.isalnum() and unicodedata.category(character) in kinds
+
+
 @functools.lru_cache(maxsize=65_536)
 def _read_as(character: str) -> str:
     if ord(character) in _TAGS:
@@ -165,7 +212,7 @@ def _unseen(character: str) -> str:
     category = unicodedata.category(character)
     if category == "Cc":
         return "control character"
-    if category == "Cf" or character in _BLANK or code == 0x34F:
+    if category == "Cf" or character in IGNORABLE or character in BLANKS:
         return "zero width"
     if category == "Co":
         return "private use"
