@@ -91,8 +91,8 @@ def draws_more(item):
 def pytest_collection_modifyitems(config, items):
     """Tests in which real time passes run on two workers, with `--dist loadgroup`; a third has the rest.
 
-    Those of enforcement points mostly wait, the others start whole cells: together they fit on two processors. Three at
-    once changed what steps of the demo saw.
+    Those of single lines mostly wait, the others start whole cells: together they fit on two processors. Three at once
+    changed what steps of the demo saw.
 
     One that fails is begun once more, and the summary counts it: a shared machine may stand still for longer than an
     arm's watch allows. What fails by itself fails twice; how often deadlines are missed is for campaigns to say.
@@ -106,8 +106,10 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            of_a_point = item.path.is_relative_to(config.rootpath / "tests/pep")
-            item.add_marker(pytest.mark.xdist_group("points" if of_a_point else "cells"))
+            waits = any(
+                item.path.is_relative_to(config.rootpath / folder) for folder in ("tests/pep", "tests/ursim/ports")
+            )
+            item.add_marker(pytest.mark.xdist_group("lines" if waits else "cells"))
             if config.pluginmanager.hasplugin("rerunfailures"):  # not with `-p no:rerunfailures`
                 item.add_marker(pytest.mark.flaky(reruns=1))
 

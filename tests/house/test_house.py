@@ -106,7 +106,7 @@ def test_tests_in_which_real_time_passes_are_in_two_groups(request: pytest.Fixtu
         if any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
     ]
     groups = {item.get_closest_marker("xdist_group").args[0] for item in timed}
-    assert groups <= {"cells", "points"}
+    assert groups <= {"cells", "lines"}
     if request.config.getoption("loadgroup", default=False):
         assert all(item.nodeid.rpartition("@")[2] in groups for item in timed)
 
