@@ -183,8 +183,8 @@ def test_each_statement_of_each_change_fails_in_turn(world):
         sa.event.listen(engine, "before_cursor_execute", fail)
         sa.event.listen(engine, "commit", fail)
         try:
+            before = everything(world)
             for place in range(200):
-                before = everything(world)
                 countdown[0] = place
                 try:
                     change()
