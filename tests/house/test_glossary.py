@@ -129,6 +129,7 @@ def e():
     assert fault("True where it holds.\n\nWhoever asks.") is not None
 
 
+@pytest.mark.long
 def test_no_identifier_has_a_refused_word() -> None:
     wrong, excepted, modules = [], set(), 0
     table = refused()

@@ -40,6 +40,7 @@ WITH_COMMANDS = {"docs/cell.md": 10, "docs/deployment.md": 10, "README.md": 1}
 """The pages that show commands, each with the least number of commands on it."""
 
 
+@pytest.mark.long
 def test_every_command_on_a_page_is_one_of_the_command_line() -> None:
     found = {str(page.relative_to(pages.TOP)): pages.commands(page.read_text("utf-8")) for page in pages.own()}
     for name, least in WITH_COMMANDS.items():

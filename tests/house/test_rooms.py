@@ -52,6 +52,7 @@ def circles(edges: dict[str, set[str]]) -> list[str]:
         left = {name: targets for name, targets in inner.items() if name not in ends | starts}
 
 
+@pytest.mark.long
 def test_no_import_goes_round() -> None:
     modules = sources()
     edges = {
@@ -93,6 +94,7 @@ def test_every_folder_of_tests_is_a_packages_or_one_that_is_told() -> None:
     assert named == {*PACKAGES, *OF_THE_WHOLE}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("package", PACKAGES)
 def test_a_public_class_has_a_name_of_its_own(package: str) -> None:
     places: dict[str, list[str]] = {}

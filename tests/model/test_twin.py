@@ -43,6 +43,7 @@ def test_decide_agrees_with_the_slow_twin(seed):
         assert disagreement(*triples.triple(pick)) == "", f"seed {seed}, triple {number}"
 
 
+@pytest.mark.long
 def test_the_random_triples_reach_every_effect_and_most_reasons():
     """A differential test that only ever sees denials proves little."""
     pick = random.Random(1).choice

@@ -488,6 +488,7 @@ print(told.hexdigest())
 """
 
 
+@pytest.mark.long
 def test_decisions_are_the_same_in_every_process_and_on_every_hash_seed():
     told = set()
     top = pathlib.Path(__file__).parents[2]

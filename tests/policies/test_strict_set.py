@@ -23,6 +23,7 @@ def test_every_number_is_inside_that_of_the_default_set():
         assert ours >= theirs if name in RISING else ours <= theirs, name
 
 
+@pytest.mark.long
 def test_nothing_is_permitted_that_the_default_set_does_not_permit():
     pick = random.Random(30).choice
     seen = {effect: 0 for effect in Effect}

@@ -17,6 +17,8 @@ from capabilities.keys import jws, keys
 from capabilities.statements import ask, opening, statement_form, vote
 from capabilities.values import strict_json
 
+pytestmark = pytest.mark.long
+
 Attempt = tuple[str, str, object]
 """Caller, path and body."""
 

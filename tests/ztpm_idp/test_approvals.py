@@ -28,6 +28,8 @@ from ztpm_idp.client import ClientError, Operator
 from ztpm_idp.provider import feed
 from ztpm_idp.store import ConflictError
 
+pytestmark = pytest.mark.long
+
 ELSEWHERE = "http://127.0.0.1:8801/mcp"
 
 

@@ -16,6 +16,8 @@ from capabilities.statements import checkpoint
 from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError
 
+pytestmark = pytest.mark.long
+
 
 def journal(count, pep="cell-1", *, salt=0):
     """A PEP's own chain, as it would ship it."""

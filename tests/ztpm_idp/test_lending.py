@@ -23,6 +23,8 @@ from capabilities.statements import attestation
 from ztpm_idp.client import Agent, ClientError, Evidence, delegate_request, issue_request
 from ztpm_idp.provider import problems
 
+pytestmark = pytest.mark.long
+
 NOTHING_REVOKED = RevocationView(epoch=0, age_ms=0, revoked=frozenset())
 
 

@@ -13,6 +13,8 @@ from ztpm_idp.domain.events import NonceConsumed, NonceGiven
 from ztpm_idp.client import ClientError, delegate_request
 from ztpm_idp.store import OnceOnlyError, Store
 
+pytestmark = pytest.mark.long
+
 TOGETHER = 64
 
 

@@ -15,6 +15,8 @@ from ztpm_idp.client import ClientError
 from ztpm_idp.provider import feed
 from ztpm_idp.store import StoreUnavailableError
 
+pytestmark = pytest.mark.long
+
 NONCE = "n" * 32
 
 

@@ -117,6 +117,7 @@ MOVES = st.one_of(
 )
 
 
+@pytest.mark.long
 @pytest.mark.clause("PRF-7", "PRF-8", "PRF-9")
 @settings(max_examples=1_500, deadline=None)
 @given(st.lists(MOVES, min_size=4, max_size=40))

@@ -215,6 +215,7 @@ JSON = st.recursive(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.text(max_size=5).filter(lambda name: name != META), JSON, max_size=4), JSON, st.data())
 def test_any_params_hold_as_sent_and_in_no_other_form(params, other, data):

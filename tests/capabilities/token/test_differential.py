@@ -85,6 +85,7 @@ def compiled(scope: Scope, probe: Probe) -> Answer:
     return Answer.ALLOWED if inside else Answer.REFUSED
 
 
+@pytest.mark.long
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 @given(first_scopes(), st.data())
 def test_engines_and_generations_agree(scope, data):

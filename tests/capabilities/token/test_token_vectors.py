@@ -144,6 +144,7 @@ def typescript(tmp_path_factory) -> Path:
     return where
 
 
+@pytest.mark.long
 @pytest.mark.timeout(420)
 def test_an_independent_verifier_passes_the_same_vectors(typescript):
     command = ["node", "--no-warnings", "--experimental-wasm-modules", "dist/main.js", str(codec.FOLDER)]

@@ -32,6 +32,8 @@ from ztpm.point.simulator_check import ANSWER, PORT, QUESTION, recognise
 
 from ztpm.point import gateway_server
 
+pytestmark = pytest.mark.long
+
 SIMULATED = Simulated("127.0.0.1")
 
 

@@ -51,6 +51,7 @@ def cuts(path):
     return [*whole, *(before + line[: len(line) // 2] for before, line in zip(whole, lines, strict=False))]
 
 
+@pytest.mark.long
 def test_whatever_record_is_the_last_no_use_is_given_twice(rig):
     story(rig)
     assert set(given(rig).values()) == {1}

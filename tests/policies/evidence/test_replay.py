@@ -31,6 +31,7 @@ def ordinary():
     return carried(*world.asked())
 
 
+@pytest.mark.long
 def test_random_triples_are_decided_the_same_from_their_record():
     for seed in range(2_000):
         request, evidence, policies = triples.triple(random.Random(seed).choice)
@@ -148,6 +149,7 @@ def test_what_is_missing_is_refused(path, where):
     assert (error.value.code in {F.MISSING_KEY, F.WRONG_TYPE}, error.value.where) == (True, where)
 
 
+@pytest.mark.long
 def test_mutilated_documents_are_refused_or_read_and_nothing_else():
     chance = random.Random(4)
     strange = [None, True, -1, 2**60, 1.5, "", "not collected", [], {}, {"set": [{}]}, {"hex": "zz"}, {"type": []}]

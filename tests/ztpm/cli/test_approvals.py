@@ -9,6 +9,8 @@ from capabilities.keys import keys
 from capabilities.statements import ask
 from ztpm_idp.client import ClientError
 
+pytestmark = pytest.mark.long
+
 ID, DIGEST = "0123456789abcdef" * 2, "ab" * 32
 SHOWN = {
     "ask_id": ID,

@@ -14,7 +14,7 @@ from ztpm.pit import PATIENCE_S, Arm, asked
 from pep.pit import Robot
 from pep.pit.checker import Verified, verify
 
-pytestmark = pytest.mark.version
+pytestmark = [pytest.mark.version, pytest.mark.long]
 
 EXAMPLES = Path(generate.__file__).parent / "examples"
 FIRST = ["tier", "index", "clearance_mm", "contributions", "certificate", "model"]

@@ -40,6 +40,8 @@ from pep.pit import (
 from ztpm.cli import app as cli
 from ztpm.point import cell_config, gateway_server, robot_point
 
+pytestmark = pytest.mark.long
+
 SURVEYOR = keys.generate()
 SIGNER = keys.b64u(keys.public_raw(SURVEYOR))
 GOOD = {

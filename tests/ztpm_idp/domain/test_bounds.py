@@ -158,6 +158,7 @@ def largest():
         yield TrustStated(name("a", n), 1_000)
 
 
+@pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_largest_registry_is_one_statement(world):
     async def fill():

@@ -19,7 +19,7 @@ from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 from capabilities.keys import keys
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
-pytestmark = pytest.mark.version
+pytestmark = [pytest.mark.version, pytest.mark.long]
 
 
 def good_bodies(world):

@@ -134,6 +134,7 @@ def test_a_bound_is_never_under_what_the_whole_question_proves(seed):
         assert (type(bound), getattr(bound, "index", None)) == (type(full), getattr(full, "index", None))
 
 
+@pytest.mark.long
 @settings(max_examples=DRAWS // 2)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_a_bound_is_never_under_what_sampling_finds(seed):

@@ -36,6 +36,7 @@ def sights(rng, room, *, robot=ROBOT, wrong=0.0, since=0, upper=MOVING):
     return ours, theirs, exact, pairs, world
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("room", ROOMS)
 @pytest.mark.parametrize("upper", [MOVING, 2.0, 2.9])
 def test_clearances_speeds_and_doubts_are_the_twins(room, upper):

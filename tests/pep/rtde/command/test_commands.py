@@ -296,6 +296,7 @@ def test_the_registers_are_those_that_the_script_reads(script):
 # ------------------------------------------------------------------------------------------------- whatever is written
 
 
+@pytest.mark.long
 @pytest.mark.clause("RTDE-3", "RTDE-5")
 @settings(max_examples=500)
 @given(st.data(), offsets)

@@ -200,6 +200,7 @@ def played(line, deeds):
     return side
 
 
+@pytest.mark.long
 def test_the_short_way_comes_to_what_the_long_one_comes_to(monkeypatch):
     short, follow = [], LeasedLine._next
     monkeypatch.setattr(LeasedLine, "_next", lambda *given: short.append(follow(*given)) or short[-1])

@@ -208,6 +208,7 @@ statements = st.one_of(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300)
 @given(st.lists(statements, min_size=1, max_size=8).map(tuple))
 def test_any_program_survives_its_text(found):

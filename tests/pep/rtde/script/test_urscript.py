@@ -173,6 +173,7 @@ statements = st.recursive(
 )
 
 
+@pytest.mark.long
 @settings(max_examples=300, deadline=None)
 @given(st.lists(statements, max_size=4))
 def test_every_tree_survives_its_text(body):

@@ -14,7 +14,7 @@ from ztpm.cli.policy.commands import operations
 
 from policies import Point, load, load_shipped
 
-pytestmark = pytest.mark.version
+pytestmark = [pytest.mark.version, pytest.mark.long]
 
 
 MINE = """
