@@ -350,7 +350,7 @@ def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
     async def scenario(cell):
         holder = cell.holder()
         await cell.see(holder)
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
 
         # it moves, and stops by itself
         here = eyes.read().q_rad[0]
@@ -376,7 +376,7 @@ def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
         assert eyes.read().still
 
         # a stop ends it, and a move is possible after it
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
         moving = asyncio.create_task(cell.use(holder, "speed_joint", long))
         await moved(eyes, LEFT, moving)
         await cell.use(holder, "stop", {})
@@ -405,7 +405,7 @@ def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
         assert eyes.read().still
 
         # a person in the way: the whole envelope of the stream counts
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
         await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
         assert decided(await cell.use(holder, "speed_joint", {**long, "qd_rad_s": [0.5, 0, 0, 0, 0, 0]}))[0] == "DEFER"
         assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
@@ -427,7 +427,7 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
     async def scenario(cell):
         holder, other = cell.holder(), cell.holder("vision")
         await cell.see(holder)
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
 
         # it passes every waypoint, at rest, and arrives at the last; nobody else moves anything meanwhile
         seen, over = [], threading.Event()
@@ -466,7 +466,7 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
         assert -0.55 < eyes.read().q_rad[0] < 0.55
 
         # what one leg may not, the path may not: a person is near the end of the last one alone
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
         await cell.see(holder, people=[{"id": "bob", "x_m": 0.0, "y_m": 3.31}])
         near = (-0.7, -1.62, 1.25, -1.2, -1.57, 0.0)
         short = decided(await cell.use(holder, "move_path", path(near, LEFT, speed=0.25)))
@@ -542,7 +542,7 @@ def test_a_gateway_that_observes_enforces_no_policy(controller, tmp_path):
     async def scenario(cell):
         holder = cell.holder()
         await cell.see(holder)
-        assert decided(await cell.move(holder, LEFT))[0] == "PERMIT"
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
         await cell.see(holder, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
         result = await cell.move(holder, RIGHT)
         assert decided(result)[0] == "DEFER"
