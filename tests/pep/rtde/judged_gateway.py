@@ -19,6 +19,7 @@ from types import SimpleNamespace
 import pep.gate.gate
 import pep.world.cell_stream
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.base.thread_priority import goes_first
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
 from pep.rtde.line.lease_stop import StopMeans
@@ -76,6 +77,7 @@ async def serve(listen, robot, folder):
     await gateway.listen(listen)
     lines, loop = asyncio.StreamReader(), asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+    goes_first()  # as the real one
     print("ready", flush=True)
     while line := (await lines.readline()).decode():
         if line.strip() in SEQUENCES:

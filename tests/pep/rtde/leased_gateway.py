@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pep.base.clock import SystemClock
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.base.thread_priority import goes_first
 from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
@@ -124,6 +125,7 @@ async def serve(listen, robot, file, judged=Judge):
     lines = asyncio.StreamReader()
     loop = asyncio.get_running_loop()
     await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(lines), sys.stdin)
+    goes_first()  # as the real one
     print("ready", flush=True)
     while line := (await lines.readline()).decode().strip():
         if line == "over":

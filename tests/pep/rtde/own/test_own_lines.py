@@ -9,6 +9,7 @@ import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import RobotError
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.base.thread_priority import goes_first
 from pep.rtde.command import command_values as v
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 from pep.rtde.judge.command_requests import ToolSetup
@@ -51,9 +52,13 @@ class Served:
         self.fitted = fitted
         self.host, self.free, self.able, self.asked, self.failed, self.ended = host, True, True, [], [], []
         self.loop = asyncio.new_event_loop()
-        self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
+        self.thread = threading.Thread(target=self.run, daemon=True)
         self.thread.start()
         self.do(self.open())
+
+    def run(self):
+        goes_first()  # as the real gateway
+        self.loop.run_forever()
 
     def do(self, what):
         return asyncio.run_coroutine_threadsafe(what, self.loop).result(20)
