@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.scope import Tier
 from pep.pit.assessment.assess import assess
+from pep.pit.assessment.assessment import RowsCertificate
 from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
@@ -92,6 +93,11 @@ class Asked:
             perception_age_s=self.situation.age_s,
             touch=self.situation.touch,
         )
+
+    @property
+    def moves(self) -> bool:
+        """Whether it is a motion of the arm, of whose answer there is a proof document."""
+        return not isinstance(self.motion, GripperMove | OutputSet)
 
     @property
     def said(self) -> str:
@@ -279,7 +285,7 @@ def contribution_to_plain(told: Contribution) -> dict[str, Any]:
 def certificate_to_plain(said: Assessment, proof: bytes | PitError) -> dict[str, Any]:
     """Proof of the answer, with the independent checker's verdict."""
     parts = said.certificate.legs if isinstance(said.certificate, LegsCertificate) else (said.certificate,)
-    rows = sum(len(part.pair) for part in parts)
+    rows = sum(len(part.pair) for part in parts if isinstance(part, RowsCertificate))
     if isinstance(proof, PitError):
         return {"rows": rows, "sha256": None, "bytes": 0, "verified": False, "why": proof.detail}
     about = {"sha256": hashlib.sha256(proof).hexdigest(), "bytes": len(proof)}

@@ -29,6 +29,7 @@ from pep.pit import (
     adult_at_distance,
 )
 from pep.pit.assessment.dispatch import drive_of
+from pep.pit.base.errors import UnprovenError
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.engine import chosen
 from pep.pit.search.speed_envelope import stream_envelope
@@ -58,8 +59,6 @@ ROOM_M: Final = 0.005
 LEGS: Final = 20
 LINE_M: Final = (0.1, 0.2)
 """Length of a line."""
-ONE_STUCK_OF: Final = 8
-"""Number of lines that are drawn for one that is not proven to its end."""
 PROVEN_SHARE: Final = 0.75
 """Share of a joint's greatest speed up to which the speed adds nothing to the index."""
 HOME: Final = (0.0, -1.62, 1.25, -1.20, -1.57, 0.0)
@@ -139,29 +138,33 @@ def peopled(rng: Generator, things: int, count: int) -> list[Question]:
 def lines(rng: Generator, things: int, count: int) -> list[Question]:
     """Lines of the tool of 0.1 m to 0.2 m from about the home position, among things and two people.
 
-    They are lines that a cell asks for: proven to their end, no joint faster than it may be. The last one of every
-    `ONE_STUCK_OF` is not: it leads out of the arm's reach.
+    They are what a cell asks for: proven to their end, no joint faster than it may be.
     """
     found: list[Question] = []
     while len(found) < count:
-        stuck = len(found) % ONE_STUCK_OF == ONE_STUCK_OF - 1
         start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
         x, y, z, *turn = pose_of(robot(), _joints(start))
-        way = np.array([x, y, z]) if stuck else rng.standard_normal(3)
-        way *= (_REACH_M if stuck else rng.uniform(*LINE_M)) / np.linalg.norm(way)
+        way = rng.standard_normal(3)
+        way *= rng.uniform(*LINE_M) / np.linalg.norm(way)
         target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
         move = MoveL(_joints(start), target, 0.25, 1.2)
-        drive = drive_of(robot(), move, cell(), perception_age_s=AGE_S, check_time=lambda: None)
-        if not isinstance(drive, TimedCourse) or _proven(drive) is stuck or z + way[2] < _LOW_M:
+        drive = _proven(move)
+        if drive is None or z + way[2] < _LOW_M:
             continue
         found.append(Question(robot(), with_people(beside(rng, drive.course, things)), move, cell()))
     return found
 
 
-def _proven(drive: TimedCourse) -> bool:
-    """True where the line is proven to its end, and no joint's speed alone exceeds its share."""
+def _proven(move: MoveL) -> TimedCourse | None:
+    """The line where it is proven to its end, and no joint's speed alone is more than it may be."""
+    try:
+        drive = drive_of(robot(), move, cell(), perception_age_s=AGE_S, check_time=lambda: None)
+    except UnprovenError:
+        return None
+    if not isinstance(drive, TimedCourse):
+        return None
     fastest = drive.joint_speeds_rad_s(drive.profile).max(axis=0) / robot().speed_limits_rad_s
-    return drive.doubt is None and float(fastest.max()) <= PROVEN_SHARE
+    return drive if float(fastest.max()) <= PROVEN_SHARE else None
 
 
 def sequences(rng: Generator, things: int, count: int) -> list[Question]:
@@ -193,7 +196,6 @@ def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Quest
     return found
 
 
-_REACH_M: Final = 0.48
 _LOW_M: Final = 0.1
 
 

@@ -109,6 +109,7 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
         Reason.TIER_SAFETY_CRITICAL: _SLIP,
         Reason.PHYSICS_VIOLATION: _PHYSICS,
         Reason.PHYSICS_FAULT: _HOUSE,
+        Reason.UNPROVEN: _SLIP,
         Reason.PERCEPTION_INVALID: _HOUSE,
         Reason.PERCEPTION_MISSING: _HOUSE,
         Reason.ROBOT_SAFETY_STOP: _HOUSE,

@@ -168,6 +168,7 @@ IMPACT_FAULTS: Final = frozenset(
         Reason.STATEMENT_WRONG_KIND,
         Reason.STATEMENT_UNTRUSTED,
         Reason.PHYSICS_FAULT,
+        Reason.UNPROVEN,
         Reason.PERCEPTION_INVALID,
         Reason.PERCEPTION_MISSING,
         Reason.BUSY,

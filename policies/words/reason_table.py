@@ -166,6 +166,11 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             ("TEA-4",),
         ),
         Reason.PHYSICS_FAULT: ReasonRow("The physical impact could not be computed.", _REPORT, ("TEA-4",)),
+        Reason.UNPROVEN: ReasonRow(
+            "The motion could not be proven to its end.",
+            "Ask for the motion another way: a shorter line, another path, or a joint move.",
+            ("TEA-4",),
+        ),
         Reason.PERCEPTION_INVALID: ReasonRow("The view of the cell must not be believed.", _REPORT, ("CII-4", "TEA-4")),
         Reason.PERCEPTION_MISSING: ReasonRow(
             "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
@@ -386,6 +391,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.STATEMENT_UNTRUSTED,
     Reason.PERCEPTION_INVALID,
     Reason.PHYSICS_FAULT,
+    Reason.UNPROVEN,
     Reason.BUSY,
     Reason.SEQUENCE_UNKNOWN,
     Reason.SEQUENCE_DRIFT,

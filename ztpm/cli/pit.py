@@ -75,6 +75,8 @@ def pit(
         proven: bytes | PitError = question.proof(said)
     except PitError as error:
         proven = error
+        if question.moves:  # an answer about the arm counts no more than its proof
+            _fault("UNPROVEN", error.detail, as_json=as_json)
     if proof is not None:
         if isinstance(proven, PitError):
             fail(proven.reason, f"no proof to write: {proven.detail}", as_json=as_json)
@@ -147,12 +149,8 @@ def _asked(scene: Path, motion: Path, arm: Arm, *, as_json: bool) -> Asked:
 
 
 def _fault(reason: str, detail: str, *, as_json: bool) -> NoReturn:
-    """Prints a fault, which is no tier, and which no approval overrides."""
-    if as_json:
-        say_json({"fault": {"reason": reason, "detail": detail}})
-    else:
-        typer.echo(plain(f"{reason}: {detail}"), err=True)
-    raise typer.Exit(DENY)
+    """A fault is no tier, and no approval overrides it."""
+    fail(reason, plain(detail), as_json=as_json, status=DENY)
 
 
 def _status(said: Assessment) -> int:

@@ -29,7 +29,7 @@ from pep.pit.geometry.solids import rotation_of
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
 from pep.pit.search.question import as_run
-from pep.pit.search.timed_course import Nowhere
+from pep.pit.search.timed_course import TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Shape, Vector
-    from pep.pit.search.timed_course import TimedCourse
+    from pep.pit.search.timed_course import Drive
 
 APART_M: Final = 1e-9  # float64 rounding: nearer than this there is no direction, and the axes cross
 
@@ -170,8 +170,8 @@ def _straight(run: Run) -> Stretch:
     return Stretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
 
 
-def _driven(start: Joints, drive: TimedCourse | Nowhere) -> Stretch:
-    if isinstance(drive, Nowhere):
+def _driven(start: Joints, drive: Drive) -> Stretch:
+    if not isinstance(drive, TimedCourse):
         return _still(start)
     course, profile = drive.course, drive.profile
     return Stretch(profile.duration_s, lambda t: course.q(min(profile.at(t)[0], 1.0)))

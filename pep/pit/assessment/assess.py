@@ -11,7 +11,7 @@ import time
 import traceback
 from typing import TYPE_CHECKING, assert_never
 
-from pep.pit.assessment.assessment import EMPTY_CERTIFICATE, ENGINE, LISTED, MILLI, Assessment, micro, milli, seen
+from pep.pit.assessment.assessment import ENGINE, LISTED, MILLI, Assessment, Evident, micro, milli, seen
 from pep.pit.assessment.course_assessment import DriveQuestion
 from pep.pit.assessment.dispatch import PathQuestion, drive_of
 from pep.pit.assessment.grip_assessment import gripping
@@ -129,7 +129,7 @@ def _grip_answer(robot: Robot, view: View, motion: GripperMove, cell: CellParame
         tcp_speed_m_s=0.0,
         contact_ratio=grip.contact_ratio,
         start=motion.q,
-        certificate=EMPTY_CERTIFICATE,
+        certificate=Evident("gripper"),
         perception=view.perception,
         perception_age_s=view.age_s,
         engine=ENGINE,
@@ -152,7 +152,7 @@ def _output_answer(robot: Robot, view: View, motion: OutputSet, cell: CellParame
         tcp_speed_m_s=0.0,
         contact_ratio=0.0,
         start=(),
-        certificate=EMPTY_CERTIFICATE,
+        certificate=Evident("output"),
         perception=view.perception,
         perception_age_s=view.age_s,
         engine=ENGINE,

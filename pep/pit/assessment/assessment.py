@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from capabilities.values.units import Unit
+from pep.pit.base.errors import UnprovenError
 from pep.pit.base.tier import HIGHEST, TIE
+from pep.pit.path.straight_path import GRID
 from policies.evidence.evidence import Contribution, ImpactReading
 
 if TYPE_CHECKING:
@@ -44,19 +47,54 @@ def micro(metres: float) -> int:
     return round(metres * MICRO) if math.isfinite(metres) else 0
 
 
+class Certificate(ABC):
+    """Why an answer holds: the rows of a search, the legs of a path, or the question itself. No answer is without."""
+
+    @abstractmethod
+    def proves(self, index: float) -> bool:
+        """Whether it shows that nothing of the motion, from its start to its end, has a higher index."""
+
+
 @dataclass(frozen=True, eq=False)
-class Certificate:
-    """Proof for the record: rows of a pair, an interval in 1 / GRID, and the index proven there.
+class Evident(Certificate):
+    """The question itself tells its answer, which has no rows.
+
+    Attributes:
+        why: the motion leaves the arm where it stands, or goes beyond a joint's limit, or moves no joint at all but the
+            gripper or an output.
+    """
+
+    why: Literal["still", "joint_limit", "gripper", "output"]
+
+    def proves(self, index: float) -> bool:
+        """As `Certificate.proves`; beyond a joint's limit nothing less than the highest index holds."""
+        return self.why != "joint_limit" or index >= HIGHEST
+
+
+@dataclass(frozen=True, eq=False)
+class RowsCertificate(Certificate):
+    """The rows of a search: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
 
     For every pair that is no retreat the intervals cover the whole path, so a checker that recomputes each row confirms
     the index without any search. `pep.pit.proof.proof_document` writes the whole proof down, and `pep.pit.checker`
     checks it.
+
+    Attributes:
+        asked: the pairs that the search asked about.
+        pair, low, high, index: the columns of the rows.
     """
+
+    asked: NDArray[np.intp]
 
     pair: NDArray[np.intp]
     low: NDArray[np.int64]
     high: NDArray[np.int64]
     index: Floats
+
+    def proves(self, index: float) -> bool:
+        """As `Certificate.proves`: all rows, which tile the path for each pair that was asked about."""
+        tiled = np.bincount(self.pair, weights=self.high - self.low, minlength=int(self.asked.max(initial=-1)) + 1)
+        return bool((tiled[self.asked] == GRID).all() and self.index.max(initial=0.0) <= index + TIE)
 
     @property
     def rows(self) -> tuple[tuple[int, int, int, float], ...]:
@@ -71,14 +109,18 @@ class Certificate:
         return tuple(zip(*columns, strict=True))
 
 
-class SearchCertificate(Certificate):
-    """Proof of a search, whose rows are put together at the first use."""
+class SearchCertificate(RowsCertificate):
+    """The rows of a search on a straight path, which are only put together when somebody asks for them."""
 
-    def __init__(self, certified: Certified) -> None:
-        """Makes a proof whose rows are not put together yet."""
-        vars(self).update(_certified=certified)
+    def __init__(self, certified: Certified, asked: NDArray[np.intp]) -> None:
+        """Nothing is put together yet."""
+        vars(self).update(_certified=certified, asked=asked)
 
     _certified: Certified
+
+    def proves(self, index: float) -> bool:
+        """As `Certificate.proves`, by the search's own word: it went through all of the path."""
+        return self._certified.upper <= index + TIE or index >= HIGHEST
 
     @cached_property
     def _proof(self) -> Proof:
@@ -86,28 +128,23 @@ class SearchCertificate(Certificate):
 
     @cached_property
     def pair(self) -> NDArray[np.intp]:
-        """As `Certificate.pair`."""
+        """As `RowsCertificate.pair`."""
         return self._proof.pair
 
     @cached_property
     def low(self) -> NDArray[np.int64]:
-        """As `Certificate.low`."""
+        """As `RowsCertificate.low`."""
         return self._proof.low
 
     @cached_property
     def high(self) -> NDArray[np.int64]:
-        """As `Certificate.high`."""
+        """As `RowsCertificate.high`."""
         return self._proof.high
 
     @cached_property
     def index(self) -> Floats:
-        """As `Certificate.index`."""
+        """As `RowsCertificate.index`."""
         return self._proof.index
-
-
-EMPTY_CERTIFICATE: Final = Certificate(
-    np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
-)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -146,6 +183,15 @@ class Assessment:
     engine: str
     model_digest: str
     scene_digest: str
+
+    def __post_init__(self) -> None:
+        """There is no answer without a proof of it.
+
+        Raises:
+            UnprovenError: this is none.
+        """
+        if not self.certificate.proves(self.index):
+            raise UnprovenError("the proof does not cover the motion")
 
     def reading(self) -> ImpactReading:
         """The same as integers, for the decision: index rounded up, speed rounded down."""

@@ -4,21 +4,22 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, assert_never
 
-from pep.pit.assessment.assessment import Assessment, Certificate, milli, seen
+from pep.pit.assessment.assessment import Assessment, RowsCertificate
 from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.motion import Run
 from pep.pit.base.tier import HIGHEST, MOVING, tier_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
+from pep.pit.search.certify import refuse_hidden
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.speed_bisection import highest_speed
 from pep.pit.search.start_violations import RETREAT, departure, slow_enough
-from pep.pit.search.timed_course import Doubt, Nowhere
+from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse
 from pep.pit.second.course_check import drive_check
 from pep.pit.second.straight_check import Disagreement
-from policies.evidence.evidence import Contribution, ImpactFault
+from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from pep.pit.base.motion import Floats, Joints, Profile
+    from pep.pit.base.motion import Floats, Joints
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Keys, Leaves
     from pep.pit.robot.robot import Robot
@@ -35,17 +36,14 @@ if TYPE_CHECKING:
     from pep.pit.scene.view import View
     from pep.pit.search.arm_limits import Ratio
     from pep.pit.search.certify import Certified
-    from pep.pit.search.timed_course import TimedCourse
+    from pep.pit.search.timed_course import Drive
 
-DOUBTFUL: Final = 3.0  # PHY-18: index of a motion that is not proven to its end
 SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no use, so no lower tier is named
-UNREACHABLE: Final = "unreachable"
-JOINT_LIMIT: Final = "joint_limit"
 
 
 @dataclass(frozen=True, eq=False)
-class CourseCertificate(Certificate):
-    """Proof of a course, with its nodes: its checker needs no inverse kinematics.
+class CourseCertificate(RowsCertificate):
+    """The proof of a course, with its nodes: whoever checks it needs no inverse kinematics.
 
     Attributes:
         key: places of the nodes, in 1 / GRID, (n,).
@@ -64,7 +62,7 @@ class DriveQuestion(MoveQuestion):
         robot: Robot,
         view: View,
         start: Joints,
-        drive: TimedCourse | Nowhere,
+        drive: Drive,
         cell: CellParameters,
         *,
         touch: frozenset[str],
@@ -77,43 +75,48 @@ class DriveQuestion(MoveQuestion):
         self.drive = drive
 
     def answer(self) -> Assessment | ImpactFault:
-        """Answer by the steps, in order."""
-        drive = self.drive
-        # 1. No way is no motion; one that meets a joint limit, or cannot be traced at all, needs no search.
-        if isinstance(drive, Nowhere) and drive.doubt is None:
-            return self._assessment(0.0, (), ())
-        if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
-            return self._doubted(drive.doubt or JOINT_LIMIT)
-        # 2. What the motion asks of the arm.
+        """The answer; what goes nowhere, or beyond a joint's limit, needs no search."""
+        match self.drive:
+            case Nowhere():
+                return self._standing()
+            case PastLimit():
+                return self._past_limit("")
+            case TimedCourse() as drive:
+                return self._searched(drive)
+            case _:
+                assert_never(self.drive)
+
+    def _searched(self, drive: TimedCourse) -> Assessment | ImpactFault:
+        """The steps, in order."""
+        # 1. What the motion asks of the arm.
         course, profile = drive.course, drive.profile
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
-        stop = self._stop(profile)
+        joint_speed = float(drive.joint_speeds_rad_s(profile).max())
+        stop = self._stopping(joint_speed)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(course, bare, profile)
-        # 3. What is violated where the arm stands, and whether this is a retreat from it.
-        slow = slow_enough(self.cell, joint_speed_rad_s=self._joint_speed(profile), speed_m_s=speed)
+        # 2. What is violated where the arm stands, and whether this is a retreat from it.
+        slow = slow_enough(self.cell, joint_speed_rad_s=joint_speed, speed_m_s=speed)
         start = departure(course, pairs, self.cell, slow=slow)
         retreats = start.retreating.size > 0
-        # 4. The proven index of all the rest.
-        doubt = 0.0 if drive.doubt is None else DOUBTFUL
-        floor = max(MOVING, self.view.floor, doubt, RETREAT if retreats else 0.0, *(r.index for r in ratios))
+        # 3. The proven index of all the rest.
+        floor = max(MOVING, self.view.floor, RETREAT if retreats else 0.0, *(r.index for r in ratios))
         certified = course.certify(pairs, profile, stop, rows=start.rows, floor=floor, check_time=self.check_time)
-        violations = {str(kind) for kind in certified.violated} | ({UNREACHABLE} & {drive.doubt})
-        # 5. The second engine has to agree.
+        refuse_hidden(pairs, certified)
+        violations = {str(kind) for kind in certified.violated}
+        # 4. The second engine has to agree.
         self.check_time()
         checked = drive_check(drive, pairs, self.view.scene, stop, certified=certified, rows=start.rows, seed=self.seed)
         if isinstance(checked, Disagreement):
             return ImpactFault("ENGINES_DISAGREE", checked.what)
-        # 6. The answer, and the speed at which it would be a tier lower.
+        # 5. The answer, and the speed at which it would be a tier lower.
         index = min(certified.upper, HIGHEST)
-        doubts = () if drive.doubt is None else (self._cause(drive.doubt, DOUBTFUL),)
-        causes = self._causes(
-            profile, pairs, certified, ratios=ratios, speed_m_s=speed, retreating=start.retreating, doubts=doubts
-        )
-        proven = violations or retreats or drive.doubt or not drive.slower
-        lower = None if proven else self._slower(effort, bare, certified, ratios, float(tier_of(index) - 1))
+        causes = self._causes(profile, pairs, certified, ratios=ratios, speed_m_s=speed, retreating=start.retreating)
+        lower = None
+        if drive.slower and not (violations or retreats):
+            lower = self._slower(drive, effort, bare, certified, ratios=ratios, target=float(tier_of(index) - 1))
         decided = certified.witnesses[0] if certified.witnesses and certified.attained > floor else None
         return self._assessment(
             index,
@@ -124,32 +127,23 @@ class DriveQuestion(MoveQuestion):
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
             contact_ratio=course.blow_ratio(pairs, profile, stop, check_time=self.check_time),
-            certificate=_certificate(drive, certified),
+            certificate=_certificate(drive, certified, start.rows),
         )
 
-    def _doubted(self, doubt: Doubt) -> Assessment:
-        """Answer when nothing of the motion can be proven."""
-        index = HIGHEST if doubt == JOINT_LIMIT else max(DOUBTFUL, self.view.floor)
-        told = (self._cause(doubt, index), *seen(self.view))
-        return self._assessment(index, told, tuple({doubt} & {JOINT_LIMIT, UNREACHABLE}))
-
-    def _cause(self, doubt: Doubt, index: float) -> Contribution:
-        return Contribution(doubt, milli(index), "", self.robot.model.name, 0, 0, 0)
-
-    def _joint_speed(self, profile: Profile) -> float:
-        assert not isinstance(self.drive, Nowhere)
-        return float(self.drive.joint_speeds_rad_s(profile).max())
-
-    def _stop(self, profile: Profile) -> Stopping:
-        joint = self._joint_speed(profile)
-        return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
+    def _stopping(self, joint_speed_rad_s: float) -> Stopping:
+        return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint_speed_rad_s)
 
     def _slower(
-        self, effort: Effort, bare: Pairs, certified: Certified, ratios: tuple[Ratio, ...], target: float
+        self,
+        drive: TimedCourse,
+        effort: Effort,
+        bare: Pairs,
+        certified: Certified,
+        *,
+        ratios: tuple[Ratio, ...],
+        target: float,
     ) -> float | None:
-        """Highest commanded speed, to a step of the bisection, with an index proven to be at most `target`."""
-        drive = self.drive
-        assert not isinstance(drive, Nowhere)
+        """The highest commanded speed, to a step of the bisection, whose index is proven to be at most `target`."""
         if target < MOVING or self.view.floor > target:
             return None
         course = drive.course
@@ -163,7 +157,7 @@ class DriveQuestion(MoveQuestion):
             if asks and max(r.index for r in effort.ratios(profile)) > target:
                 return False
             meant = self._with_meant(course, bare, profile)
-            stop = self._stop(profile)
+            stop = self._stopping(float(drive.joint_speeds_rad_s(profile).max()))
             fit = course.fits(meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven
@@ -172,8 +166,8 @@ class DriveQuestion(MoveQuestion):
         return highest_speed(falls, slowest=SLOWEST_SHARE * fastest, fastest=fastest)
 
 
-def _certificate(drive: TimedCourse, certified: Certified) -> CourseCertificate:
+def _certificate(drive: TimedCourse, certified: Certified, asked: NDArray[np.intp]) -> CourseCertificate:
     leaves: Leaves = certified.leaves
     key, q = drive.course.known
     pair: NDArray[np.intp] = leaves.pair
-    return CourseCertificate(pair, leaves.low, leaves.high, certified.leaf_index, key, q)
+    return CourseCertificate(asked, pair, leaves.low, leaves.high, certified.leaf_index, key, q)

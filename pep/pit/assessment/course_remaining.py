@@ -8,15 +8,14 @@ from typing import TYPE_CHECKING, Final, assert_never
 import numpy as np
 
 from pep.pit.assessment.assessment import milli
-from pep.pit.assessment.course_assessment import DOUBTFUL, JOINT_LIMIT
 from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
-from pep.pit.assessment.straight_remaining import MOVES, OFF_PATH, Remaining, RemainingRun, against, strays_m
+from pep.pit.assessment.straight_remaining import JOINT_LIMIT, MOVES, OFF_PATH, Remaining, RemainingRun, strays_m
 from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
 from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import as_run
-from pep.pit.search.timed_course import Nowhere, TimedCourse
+from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Scene
+    from pep.pit.search.timed_course import Drive
 
 PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
 
@@ -37,7 +37,7 @@ class RemainingCourse(RemainingRun):
         self,
         robot: Robot,
         start: Joints,
-        drive: TimedCourse | Nowhere,
+        drive: Drive,
         cell: CellParameters,
         *,
         at_rad: Joints,
@@ -51,12 +51,12 @@ class RemainingCourse(RemainingRun):
     def prepare(self, scene: Scene | None, age_s: float | None, touch: frozenset[str]) -> Remaining | None:
         """The steps of a straight run that do not depend on the speed, on the drive's course."""
         drive, cell, at = self.drive, self.cell, np.array(self.at_rad)
-        if isinstance(drive, Nowhere) or drive.doubt == JOINT_LIMIT:
-            off = at - np.array(self.run.start)
-            if drive.doubt is None and not strays_m(self.robot, off) <= cell.tracking_tolerance_m:
+        if isinstance(drive, PastLimit):
+            return Remaining(holds=False, index_milli=milli(HIGHEST), cause=JOINT_LIMIT)
+        if isinstance(drive, Nowhere):
+            if not strays_m(self.robot, at - np.array(self.run.start)) <= cell.tracking_tolerance_m:
                 return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
-            worst = {None: 0.0, JOINT_LIMIT: HIGHEST}.get(drive.doubt, DOUBTFUL)
-            return against(self.authorised_milli, milli(worst), drive.doubt or "")
+            return Remaining(holds=True, index_milli=0, cause="")
         # 1. Where on the course the arm is, or beside it by no more than the course says.
         self.course = course = drive.course
         s = _place(course, at)
@@ -65,8 +65,7 @@ class RemainingCourse(RemainingRun):
             return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)
         self.profile, self.since = drive.profile, int(s * GRID)
         self.effort = Effort(self.robot, drive, cell)
-        self.doubts = [] if drive.doubt is None else [(DOUBTFUL, str(drive.doubt))]
-        # 2. The view, without the held object.
+        # 2. The view, without what the arm holds.
         self.look_around(scene, age_s, touch, self.effort.surface_speed_m_s(drive.profile))
         return None
 
@@ -77,7 +76,7 @@ class RemainingCourse(RemainingRun):
         return self.judge(
             self.course,
             profile,
-            floors=[(MOVING, MOVES), *ratios, *self.doubts],
+            floors=[(MOVING, MOVES), *ratios],
             speeds=self.effort.surface_speed_m_s(profile),
             joint_speed_rad_s=float(self.drive.joint_speeds_rad_s(profile).max()),
             limits=None,
@@ -171,7 +170,7 @@ def rests_of(
 ) -> RemainingCourse | RemainingLegs:
     """Rest of a motion that is no single straight run; see `remaining`."""
 
-    def of_drive(start: Joints, drive: TimedCourse | Nowhere) -> RemainingCourse:
+    def of_drive(start: Joints, drive: Drive) -> RemainingCourse:
         return RemainingCourse(
             robot, start, drive, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
         )

@@ -11,7 +11,7 @@ from pep.pit.base.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, Speed
 from pep.pit.scene.separation import stopping
 from pep.pit.search.question import as_run
 from pep.pit.search.stream_course import servo_drive, speed_drive
-from pep.pit.search.timed_course import Nowhere, TimedCourse, line_drive
+from pep.pit.search.timed_course import PastLimit, TimedCourse, line_drive
 from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
@@ -22,15 +22,17 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.view import View
+    from pep.pit.search.timed_course import Drive
 
 
 def drive_of(
     robot: Robot, motion: Driven, cell: CellParameters, *, perception_age_s: float, check_time: Callable[[], None]
-) -> TimedCourse | Nowhere:
+) -> Drive:
     """The motion as a course with its timing.
 
     Raises:
         MotionError: `FRAMES_MISMATCH` or `ROBOT_LIMIT`, as `line_drive` and `servo_drive` say.
+        UnprovenError: as `line_drive` and `speed_drive` say.
     """
     match motion:
         case MoveL():
@@ -70,7 +72,7 @@ class PathQuestion:
         self.seed, self.check_time = seed, check_time
 
     def answer(self, motion: Paths) -> Assessment | ImpactFault:
-        """Answer for the whole path, up to the first leg that is not proven to its end."""
+        """The answer for the whole path; what comes after a leg that goes beyond a joint's limit is not looked at."""
         match motion:
             case JointPath():
                 legs = self._joint_legs(motion)
@@ -126,10 +128,12 @@ def joint_moves(path: JointPath) -> Iterator[MoveJ]:
         start = leg.target
 
 
-def line_drives(
-    robot: Robot, path: LinePath, *, check_time: Callable[[], None]
-) -> Iterator[tuple[Joints, TimedCourse | Nowhere]]:
-    """Start of each leg, and the leg; none after one that is not proven to its end."""
+def line_drives(robot: Robot, path: LinePath, *, check_time: Callable[[], None]) -> Iterator[tuple[Joints, Drive]]:
+    """Where each leg starts, and the leg; none after one that goes beyond a joint's limit.
+
+    Raises:
+        UnprovenError: as `line_drive` says.
+    """
     start = path.start
     for leg in path.legs:
         drive = line_drive(
@@ -141,7 +145,7 @@ def line_drives(
             check_time=check_time,
         )
         yield start, drive
-        if drive.doubt is not None:
+        if isinstance(drive, PastLimit):
             return
         if isinstance(drive, TimedCourse):
             a, b, c, d, e, f = drive.course.q(1.0).tolist()

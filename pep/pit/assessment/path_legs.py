@@ -8,8 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from capabilities.values.units import Unit
 from pep.pit.assessment.assessment import LISTED, Assessment, Certificate
 from policies.evidence.evidence import Contribution, ImpactFault
@@ -34,6 +32,10 @@ class LegsCertificate(Certificate):
 
     answers: tuple[Assessment, ...]
 
+    def proves(self, index: float) -> bool:
+        """As `Certificate.proves`: each leg's own proof does, of at most that."""
+        return bool(self.answers) and all(answer.index <= index for answer in self.answers)
+
     @property
     def legs(self) -> tuple[Certificate, ...]:
         """The proofs alone."""
@@ -57,7 +59,6 @@ def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessme
         told += [replace(cause, at_ms=cause.at_ms + after_ms) for cause in leg.answer.contributions]
         after_s += leg.duration_s
     worst = max(answers, key=lambda answer: answer.index)
-    nothing = np.zeros(0, dtype=np.int64)
     return replace(
         worst,
         speed_m_s=max(answer.speed_m_s for answer in answers),
@@ -67,7 +68,7 @@ def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessme
         violations=tuple(sorted({word for answer in answers for word in answer.violations})),
         lower_tier_speed=None,  # each leg has a speed of its own
         start=start,
-        certificate=LegsCertificate(nothing.astype(np.intp), nothing, nothing, np.zeros(0), tuple(answers)),
+        certificate=LegsCertificate(tuple(answers)),
     )
 
 

@@ -6,9 +6,11 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+import numpy as np
+
 from capabilities.values.units import Unit
-from pep.pit.assessment.assessment import EMPTY_CERTIFICATE, LISTED, Assessment, SearchCertificate, micro, milli, seen
-from pep.pit.base.motion import profile_of
+from pep.pit.assessment.assessment import LISTED, Assessment, Evident, SearchCertificate, micro, milli, seen
+from pep.pit.base.motion import Run, profile_of
 from pep.pit.base.tier import HIGHEST, MOVING, TIE, tier_of
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
@@ -16,19 +18,18 @@ from pep.pit.search.certify import Slower
 from pep.pit.search.engine import chosen
 from pep.pit.search.meant_contact import gentle_rows
 from pep.pit.search.speed_bisection import highest_speed
-from pep.pit.search.start_violations import RETREAT, departure, joint_limits, slow_enough
-from pep.pit.second.straight_check import Disagreement, cross_check
+from pep.pit.search.start_violations import RETREAT, departure, joint_limits, slow_enough, violated_at_rest
+from pep.pit.second.straight_check import Disagreement, cross_check, cross_check_rest
 from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    import numpy as np
     from numpy.typing import NDArray
 
     from capabilities.values.scope import Tier
     from pep.pit.assessment.assessment import Certificate
-    from pep.pit.base.motion import Profile, Run
+    from pep.pit.base.motion import Profile
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Route
     from pep.pit.robot.robot import Robot
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
     from pep.pit.search.kernel.compiled_limits import Demands
     from pep.pit.search.kernel.compiled_path import CompiledPath
 
+JOINT_LIMIT: Final = "joint_limit"
 SLOWEST_RAD_S: Final = 0.01  # slower than this is of no use, so no lower tier is named
 
 
@@ -72,12 +74,11 @@ class MoveQuestion:
         profile = profile_of(self.move)
         # 1. A move to where the arm stands is none.
         if profile is None:
-            return self._assessment(0.0, (), ())
+            return self._standing()
         # 2. Joint limits, before a path is drawn through them.
         limits = joint_limits(self.robot, self.move.start, self.move.target)
         if limits.broken:
-            told = Contribution("joint_limit", milli(HIGHEST), limits.joint, self.robot.model.name, 0, 0, 0)
-            return self._assessment(HIGHEST, (told,), ("joint_limit",))
+            return self._past_limit(limits.joint)
         # 3. What the move asks of the arm.
         path = self.engine.path(self.robot, self.move)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
@@ -124,8 +125,39 @@ class MoveQuestion:
             tcp_speed_m_s=float(speeds[self.robot.body_index("tcp")]),
             lower=lower,
             contact_ratio=path.blow_ratio(pairs, profile, stop, check_time=self.check_time),
-            certificate=SearchCertificate(certified),
+            certificate=SearchCertificate(certified, start.rows),
         )
+
+    def _standing(self) -> Assessment | ImpactFault:
+        """The answer of a motion that leaves the arm where it stands: none, unless what is there must not be."""
+        still = Run(self.move.start, self.move.start, 0.0, math.inf, math.inf)
+        path = self.engine.path(self.robot, still)
+        pairs = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
+        clearance = path.clearance_at(pairs, 0, np.arange(len(pairs)))
+        checked = cross_check_rest(path, pairs, self.view.scene, clearance)
+        if isinstance(checked, Disagreement):
+            return ImpactFault("ENGINES_DISAGREE", checked.what)
+        violated = violated_at_rest(pairs, clearance)
+        index = HIGHEST if violated else 0.0
+        told = [self._told_at_rest(pairs, pair, float(clearance[pair])) for pair in violated.values()]
+        return self._assessment(index, tuple(told), tuple(sorted(map(str, violated))), certificate=Evident("still"))
+
+    def _told_at_rest(self, pairs: Pairs, pair: int, clearance_m: float) -> Contribution:
+        return Contribution(
+            kind=str(pairs.kind_of(pair)),
+            index_milli=milli(HIGHEST),
+            link=self.robot.bodies[pairs.body[pair]].name,
+            object=pairs.name_of(pair),
+            at_ms=0,
+            clearance_um=micro(clearance_m),
+            speed_um_s=0,
+            source=pairs.source_of(pair),
+        )
+
+    def _past_limit(self, joint: str) -> Assessment:
+        """The answer of a motion that goes beyond a joint's limit, or comes from there and is no retreat."""
+        told = Contribution(JOINT_LIMIT, milli(HIGHEST), joint, self.robot.model.name, 0, 0, 0)
+        return self._assessment(HIGHEST, (told,), (JOINT_LIMIT,), certificate=Evident(JOINT_LIMIT))
 
     def _stop(self, profile: Profile) -> Stopping:
         return stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
@@ -154,13 +186,11 @@ class MoveQuestion:
         ratios: tuple[Ratio, ...],
         speed_m_s: float,
         retreating: NDArray[np.intp],
-        doubts: tuple[Contribution, ...] = (),
     ) -> tuple[Contribution, ...]:
         """Causes that raise the index, highest first."""
         speed = micro(speed_m_s)
         causes = [
             *seen(self.view),
-            *doubts,
             *(Contribution(r.name, milli(r.index), "", "", 0, 0, speed) for r in ratios if r.index > MOVING),
             *self._witnessed(pairs, profile, certified),
             *(
@@ -235,7 +265,7 @@ class MoveQuestion:
         tcp_speed_m_s: float = 0.0,
         contact_ratio: float = 0.0,
         lower: float | None = None,
-        certificate: Certificate = EMPTY_CERTIFICATE,
+        certificate: Certificate,
     ) -> Assessment:
         if told:  # the first one decides, so it carries the proven index
             told = told[:LISTED]

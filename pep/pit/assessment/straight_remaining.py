@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 import numpy as np
 
 from pep.pit.assessment.assessment import milli
-from pep.pit.base.errors import WorkLimitError
+from pep.pit.base.errors import UnprovenError, WorkLimitError
 from pep.pit.base.motion import STILL_RAD, profile_of
 from pep.pit.base.tier import HIGHEST, MOVING, TIE
 from pep.pit.geometry.clearance import ROUNDING_M
@@ -288,6 +288,8 @@ class RemainingRun:
                 if over.any():
                     worst = int(bound.argmax())
                     return _not(pairs, int(leaves.pair[worst]), float(bound[worst]))
+                if _doubtful(pairs, leaves).any():
+                    raise UnprovenError("violation")
                 return Remaining(holds=True, index_milli=milli(max(proven, float(bound.max()))), cause="")
             unsettled = over | _doubtful(pairs, leaves)
             proven = max(proven, float(bound[~unsettled].max(initial=0)))

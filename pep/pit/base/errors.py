@@ -34,6 +34,14 @@ class MotionError(PitError):
     """A motion that cannot be assessed because it is not a motion."""
 
 
+class UnprovenError(PitError):
+    """A motion of which no proof reaches the end: it has no index, and no approval stands in for one."""
+
+    def __init__(self, detail: str) -> None:
+        """The refusal of such a motion; `detail` is the word for what is not proven."""
+        super().__init__("UNPROVEN", detail)
+
+
 class WorkLimitError(PitError):
     """The answer did not come within its time."""
 

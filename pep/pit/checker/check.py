@@ -20,12 +20,12 @@ from pep.pit.checker.motion import (
     Timing,
     motion_of,
 )
-from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, scene_of, view_of
+from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, obstacles_of, scene_of, view_of
 from pep.pit.checker.robot import robot_of
-from pep.pit.checker.rows import PAIRS_MOST
+from pep.pit.checker.rows import PAIRS_MOST, attained, pairs_of
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
 from pep.pit.checker.trace_pieces import PLACE
-from pep.pit.checker.traced_line import DOUBTFUL, followed_line
+from pep.pit.checker.traced_line import followed_line
 from pep.pit.checker.verdict import Code, Refusal, Unverified, Verified, need
 
 if TYPE_CHECKING:
@@ -33,12 +33,13 @@ if TYPE_CHECKING:
     from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import Six
 
-VERSION: Final = "ztpm-pit-proof/1"
+VERSION: Final = "ztpm-pit-proof/2"
 CUT_MOST: Final = 1024  # intervals on which speeds of the whole path are bounded; bounds the work
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 NO_PROOF: Final[dict[str, Any]] = NO_ROWS | {"cut": "0"}
 TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
-WORDS_MOST: Final = len(VIOLABLE) + 2  # of violations: and joint_limit, and unreachable
+BEYOND_LIMIT: Final = CheckerAnswer(HIGHEST, ["joint_limit"], 0.0)
+WORDS_MOST: Final = len(VIOLABLE) + 1  # of violations: and joint_limit
 
 
 def verify(text: bytes) -> Verified | Unverified:
@@ -129,7 +130,7 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
         count, end = _leg_proven(asked, start, leg, claim, row["proof"])
         claims.append(claim)
         rows += count
-        # What comes after a leg that is not proven to its end is not looked at.
+        # What comes after a leg that goes beyond a joint's limit is not looked at.
         last = number == len(legs) - 1
         need(last if end is None else not last or len(legs) == len(motion.legs), Code.LEGS_WRONG, place)
         start = start if end is None else end
@@ -145,20 +146,18 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
 def _leg_proven(
     asked: CheckerQuestion, start: Six, motion: CheckerRun | Curved, answer: CheckerAnswer, value: Any
 ) -> tuple[int, Six | None]:
-    """Number of recomputed rows, and the end of the leg; None when it is not proven to its end."""
+    """How many rows were recomputed, and where the leg ends; None when it goes beyond a joint's limit."""
     if isinstance(motion, CheckerRun):
         return _straight_proven(asked, motion, answer, value), motion.target
     proof = table(value, "proof", (*NO_ROWS, "course"))
     row = table(proof["course"], PLACE, RECORD)
     drive = _drive(asked, start, motion, row)
     if isinstance(drive, FixedAnswer):
-        index = max(drive.index, asked.view.floor if drive.doubt not in (None, "joint_limit") else 0.0)
-        wanted = CheckerAnswer(index, sorted(drive.violations), 0.0)
+        wanted = BEYOND_LIMIT if drive.moves else _standing(asked, start)
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
         need({name: proof[name] for name in NO_ROWS} == NO_ROWS, Code.ANSWER_WRONG, "proof")
-        return 0, start if drive.doubt is None else None
-    rows = proven(asked, _driven(asked.robot, drive), answer, proof)
-    return rows, drive.end if drive.doubt is None else None
+        return 0, None if drive.moves else start
+    return proven(asked, _driven(asked.robot, drive), answer, proof), drive.end
 
 
 def _drive(asked: CheckerQuestion, start: Six, motion: Curved, row: dict[str, Any]) -> CheckerTimedCourse | FixedAnswer:
@@ -180,7 +179,7 @@ def _straight_proven(asked: CheckerQuestion, run: CheckerRun, answer: CheckerAns
     broken, returning = _joint_limits(run, robot)
     still = not max(abs(way) for way in run.ways) > STILL_RAD
     if still or broken:
-        wanted = CheckerAnswer(0.0, [], 0.0) if still else CheckerAnswer(HIGHEST, ["joint_limit"], 0.0)
+        wanted = _standing(asked, run.start) if still else BEYOND_LIMIT
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
         need(proof == NO_PROOF, Code.ANSWER_WRONG, "proof")
         return 0
@@ -194,6 +193,15 @@ def _straight_proven(asked: CheckerQuestion, run: CheckerRun, answer: CheckerAns
         returning=returning,
     )
     return proven(asked, leg, answer, proof)
+
+
+def _standing(asked: CheckerQuestion, start: Six) -> CheckerAnswer:
+    """The answer of an arm that stays where it stands: no index, unless what is there must not be."""
+    robot, still = asked.robot, CheckerRun(start, start, 1.0, 1.0, 1.0)
+    way = Sweep(robot, still)
+    pairs = pairs_of(robot, obstacles_of(asked.scene, asked.cell, asked.view, asked.touch), asked.cell)
+    met = {p.obstacle.kind for p in pairs if p.violated_below is not None and attained(way, p, 0) < p.violated_below}
+    return CheckerAnswer(HIGHEST if met else 0.0, sorted(met), 0.0)
 
 
 def _straight_ratios(robot: CheckerRobot, run: CheckerRun, timing: Timing) -> dict[str, float]:
@@ -224,8 +232,6 @@ def _driven(robot: CheckerRobot, drive: CheckerTimedCourse) -> CheckerLeg:
         ratios={"joint_speed": fast, "acceleration": accelerated / robot.acceleration_limit},
         peak=peak,
         tool_speed=drive.tool_speed,
-        floor=0.0 if drive.doubt is None else DOUBTFUL,
-        violations=frozenset({"unreachable"} & {drive.doubt or ""}),
     )
 
 

@@ -22,27 +22,21 @@ QUARTER: Final = 4  # the next of an interval's three nodes is at most a quarter
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """Tail of a course after its last traced place: straight in the joints, slowing to rest within `fade`.
+    """How a course goes on after its last traced place: straight in the joints.
 
     Attributes:
         since: its beginning, in 1 / GRID.
         q, dq: the joints there, rad, and their derivative by s.
-        fade: within how much of s they come to rest; None when they go on.
     """
 
     since: int
     q: Six
     dq: Six
-    fade: float | None
 
     def at(self, node: int) -> tuple[Six, Six]:
         """Joint angles and their derivative by s."""
-        on, share = (node - self.since) / GRID, 1.0
-        if self.fade is not None:
-            on = min(on, self.fade)
-            share = 1 - on / self.fade
-            on -= 0.5 * on * on / self.fade
-        return tuple(q + on * d for q, d in zip(self.q, self.dq, strict=True)), tuple(share * d for d in self.dq)
+        on = (node - self.since) / GRID
+        return tuple(q + on * d for q, d in zip(self.q, self.dq, strict=True)), self.dq
 
 
 class CheckerCourse(CheckerRoute):

@@ -18,10 +18,9 @@ if TYPE_CHECKING:
     from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import CheckerStance, Six
 
-RECORD: Final = ("doubt", "edges", "second", "third", "nodes", "until", "ahead", "angles", "seconds")
+RECORD: Final = ("limit", "edges", "second", "third", "nodes", "until", "ahead", "seconds")
 NOT_TRACED: Final[dict[str, Any]] = {
-    "doubt": None, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "angles": [],
-    "seconds": None,
+    "limit": False, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None, "seconds": None,
 }  # fmt: skip
 """Record of a motion that needs no course."""
 NONE: Final[tuple[float, ...]] = (0.0,) * JOINTS
@@ -29,17 +28,17 @@ NONE: Final[tuple[float, ...]] = (0.0,) * JOINTS
 
 @dataclass(frozen=True, slots=True)
 class FixedAnswer:
-    """Motion with a fixed answer: no motion at all, one beyond a joint limit, or one without trace.
+    """A motion whose answer is fixed: none at all, or beyond a joint's limit.
 
     Attributes:
-        index: of it; the view's floor counts beside it where it moves at all.
-        violations: of it.
-        doubt: reason why nothing of it is proven, or None when it is no motion.
+        moves: whether it is a motion.
     """
 
-    index: float
-    violations: tuple[str, ...]
-    doubt: str | None
+    moves: bool
+
+
+STILL: Final = FixedAnswer(moves=False)
+PAST_LIMIT: Final = FixedAnswer(moves=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,26 +50,25 @@ class CheckerTimedCourse:
         timing: its timing.
         push: the greatest s'' that the motion itself asks for, 1/s^2.
         tool_speed: that is commanded for the tool point, m/s.
-        doubt: reason why it is not proven to its end, or None.
-        end: joint angles where it ends, when it is proven to there.
+        end: joint angles where it ends.
     """
 
     course: CheckerCourse
     timing: Timing
     push: float
     tool_speed: float
-    doubt: str | None
     end: Six
 
 
-def fixed(row: dict[str, Any], index: float, violations: tuple[str, ...], doubt: str | None) -> FixedAnswer:
-    """Fixed answer, for which nothing is recorded.
+def fixed(row: dict[str, Any], answer: FixedAnswer) -> FixedAnswer:
+    """A fixed answer, of which nothing is recorded.
 
     Raises:
         Refusal: something is.
     """
-    need(row == NOT_TRACED | {"doubt": doubt} and type(row["until"]) is int, Code.ANSWER_WRONG, PLACE)
-    return FixedAnswer(index, violations, doubt)
+    types = type(row["until"]) is int and type(row["limit"]) is bool
+    need(types and row == NOT_TRACED | {"limit": answer.moves}, Code.ANSWER_WRONG, PLACE)
+    return answer
 
 
 def beyond(robot: CheckerRobot, q: Sequence[float], around: Sequence[float] = NONE) -> bool:

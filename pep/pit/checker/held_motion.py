@@ -7,14 +7,23 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.checker.arm import GRID
 from pep.pit.checker.course import UNBOUNDED, CheckerCourse, Tail
-from pep.pit.checker.curved_motion import NONE, NOT_TRACED, CheckerTimedCourse, FixedAnswer, beyond, fixed
-from pep.pit.checker.laws import HIGHEST, SAME
+from pep.pit.checker.curved_motion import (
+    NONE,
+    NOT_TRACED,
+    PAST_LIMIT,
+    STILL,
+    CheckerTimedCourse,
+    FixedAnswer,
+    beyond,
+    fixed,
+)
+from pep.pit.checker.laws import SAME
 from pep.pit.checker.motion import Timing
 from pep.pit.checker.robot import JOINTS
 from pep.pit.checker.stance import LINEAR
-from pep.pit.checker.text import exact, whole
+from pep.pit.checker.text import exact, truth, whole
 from pep.pit.checker.trace_pieces import PLACE, CheckerPieceBounds
-from pep.pit.checker.traced_line import broken_off, size, tool_at, traced_until
+from pep.pit.checker.traced_line import ends_at_limit, size, tool_at, traced_until
 from pep.pit.checker.twist import CheckerTwist
 from pep.pit.checker.verdict import Code, need
 
@@ -44,24 +53,24 @@ def held_speed(
     """
     largest = max(map(abs, motion.velocity))
     if not largest > 0:
-        return fixed(row, 0.0, (), None)
+        return fixed(row, STILL)
     if beyond(robot, start):
-        return fixed(row, HIGHEST, ("joint_limit",), "joint_limit")
+        return fixed(row, PAST_LIMIT)
+    # Nobody says how speed and turning grow together.
+    uneven = any(motion.velocity[:LINEAR]) and any(motion.velocity[LINEAR:])
+    need(not uneven, Code.UNPROVEN, "question.motion.twist")
     up = motion.acceleration / largest  # of the share of the full speed, 1/s
     held_s = motion.duration_s + cell.stop_delay_s
     peak = min(1.0, up * held_s)
     seconds = exact(row["seconds"], f"{PLACE}.seconds", low=_way(up, held_s) * (1 - SAME))
     x, y, z, u, v, w = (seconds * part for part in motion.velocity)
     twist = CheckerTwist(tool_at(robot, start), (x, y, z), (u, v, w))
-    moves, turns = any(motion.velocity[:LINEAR]), any(motion.velocity[LINEAR:])
-    uneven = "uneven_twist" if moves and turns else None
-    # 1. One that cannot be followed to its end is a line that cannot.
-    if row["ahead"] is not None:
-        # The finest piece is a part of the course: of a far longer course it would be longer than assumed.
+    # 1. One that meets a joint's limit before its stop does so on a line.
+    limit = truth(row["limit"], f"{PLACE}.limit")
+    if limit and row["ahead"] is not None:
+        # The finest piece is a part of the course: of a far longer one it would be longer than what it is taken for.
         need(seconds <= LONGER * _way(up, held_s), Code.CELL_UNPROVEN, f"{PLACE}.seconds")
-        return broken_off(
-            robot, twist, start, row, timing=Timing(seconds, 1.0, up, AT_ONCE), push=up / seconds, tool_speed=0.0
-        )
+        return ends_at_limit(robot, twist, start, row)
     end = whole(row["until"], f"{PLACE}.until", low=1, high=GRID - 1)
     s_end = end / GRID
     need(s_end * seconds >= _way(up, held_s) * (1 - SAME), Code.CELL_UNPROVEN, f"{PLACE}.until")
@@ -76,12 +85,12 @@ def held_speed(
     for earlier in (0.0, max(window, 0.0)):
         fastest = max(abs(r) + b * earlier for r, b in zip(rate, bend, strict=True))
         need(s_end - earlier + quick * fastest <= 1 + SAME, Code.CELL_UNPROVEN, f"{PLACE}.seconds")
-    tail = Tail(end, last.q, rate, None)
+    tail = Tail(end, last.q, rate)
     stopped, _ = tail.at(GRID)
     if beyond(robot, stopped, pieces[-1].stray):
-        need(row["doubt"] == "joint_limit", Code.ANSWER_WRONG, f"{PLACE}.doubt")
-        return FixedAnswer(HIGHEST, ("joint_limit",), "joint_limit")
-    need(row["doubt"] == uneven, Code.DOUBT_UNFOUNDED, f"{PLACE}.doubt")
+        need(limit, Code.ANSWER_WRONG, f"{PLACE}.limit")
+        return PAST_LIMIT
+    need(not limit, Code.LIMIT_UNFOUNDED, f"{PLACE}.limit")
     straight = tuple(map(abs, rate))
     hurry = tuple(most * window for most in bend)
     pieces.append(
@@ -93,7 +102,6 @@ def held_speed(
         Timing(seconds, 1.0, up, braking),
         max(up, braking) / seconds,
         size(motion.velocity[:LINEAR]),
-        uneven,
         stopped,
     )
 
@@ -139,21 +147,22 @@ def servo_target(
     asked = [way / lookahead for way in jump]
     fastest = max(map(abs, (*motion.rates, *asked)))
     if not fastest > STILL_RAD_S:
-        return fixed(row, 0.0, (), None)
+        return fixed(row, STILL)
     reaction = max(view.stopping_age_s, cell.watch_age_limit_s) + cell.reaction_s
     braking = cell.stop_deceleration_rad_s2 / fastest
     seconds = reaction + motion.period_s + cell.stop_delay_s + 1 / (2 * braking)
     both = list(zip(motion.rates, asked, strict=True))
     middle = tuple(seconds * 0.5 * (now + then) for now, then in both)
     spread = tuple(seconds * 0.5 * abs(now - then) for now, then in both)
-    tail = Tail(0, start, middle, None)
+    tail = Tail(0, start, middle)
     if beyond(robot, start, spread) or beyond(robot, tail.at(GRID)[0], spread):
-        return fixed(row, HIGHEST, ("joint_limit",), "joint_limit")
-    need(row == NOT_TRACED and type(row["until"]) is int, Code.MEMBER_WRONG, PLACE)
+        return fixed(row, PAST_LIMIT)
+    types = type(row["until"]) is int and type(row["limit"]) is bool
+    need(types and row == NOT_TRACED, Code.MEMBER_WRONG, PLACE)
     straight, step = tuple(map(abs, middle)), GRID // ENVELOPE
     pieces = [
         CheckerPieceBounds(low, low + step, middle, NONE, straight, NONE, NONE, spread, spread)
         for low in range(0, GRID, step)
     ]
     timing = Timing(seconds, 1.0, AT_ONCE, braking)
-    return CheckerTimedCourse(CheckerCourse(robot, pieces, {}, tail), timing, braking / seconds, 0.0, None, start)
+    return CheckerTimedCourse(CheckerCourse(robot, pieces, {}, tail), timing, braking / seconds, 0.0, start)

@@ -60,10 +60,8 @@ class CheckerLeg:
         cuts: intervals that tile it, on which speeds of the whole way are bounded.
         ratios: joint_speed and acceleration by their limits.
         tool_speed: commanded for the tool point, m/s; 0 when none is.
-        floor: that its doubt sets.
         peak: speed of the fastest joint, rad/s.
         returning: it comes back from beyond a joint limit.
-        violations: that its doubt is.
     """
 
     way: CheckerRoute
@@ -72,9 +70,7 @@ class CheckerLeg:
     ratios: dict[str, float]
     peak: float
     tool_speed: float = 0.0
-    floor: float = 0.0
     returning: bool = False
-    violations: frozenset[str] = frozenset()
 
 
 def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof: dict[str, Any]) -> int:
@@ -95,7 +91,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
     pairs = pairs_of(robot, obstacles_of(asked.scene, cell, asked.view, asked.touch), cell)
     retreating, meant = (_numbers(proof[name], f"proof.{name}", len(pairs)) for name in ("retreating", "meant"))
     retreats = bool(leg.returning or retreating)
-    floor = max(MOVING, asked.view.floor, RETREAT if retreats else 0.0, leg.floor, ratio_index(answer.torque))
+    floor = max(MOVING, asked.view.floor, RETREAT if retreats else 0.0, ratio_index(answer.torque))
     need(floor <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, "answer.index")
     for name, ratio in (leg.ratios | ratios(asked, speeds, leg.tool_speed)).items():
         need(ratio_index(ratio) <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, name)
@@ -110,7 +106,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
         need(_leads_away(way, pairs[number], cell), Code.RETREAT_UNPROVEN, f"pair {number}")
     # 3. Violations: each claimed one is met where the proof says.
     met = _met(proof["met"], way, pairs, retreating)
-    expected = met | leg.violations | ({"joint_limit"} if leg.returning and not slow else set())
+    expected = met | ({"joint_limit"} if leg.returning and not slow else set())
     need(answer.violations == sorted(expected), Code.VIOLATION_UNFOUNDED, "answer.violations")
     # 4. Every pair's intervals cover the way, and every row holds.
     laws = Laws(robot, cell, asked.view, peak_rad_s=leg.peak)

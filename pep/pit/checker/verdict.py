@@ -30,7 +30,8 @@ class Code(StrEnum):
     NODE_OFF = "NODE_OFF"  # a recorded configuration is not where the motion has the arm, or of another branch
     NODE_MISSING = "NODE_MISSING"  # a row stands on a place for which nothing is recorded
     CELL_UNPROVEN = "CELL_UNPROVEN"  # the pieces do not tile the course, or the bounds of one do not hold
-    DOUBT_UNFOUNDED = "DOUBT_UNFOUNDED"  # a motion is said not to be followed to its end, and can be
+    LIMIT_UNFOUNDED = "LIMIT_UNFOUNDED"  # a motion is said to go beyond a joint's limit, and does not
+    UNPROVEN = "UNPROVEN"  # a motion of which nothing can be proven: it has no answer
     CHECKER_FAILED = "CHECKER_FAILED"  # the checker itself broke: nothing is verified
 
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pep.pit.base.errors import UnprovenError
 from pep.pit.path.path import Route
 from pep.pit.path.straight_path import GRID
 
@@ -83,7 +84,14 @@ class Course(Route):
     """
 
     def __init__(self, robot: Robot, cells: Cells, track: Track) -> None:
-        """Makes a path of which nothing is computed yet."""
+        """Nothing is computed yet.
+
+        Raises:
+            UnprovenError: the cells do not tile all of it.
+        """
+        ends = np.concatenate([[0], cells.high])
+        if not (len(cells) and np.array_equal(ends[:-1], cells.low) and ends[-1] == GRID):
+            raise UnprovenError("the course is not whole")
         self.robot, self.cells, self.track = robot, cells, track
         self.delta = cells.way
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -25,14 +24,12 @@ class Track:
         twist: the line of the tool by the course's own parameter, or None when there is none.
         until: end of the line, s; 0 without one.
         q, dq: joint angles there, (6,), rad, and their derivative by s, which is the tangent's.
-        fade: way by s on which the joints then come evenly to rest; infinite when they do not.
     """
 
     twist: Twist | None
     until: float
     q: Floats
     dq: Floats
-    fade: float = math.inf
 
     def at(self, robot: Robot, s: float, near: Floats) -> tuple[Floats, Floats]:
         """Joint angles (6,) at `s` and their derivative by s; `near` is a configuration close to them.
@@ -45,5 +42,4 @@ class Track:
             if here is None:
                 raise MotionError("PHYSICS_FAULT", "a proven line was not found again")
             return here.q, np.asarray(np.linalg.solve(here.jacobian, self.twist.rate))
-        on = min(s - self.until, self.fade)
-        return self.q + (on - 0.5 * on * on / self.fade) * self.dq, (1 - on / self.fade) * self.dq
+        return self.q + (s - self.until) * self.dq, self.dq

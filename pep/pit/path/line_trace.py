@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 Stuck = Literal["singular", "joint_limit"]
 
 FIRST_PIECES: Final = 8  # equal ones; fewer only add a level
-FINEST: Final = GRID // 2**10  # PHY-18: 10 halvings; a line without proof on so short a piece has none
+FINEST: Final = GRID // 2**11  # PHY-18: 11 halvings; what is not proven on so short a piece is not proven
 PIECES_MOST: Final = 1024  # bounds time and memory; a line that keeps off singularities needs some dozens
 ROUNDS: Final = 60  # of a fixed point: it closes in like a geometric series, or never
 GROWTH: Final = 8.0  # a bound so many times the derivatives in the middle is of no use: halve
@@ -33,24 +33,38 @@ LOOSE: Final = 2.0  # likewise of the second derivative, as a multiple of the de
 ENOUGH: Final = GRID // 2**9  # pieces so short are kept however loose their bound is
 BEND_OF_LOG: Final = 0.6  # the inverse left Jacobian of the logarithm differs from 1 by less than 0.6 angle up to 1 rad
 ROUND_UP: Final = 1 + 1e-9  # far above float64 rounding of these sums
-ROOM_ABOVE: Final = 1e-6  # a thousand times the last possible addition of a sum
-ASKED_POSES: Final = 33  # poses of the rest at which any joint angles are sought
+ROOM_ABOVE: Final = 1e-6  # a thousand times what the last round of a sum may still have added
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineTrace:
-    """Result of tracing a line.
+    """A line that was traced as far as was asked.
+
+    Attributes:
+        cells: the proven pieces, which tile all of it.
+        q: joint angles at its end, (6,), rad.
+        dq: their derivative by s there, (6,).
+    """
+
+    cells: Cells
+    q: Floats
+    dq: Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CutShort:
+    """A line that could not be traced as far as was asked.
 
     Attributes:
         cells: the pieces that are proven, from the start on; there may be none.
         reached: their end, in 1 / GRID.
         q: joint angles there, (6,), rad.
         dq: their derivative by s, (6,); 0 where it has none, which is never at the end of a piece.
-        stuck: reason of its end, or None when the whole line is proven.
+        stuck: why no further.
     """
 
     cells: Cells
     reached: int
     q: Floats
     dq: Floats
-    stuck: Stuck | None
+    stuck: Stuck

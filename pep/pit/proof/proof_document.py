@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 import numpy as np
 import rfc8785
 
+from pep.pit.assessment.assessment import RowsCertificate
 from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
 from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import ProofError
@@ -29,7 +30,7 @@ from pep.pit.base.motion import (
     profile_of,
 )
 from pep.pit.path.straight_path import GRID
-from pep.pit.proof.course_proof import SLACK, Recorded, followed, untraced
+from pep.pit.proof.course_proof import NOT_TRACED, SLACK, Recorded, followed, past_limit
 from pep.pit.proof.motion_proof import hex_of, motion_text
 from pep.pit.proof.row_proofs import DIGITS, Claimed, ProofRows
 from pep.pit.scene.pairs import pairs_of
@@ -38,25 +39,24 @@ from pep.pit.search.course_limits import Effort
 from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from pep.pit.search.start_violations import joint_limits
-from pep.pit.search.timed_course import TimedCourse
+from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-
-    from numpy.typing import NDArray
 
     from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Driven, Joints, LineLeg, Motion
     from pep.pit.path.path import Keys
     from pep.pit.proof.motion_proof import Moving
+    from pep.pit.proof.row_proofs import Proven
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
     from pep.pit.scene.view import View
-    from pep.pit.search.timed_course import Nowhere
+    from pep.pit.search.timed_course import Drive
 
-VERSION: Final = "ztpm-pit-proof/1"
+VERSION: Final = "ztpm-pit-proof/2"
 NO_FORM: Final = "only motions of the arm have a certificate that can be written down"
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",
@@ -224,42 +224,50 @@ class _Prover:
         torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
         rows = ProofRows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
-        members = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs))).members
+        members = _rows_of(answer, rows).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
         return members | {"met": met, "cut": _cut(*demands.intervals(profile))}, torque
 
     def driven(
-        self, start: Joints, drive: TimedCourse | Nowhere, motion: Driven | LineLeg, answer: Assessment
+        self, start: Joints, drive: Drive, motion: Driven | LineLeg, answer: Assessment
     ) -> tuple[dict[str, Any], float]:
         """The proof of a curved motion's answer, and its torque ratio.
 
         Raises:
-            ProofError: a held speed of which nothing could be traced.
+            ProofError: no piece of its line shows the joint limit that it goes beyond.
         """
-        if not isinstance(drive, TimedCourse):
-            return NO_ROWS | {"course": untraced(self.robot, self.cell, start, drive, motion)}, 0.0
+        match drive:
+            case Nowhere():
+                return NO_ROWS | {"course": NOT_TRACED}, 0.0
+            case PastLimit(shown):
+                return NO_ROWS | {"course": past_limit(self.robot, start, shown, motion)}, 0.0
+            case TimedCourse():
+                return self._followed(start, drive, motion, answer)
+            case _:
+                assert_never(drive)
+
+    def _followed(
+        self, start: Joints, drive: TimedCourse, motion: Driven | LineLeg, answer: Assessment
+    ) -> tuple[dict[str, Any], float]:
         way = Recorded(self.robot, start, drive)
-        if drive.doubt == "joint_limit":
-            return NO_ROWS | {"course": followed(way, set(), motion)}, 0.0
         profile = drive.profile
         demands = Effort(self.robot, drive, self.cell).ratios(profile)
         joint = float(drive.joint_speeds_rad_s(profile).max())
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
         rows = ProofRows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
-        proven = rows.proof(_claimed(answer), _asked(answer, len(rows.pairs)))
+        proven = _rows_of(answer, rows)
         torque = next(each.ratio for each in demands if each.name == "torque")
         return proven.members | {"course": followed(way, proven.places, motion)}, torque
 
 
-def _claimed(answer: Assessment) -> Claimed:
-    return Claimed(answer.index, answer.violations, answer.certificate)
-
-
-def _asked(answer: Assessment, count: int) -> NDArray[np.bool_]:
-    """Pairs that the search was asked about: all but those left out as a retreat."""
-    asked = np.zeros(count, dtype=bool)
-    asked[answer.certificate.pair] = True
-    return asked
+def _rows_of(answer: Assessment, rows: ProofRows) -> Proven:
+    """The rows that prove an answer of the pairs that its search asked about: all but those of a retreat."""
+    found = answer.certificate
+    if not isinstance(found, RowsCertificate):
+        raise ProofError("PARAMETERS_WRONG", "the answer to another question")
+    asked = np.zeros(len(rows.pairs), dtype=bool)
+    asked[found.asked] = True
+    return rows.proof(Claimed(answer.index, answer.violations, found), asked)
 
 
 def _question(robot: Robot, view: View, motion: Moving, cell: CellParameters, touch: frozenset[str]) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from pep.pit.search.start_violations import RETREAT_CUT
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from pep.pit.assessment.assessment import Certificate
+    from pep.pit.assessment.assessment import RowsCertificate
     from pep.pit.base.motion import Floats, Profile
     from pep.pit.base.travel import Stopping
     from pep.pit.path.path import Leaves
@@ -45,7 +45,7 @@ class Claimed:
 
     index: float
     violations: tuple[str, ...]
-    rows: Certificate
+    rows: RowsCertificate
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,6 +93,11 @@ def search_starts() -> Floats:
     return np.random.default_rng(SEARCH_SEED).uniform(-np.pi, np.pi, (SEARCH_STARTS, 6))  # 6 joints
 
 
+def reaches(robot: Robot, position: Floats, rotation: Floats) -> bool:
+    """Whether joint angles were found for this pose, in any configuration of the arm."""
+    return not bool(np.isnan(reaching(robot, position[None], rotation[None])).any())
+
+
 def reaching(robot: Robot, positions: Floats, rotations: Floats) -> Floats:
     """Joint angles that reach each of these poses to `SEARCH_NEAR`, (n, 6), rad.
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
+from pep.pit.base.errors import UnprovenError
 from pep.pit.path.straight_path import GRID
 
 if TYPE_CHECKING:
@@ -128,6 +129,19 @@ def cuts(path: Route) -> int:
     while count < min(wanted, FIRST_CUT_MOST):
         count *= 2
     return count
+
+
+def refuse_hidden(pairs: Pairs, found: Certified) -> None:
+    """Every violation of the motion is among those that were met.
+
+    Raises:
+        UnprovenError: a row that the search could not follow farther may hide one of another kind.
+    """
+    leaves = found.leaves
+    below = pairs.violated_below[leaves.pair] - VIOLATION_RESOLUTION_M
+    hiding = np.unique(pairs.kind[leaves.pair[leaves.clear_m < below]]).tolist()
+    if not {pairs.code_of(kind) for kind in found.violated}.issuperset(hiding):
+        raise UnprovenError("violation")
 
 
 @dataclass(frozen=True, slots=True)

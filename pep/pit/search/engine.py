@@ -15,9 +15,8 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Straight
     from pep.pit.path.course import Cells
     from pep.pit.path.course_angles import Track
-    from pep.pit.path.line_trace import LineTrace
+    from pep.pit.path.line_trace import CutShort, LineTrace
     from pep.pit.robot.robot import Robot
-    from pep.pit.robot.twist import Twist
     from pep.pit.scene.cell import CellParameters
     from pep.pit.search.kernel.compiled_course import CompiledCourse
     from pep.pit.search.kernel.compiled_limits import Demands
@@ -33,15 +32,13 @@ class Engine:
         path: a straight path of one robot.
         demands: demands of a move on such a path.
         trace: the joints' path under a line of the tool.
-        pose_exists: whether joint angles were found for the rest of a line.
         course: a course of one robot, from its cells and where exactly it is.
     """
 
     name: str
     path: Callable[[Robot, Straight], CompiledPath]
     demands: Callable[[CompiledPath, CellParameters], Demands]
-    trace: Callable[..., LineTrace]
-    pose_exists: Callable[[Robot, Twist, int], bool]
+    trace: Callable[..., LineTrace | CutShort]
     course: Callable[[Robot, Cells, Track], CompiledCourse]
 
 
@@ -56,6 +53,5 @@ def chosen() -> Engine:
         path=compiled_path.CompiledPath,
         demands=demands.Demands,
         trace=compiled_course.trace,
-        pose_exists=compiled_course.pose_exists,
         course=compiled_course.CompiledCourse,
     )

@@ -17,9 +17,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from pep.pit.base.motion import Floats
     from pep.pit.path.path import Route
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.obstacles import PairKind
     from pep.pit.scene.pairs import Pairs
 
 RETREAT: Final = 3.0  # PHY-6: index of a stuck arm's retreat
@@ -72,6 +74,17 @@ def departure(path: Route, pairs: Pairs, cell: CellParameters, *, slow: bool, si
     nearer = _approaching(path, pairs, violated, tolerance_m=cell.retreat_tolerance_m, since=since)
     retreating = np.setdiff1d(violated, nearer)
     return Departure(np.setdiff1d(rows, retreating), retreating)
+
+
+def violated_at_rest(pairs: Pairs, clearance_m: Floats) -> dict[PairKind, int]:
+    """Per kind that is violated while the arm has these clearances (pairs,), the pair that is deepest in it."""
+    depth = np.where(np.isfinite(pairs.violated_below), clearance_m - pairs.violated_below, np.inf)
+    found: dict[PairKind, int] = {}
+    for pair in np.argsort(depth, kind="stable").tolist():
+        if not depth[pair] < 0:
+            break
+        found.setdefault(pairs.kind_of(pair), pair)
+    return found
 
 
 def _approaching(

@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.base.errors import MotionError
+from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.motion import Profile
 from pep.pit.path.course import Cells, straight_cells
 from pep.pit.path.course_angles import Track
+from pep.pit.path.line_trace import CutShort
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist, tool_pose
 from pep.pit.search.engine import chosen
-from pep.pit.search.timed_course import Nowhere, TimedCourse, begun, beyond, fastest_of, unbounded
+from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse, beyond, ended, fastest_of, unbounded
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.search.kernel.compiled_course import CompiledCourse
-    from pep.pit.search.timed_course import Doubt
+    from pep.pit.search.timed_course import Drive
 
 STEPS: Final = 1024  # the end of a hold lies on one of so many places of a course, so that its pieces halve evenly
 WINDOW_PIECES: Final = 16  # of the end of a hold: the stray there is as large as the bound of the bending
@@ -70,22 +71,24 @@ class _Plan:
     stop: float
 
 
-def speed_drive(
-    robot: Robot, motion: SpeedL, cell: CellParameters, *, check_time: Callable[[], None]
-) -> TimedCourse | Nowhere:
-    """Drive of a tool velocity from rest, held until its stop takes hold.
-
-    After it comes the joints' own stop along their tangent.
+def speed_drive(robot: Robot, motion: SpeedL, cell: CellParameters, *, check_time: Callable[[], None]) -> Drive:
+    """A tool velocity from rest, held until its stop takes hold, and then the joints' own stop along their tangent.
 
     Everything is measured in seconds at full speed. The stop may take hold anywhere between the end of the hold and
     `stop_delay_s` later: what it may then leave the course by is added to the course (PHY-19).
+
+    Raises:
+        UnprovenError: it could not be traced to its end, nobody says how speed and turning grow together, or how far
+            the stop may take.
     """
     full, start = np.array(motion.twist), np.array(motion.start)
     largest = float(np.abs(full).max())
     if not largest > 0:
         return Nowhere()
     if beyond(robot, start):
-        return Nowhere("joint_limit")
+        return PastLimit()
+    if full[:3].any() and full[3:].any():
+        raise UnprovenError("uneven_twist")
     ramp = _Ramp(motion.acceleration_m_s2 / largest)
     held = motion.duration_s + cell.stop_delay_s
     peak = ramp.share(held)
@@ -94,15 +97,15 @@ def speed_drive(
     def twist_for(seconds: float) -> Twist:
         return Twist(position, rotation, seconds * full[:3], seconds * full[3:])
 
-    def as_far_as(seconds: float, found: LineTrace) -> TimedCourse | Nowhere:
+    def ends(seconds: float, found: CutShort) -> PastLimit:
         profile = Profile(seconds, 1.0, ramp.up, AT_ONCE)
-        return begun(robot, twist_for(seconds), profile, found, ramp.up / seconds)
+        return ended(robot, twist_for(seconds), profile, found, ramp.up / seconds)
 
     # 1. Where the hold ends, and how fast the joints are there: that is how far their stop takes.
     hold = ramp.way(held)
     first = chosen().trace(robot, twist_for(hold), start, fastest=fastest_of(robot, 1 / hold), check_time=check_time)
-    if first.stuck is not None:
-        return as_far_as(hold, first)
+    if isinstance(first, CutShort):
+        return ends(hold, first)
     sent, cells = ramp.way(motion.duration_s), first.cells
     late = cells.high / GRID * hold > sent
     leading = float(cells.first[-1].max()) / hold
@@ -111,25 +114,20 @@ def speed_drive(
     # 2. The same with the end of the hold on the grid, a little later rather than earlier.
     twist = twist_for(plan.seconds)
     line = _line_and_window(robot, twist, start, plan, check_time)
-    if line.stuck is not None:
-        return as_far_as(plan.seconds, line)
-    # 3. The stop, and the difference of one that takes hold earlier.
+    if isinstance(line, CutShort):
+        return ends(plan.seconds, line)
+    # 3. The stop, and what one that takes hold earlier leaves the course by.
     course = _stopped(robot, twist, line, plan)
-    if isinstance(course, Nowhere):
-        return course
     s_end = plan.end / GRID
     braking = peak * peak / (2 * (1 - s_end) * plan.seconds)
-    doubt: Doubt | None = "uneven_twist" if full[:3].any() and full[3:].any() else None
-    if beyond(robot, course.q(1.0), course.cells.stray[-1]):
-        doubt = "joint_limit"
-    return TimedCourse(
+    drive = TimedCourse(
         course,
         Profile(plan.seconds, 1.0, ramp.up, braking),
         (ramp.up / plan.seconds, braking / plan.seconds),
         tool_speed_m_s=float(np.linalg.norm(full[:3])),
         slower=False,
-        doubt=doubt,
     )
+    return PastLimit(drive) if beyond(robot, course.q(1.0), course.cells.stray[-1]) else drive
 
 
 def _planned(hold: float, sent: float, leading: float, bending: float, *, stop: float) -> _Plan:
@@ -168,13 +166,13 @@ def _late(plan: _Plan) -> int:
 
 def _line_and_window(
     robot: Robot, twist: Twist, start: Floats, plan: _Plan, check_time: Callable[[], None]
-) -> LineTrace:
-    """Line until the stop takes hold, in small pieces where it may: there the bending counts most."""
+) -> LineTrace | CutShort:
+    """The line until the stop takes hold, in small pieces where it may: there the bending counts most."""
     late, fastest = _late(plan), fastest_of(robot, 1 / plan.seconds)
     cells, here = Cells.joined([]), start
     if late > 0:
         before = chosen().trace(robot, twist, start, until=late, fastest=fastest, check_time=check_time)
-        if before.stuck is not None:
+        if isinstance(before, CutShort):
             return before
         cells, here = before.cells, before.q
     after = chosen().trace(
@@ -190,8 +188,12 @@ def _line_and_window(
     return replace(after, cells=Cells.joined([cells, after.cells]))
 
 
-def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> CompiledCourse | Nowhere:
-    """Line with the joints' tangent after it; an earlier stop's difference is their stray and hurry."""
+def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> CompiledCourse:
+    """The line, and after it the joints' tangent; what an earlier stop leaves them by is their stray and hurry.
+
+    Raises:
+        UnprovenError: the joints' speeds change so fast there that the stop's way cannot be told.
+    """
     s_end, cells, dq = plan.end / GRID, line.cells, line.dq
     late = cells.high > _late(plan)
     bend = cells.second[late].max(axis=0)
@@ -204,14 +206,14 @@ def _stopped(robot: Robot, twist: Twist, line: LineTrace, plan: _Plan) -> Compil
     )
     for earlier in (0.0, plan.window):
         if not s_end - earlier + plan.stop * float((np.abs(dq) + bend * earlier).max()) <= 1:
-            return Nowhere("singular")  # the joints' speeds change so fast there that the stop's way cannot be told
+            raise UnprovenError("singular")
     tail = straight_cells(line.q, dq, low=plan.end, stray=cells.stray[-1], hurry=hurry)
     tail = replace(tail, third=unbounded(tail))
     return chosen().course(robot, Cells.joined([cells, tail]), Track(twist, s_end, line.q, dq))
 
 
-def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> TimedCourse | Nowhere:
-    """Drive of a servo target: everywhere it may take the arm until a stop after it has ended.
+def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_s: float) -> Drive:
+    """Everywhere a servo target may take the arm until a stop after it has ended.
 
     Each joint's speed lies between the measured one and what makes for the target within the lookahead; it goes on for
     the reaction, one period and the stop's delay, and then falls at the stop's deceleration (PHY-20).
@@ -240,7 +242,7 @@ def servo_drive(robot: Robot, motion: ServoJ, cell: CellParameters, *, reaction_
     middle, spread = seconds * 0.5 * (now + asked), seconds * 0.5 * np.abs(now - asked)
     cells = straight_cells(start, middle, low=0, stray=spread, hurry=spread, count=ENVELOPE_CELLS)
     if beyond(robot, start, spread) or beyond(robot, start + middle, spread):
-        return Nowhere("joint_limit")
+        return PastLimit()
     profile = Profile(seconds, 1.0, AT_ONCE, braking)
     course = chosen().course(robot, cells, Track(None, 0.0, start, middle))
     return TimedCourse(course, profile, (braking / seconds, braking / seconds), slower=False)

@@ -1,21 +1,22 @@
 """Motion that is no straight run, as a course with its timing; and a line of the tool as one.
 
-A line that cannot be traced to its end is a drive as far as it was traced, with the reason of its end.
+A course goes to the motion's end. What cannot be proven to there is no course, but the error `UNPROVEN`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.base.errors import MotionError
+from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.motion import STILL_RAD, Profile
 from pep.pit.path.course import Cells, straight_cells
 from pep.pit.path.course_angles import Track
-from pep.pit.path.line_trace import FINEST
+from pep.pit.path.line_trace import CutShort
 from pep.pit.path.straight_path import GRID
+from pep.pit.robot.inverse_kinematics import reaches
 from pep.pit.robot.twist import HALF_TURN_RAD, Twist, turn_of, turned_by
 from pep.pit.search.engine import chosen
 
@@ -23,18 +24,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit.base.motion import Floats, Joints, Pose
-    from pep.pit.path.line_trace import LineTrace
     from pep.pit.robot.robot import Robot
     from pep.pit.search.kernel.compiled_course import CompiledCourse
 
     Check = Callable[[], None]
-
-Doubt = Literal["singular", "unreachable", "joint_limit", "half_turn", "uneven_twist"]
-"""Reason why a motion is not proven to its end.
-
-A joint is too fast for any bound, no joint angles were found, a joint limit is met, the tool's direction of turn is
-unknown, or the proportion of speed and turn is.
-"""
 
 STATED_M: Final = 0.002  # DESIGN section 6 of the reference's committed state: 2 mm
 STATED_RAD: Final = 0.002  # likewise: 2 mrad
@@ -44,7 +37,7 @@ UNBOUNDED: Final = 1e30  # rad per s^3: more than any other bound allows, and no
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TimedCourse:
-    """A course with its timing.
+    """A course with its timing, from where the motion departs to where it ends.
 
     Attributes:
         course: path of the joints.
@@ -53,7 +46,6 @@ class TimedCourse:
             and backward.
         tool_speed_m_s: that is commanded for the tool point, 0 when none is.
         slower: whether another commanded speed is the same motion, only slower.
-        doubt: reason why it ends before the motion does, or None.
     """
 
     course: CompiledCourse
@@ -61,7 +53,6 @@ class TimedCourse:
     push: tuple[float, float]
     tool_speed_m_s: float = 0.0
     slower: bool = True
-    doubt: Doubt | None = None
 
     @property
     def twist(self) -> Twist | None:
@@ -86,13 +77,21 @@ class TimedCourse:
 
 @dataclass(frozen=True, slots=True)
 class Nowhere:
-    """Motion that leaves the arm at its place, or of which nothing could be traced.
+    """A motion that leaves the arm where it stands."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PastLimit:
+    """A motion that goes beyond a joint's limit, or comes from there; it is refused whatever is authorised.
 
     Attributes:
-        doubt: reason why nothing was traced, or None when it is no motion.
+        shown: the motion up to the limit, for a proof; None where it begins beyond one, or all of it may be there.
     """
 
-    doubt: Doubt | None = None
+    shown: TimedCourse | None = None
+
+
+Drive = TimedCourse | Nowhere | PastLimit
 
 
 def beyond(robot: Robot, q: Floats, around: Floats | float = 0.0) -> bool:
@@ -113,14 +112,15 @@ def line_drive(
     acceleration_m_s2: float,
     stated: Pose | None = None,
     check_time: Check,
-) -> TimedCourse | Nowhere:
+) -> Drive:
     """A line of the tool from rest to rest.
 
     Raises:
         MotionError: `FRAMES_MISMATCH`, the stated pose of the tool is not the model's at `start`.
+        UnprovenError: it could not be traced to its end, or nobody says which way round the tool turns.
     """
     if beyond(robot, np.array(start)):
-        return Nowhere("joint_limit")
+        return PastLimit()
     twist = Twist.between(robot, start, target)
     if stated is not None:
         off = turn_of(turned_by(np.array(stated[3:])) @ twist.rotation.T)
@@ -132,7 +132,7 @@ def line_drive(
         return Nowhere()
     profile = Profile(twist.way_m, speed_m_s, acceleration_m_s2)
     if not np.linalg.norm(twist.turn) <= HALF_TURN_RAD:
-        return Nowhere("half_turn")
+        raise UnprovenError("half_turn")
     tool = speed_m_s * float(np.linalg.norm(twist.line)) / twist.way_m
     drive = _traced(robot, twist, np.array(start), profile, check_time)
     return replace(drive, tool_speed_m_s=tool) if isinstance(drive, TimedCourse) else drive
@@ -143,37 +143,30 @@ def fastest_of(robot: Robot, highest_rate: float) -> Floats:
     return np.asarray(TOO_FAST * robot.speed_limits_rad_s / highest_rate)
 
 
-def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> TimedCourse | Nowhere:
-    """Line as a drive, or its provable part."""
+def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_time: Check) -> TimedCourse | PastLimit:
+    """The line as a course with its timing."""
     fastest = fastest_of(robot, profile.peak_rad_s / profile.way_rad)
     found = chosen().trace(robot, twist, start, fastest=fastest, check_time=check_time)
     push = profile.acceleration_rad_s2 / profile.way_rad
-    if found.stuck is not None:
-        return begun(robot, twist, profile, found, push)
+    if isinstance(found, CutShort):
+        return ended(robot, twist, profile, found, push)
     course = chosen().course(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
     return TimedCourse(course, profile, (push, push))
 
 
-def begun(robot: Robot, twist: Twist, profile: Profile, found: LineTrace, push: float) -> TimedCourse | Nowhere:
-    """Proven part of a line that gets stuck; there the course comes to rest within one finest piece."""
-    assert found.stuck is not None
-    doubt: Doubt = found.stuck
-    if found.stuck == "singular" and not chosen().pose_exists(robot, twist, found.reached):
-        doubt = "unreachable"
-    if not len(found.cells):
-        return Nowhere(doubt)
-    s_end, q, dq = found.reached / GRID, found.q, found.dq
-    width = min(FINEST, GRID - found.reached)
-    fade = width / GRID
-    still = np.zeros(len(dq))
-    slowing = straight_cells(q, dq, low=found.reached, high=found.reached + width, stray=still, hurry=still)
-    slowing = replace(slowing, second=np.abs(dq)[None] / fade, third=unbounded(slowing))
-    cells = [found.cells, slowing]
-    if found.reached + width < GRID:
-        resting = straight_cells(q + 0.5 * fade * dq, still, low=found.reached + width, stray=still, hurry=still)
-        cells.append(replace(resting, third=unbounded(resting)))
-    course = chosen().course(robot, Cells.joined(cells), Track(twist, s_end, q, dq, fade))
-    return TimedCourse(course, profile, (push, push), slower=False, doubt=doubt)
+def ended(robot: Robot, twist: Twist, profile: Profile, found: CutShort, push: float) -> PastLimit:
+    """The joint limit that a line meets before its end, with the line up to there and straight on in the joints.
+
+    Raises:
+        UnprovenError: it is something else that ends it.
+    """
+    if found.stuck == "singular":
+        raise UnprovenError("singular" if reaches(robot, *twist.at(1.0)) else "unreachable")
+    still = np.zeros(len(found.dq))
+    on = straight_cells(found.q, found.dq, low=found.reached, stray=still, hurry=still)
+    cells = Cells.joined([found.cells, replace(on, third=unbounded(on))])
+    course = chosen().course(robot, cells, Track(twist, found.reached / GRID, found.q, found.dq))
+    return PastLimit(TimedCourse(course, profile, (push, push), slower=False))
 
 
 def unbounded(cells: Cells) -> Floats:

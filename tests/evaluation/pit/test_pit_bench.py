@@ -99,19 +99,15 @@ def test_instants_of_a_line_are_on_it_and_end_at_its_target():
     assert np.allclose((after - before) / sampled.STEP_S, qd, atol=0.05)
 
 
-def test_of_eight_lines_seven_are_proven_to_their_end_and_meet_nothing():
-    questions = workload.lines(np.random.default_rng(3), 4, workload.ONE_STUCK_OF)
-    doubts = []
+def test_lines_are_proven_to_their_end_and_meet_nothing():
+    questions = workload.lines(np.random.default_rng(3), 4, 7)
     for each in questions:
         drive = drive_of(each.robot, each.motion, each.cell, perception_age_s=0.1, check_time=lambda: None)
-        doubts.append(drive.doubt)
         pairs = pairs_of(each.robot, replace(each.scene, people=()), each.cell, grown_m=0.0)
         things = np.flatnonzero(pairs.kind == pairs.code_of(PairKind.RIGID))
         assert len(things) == 4 * each.robot.world_bodies
         for s in np.linspace(0, 1, 9):
             assert drive.course.clearance_at(pairs, int(s * GRID), things).min() > workload.ROOM_M
-    assert doubts[:-1] == [None] * (workload.ONE_STUCK_OF - 1)
-    assert doubts[-1] in {"singular", "unreachable"}
 
 
 @pytest.mark.parametrize(

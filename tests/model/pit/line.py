@@ -1,4 +1,4 @@
-"""Line of the tool traced in numpy, with the reach of its poses: the twin of the compiled pieces."""
+"""A line of the tool traced in numpy: the twin of the compiled pieces."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pep.pit.path.course import Cells
 from pep.pit.path.line_trace import (
-    ASKED_POSES,
     BEND_OF_LOG,
     ENOUGH,
     FINEST,
@@ -21,11 +20,12 @@ from pep.pit.path.line_trace import (
     ROUND_UP,
     ROUNDS,
     SLACK,
-    Stuck,
+    CutShort,
     LineTrace,
+    Stuck,
 )
 from pep.pit.path.straight_path import GRID
-from pep.pit.robot.inverse_kinematics import EXACT, Stance, reaching, solved, stance
+from pep.pit.robot.inverse_kinematics import EXACT, Stance, solved, stance
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,14 +33,6 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.robot.robot import Robot
     from pep.pit.robot.twist import Twist
-
-
-def reachable(robot: Robot, positions: Floats, rotations: Floats) -> bool:
-    """True where joint angles were found for each of these poses, (n, 3) and (n, 3, 3), in any configuration.
-
-    No is no proof: nothing was found from `SEARCH_STARTS` starts each.
-    """
-    return not bool(np.isnan(reaching(robot, positions, rotations)).any())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,8 +66,8 @@ def trace(
     pieces: int = FIRST_PIECES,
     fastest: Floats,
     check_time: Callable[[], None],
-) -> LineTrace:
-    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, as far as it can be proven.
+) -> LineTrace | CutShort:
+    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, or as much of it as can be proven.
 
     Args:
         robot: the arm.
@@ -103,17 +95,21 @@ def trace(
                 return _traced(twist, done, low, here, "singular")
             here = ahead
             done.append(cell)
-        elif high - low <= FINEST or len(done) >= PIECES_MOST:
+        elif high - low <= FINEST:
             return _traced(twist, done, low, here, found)
+        elif len(done) >= PIECES_MOST:
+            return _traced(twist, done, low, here, "singular")
         else:
             mid = (low + high) // 2
             todo += [(mid, high), (low, mid)]
     return _traced(twist, done, until, here, None)
 
 
-def _traced(twist: Twist, done: list[Cells], reached: int, end: Stance, stuck: Stuck | None) -> LineTrace:
+def _traced(twist: Twist, done: list[Cells], reached: int, end: Stance, stuck: Stuck | None) -> LineTrace | CutShort:
     dq = _solution(end.jacobian, twist.rate)
-    return LineTrace(Cells.joined(done), reached, end.q, np.zeros_like(end.q) if dq is None else dq, stuck)
+    dq = np.zeros_like(end.q) if dq is None else dq
+    cells = Cells.joined(done)
+    return LineTrace(cells, end.q, dq) if stuck is None else CutShort(cells, reached, end.q, dq, stuck)
 
 
 def _piece(robot: Robot, twist: Twist, here: Stance, low: int, high: int) -> tuple[Cells, Stance] | Stuck:
@@ -238,10 +234,3 @@ def _on_path(lever: _Lever, node: Stance, near: Floats, within: Floats) -> bool:
         return False
     apart = lever.first(wide, np.ones(len(near))) + np.array([0, BEND_OF_LOG * angle * len(near)])
     return bool((_gain(inverse) @ apart).max() < 1)
-
-
-def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
-    """True where joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
-    shares = np.linspace(since / GRID, 1, ASKED_POSES)
-    poses = [twist.at(float(s)) for s in shares]
-    return reachable(robot, np.array([p for p, _ in poses]), np.array([r for _, r in poses]))

@@ -24,6 +24,7 @@ from pep.pit.search.certify import (
     Witness,
     cut,
     first_cut,
+    refuse_hidden,
 )
 from pep.pit.search.speed_bisection import highest_speed
 
@@ -105,6 +106,7 @@ def certify(
         leaves=Leaves.joined(done),
         leaf_index=np.concatenate(done_index),
     )
+    refuse_hidden(pairs, found_all)
     if slower is None:
         return found_all
     return replace(found_all, slower=_slower(path, pairs, profile, stop, found_all, slower, check_time))

@@ -187,7 +187,7 @@ def no_utf8(document, rng):
 
 @kind
 def key_twice(document, rng):
-    name = pick(rng, [b'"digest":""', b'"v":"ztpm-pit-proof/1"', b'"proof":{"cover":[]}', b'"answer":{"tier":0}'])
+    name = pick(rng, [b'"digest":""', b'"v":"ztpm-pit-proof/2"', b'"proof":{"cover":[]}', b'"answer":{"tier":0}'])
     return b"{" + name + b"," + document[1:]
 
 

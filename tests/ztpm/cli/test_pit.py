@@ -168,12 +168,19 @@ def test_a_fault_is_no_tier(pit, changed, name, edit, reason, place):
     files = (file, "sweep.motion.json") if "scene" in name else ("c0-empty.scene.json", file)
     ran = pit(*files, "--json")
     assert ran.status == 3
-    assert list(ran.json) == ["fault"]
-    assert ran.json["fault"]["reason"] == reason
-    assert place in ran.json["fault"]["detail"]
+    assert set(ran.json) == {"ok", "code", "detail"}
+    assert (ran.json["ok"], ran.json["code"]) == (False, reason)
+    assert place in ran.json["detail"]
     spoken = pit(*files)
     assert (spoken.status, spoken.out) == (3, "")
     assert spoken.err.startswith(reason)
+
+
+def test_a_line_that_is_not_proven_to_its_end_has_no_tier_and_no_proof(pit, changed, tmp_path):
+    away = changed("line.motion.json", lambda v: v.update(target_m_rad=[-2.0, -0.2268, 0.2033, 1.7352, 2.6176, 0.0]))
+    ran = pit("c0-empty.scene.json", away, "--json", "--proof", tmp_path / "proof.json")
+    assert (ran.status, ran.json) == (3, {"ok": False, "code": "UNPROVEN", "detail": "unreachable"})
+    assert not (tmp_path / "proof.json").exists()
 
 
 def test_nan_and_a_doubled_key_are_faults(pit, tmp_path):
@@ -184,7 +191,7 @@ def test_nan_and_a_doubled_key_are_faults(pit, tmp_path):
     ):
         file = tmp_path / "bad.motion.json"
         file.write_text(bad)
-        assert pit("c0-empty.scene.json", file, "--json").json["fault"]["reason"] == reason
+        assert pit("c0-empty.scene.json", file, "--json").json["code"] == reason
 
 
 def test_usage(run, pit, tmp_path):
@@ -211,10 +218,7 @@ def test_another_robot_by_name_or_file(pit, tmp_path):
     for name in ("ur5x", "../ur3e"):
         assert pit("c0-empty.scene.json", "sweep.motion.json", "--robot", name, "--json").status in (2, 3)
     file.write_bytes(b"\xff")
-    assert (
-        pit("c0-empty.scene.json", "sweep.motion.json", "--robot", file, "--json").json["fault"]["reason"]
-        == "BODY_MALFORMED"
-    )
+    assert pit("c0-empty.scene.json", "sweep.motion.json", "--robot", file, "--json").json["code"] == "BODY_MALFORMED"
 
 
 def test_an_arm_by_its_urdf_or_its_own_calibration(pit, tmp_path):
@@ -235,7 +239,7 @@ def test_an_arm_by_its_urdf_or_its_own_calibration(pit, tmp_path):
     assert {each["kind"] for each in said["contributions"]} <= {"fragile", "self"}
     assert said["certificate"]["verified"] is True
     for more in (("--robot", urdf), ("--outfit", outfit)):
-        assert pit(*files, *more).json["fault"]["reason"] == "PARAMETERS_WRONG"
+        assert pit(*files, *more).json["code"] == "PARAMETERS_WRONG"
     joints = Robot.load("ur3e").model.joints
     keys = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
     rows = "".join(

@@ -15,9 +15,8 @@ from pep.pit.base.motion import Profile
 from pep.pit.base.tier import MOVING
 from pep.pit.path.course import Cells, Course
 from pep.pit.path.course_angles import Track
-from pep.pit.path.line_trace import ASKED_POSES, FIRST_PIECES, LineTrace, Stuck
+from pep.pit.path.line_trace import FIRST_PIECES, CutShort, LineTrace, Stuck
 from pep.pit.path.straight_path import GRID
-from pep.pit.robot.inverse_kinematics import search_starts
 from pep.pit.robot.robot import Robot
 from pep.pit.robot.twist import Twist, tool_pose
 from pep.pit.scene.cell import CellParameters
@@ -27,7 +26,6 @@ from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, Certified, Fit, 
 from pep.pit.search.kernel import course_rows, course_search
 from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
-from pep.pit.search.kernel.arithmetic.reachable_pose import reachable
 from pep.pit.search.kernel.arithmetic.row_table import BOUND
 from pep.pit.search.kernel.arithmetic.tool_pose import KernelTwist, Wrist
 from pep.pit.search.kernel.compiled_path import arm_of, law_of, leaves_of, packed, table_of, timing_of
@@ -75,8 +73,8 @@ def trace(
     pieces: int = FIRST_PIECES,
     fastest: Floats,
     check_time: Check,
-) -> LineTrace:
-    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, as far as it can be proven.
+) -> LineTrace | CutShort:
+    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, or as much of it as can be proven.
 
     Args:
         robot: the arm.
@@ -94,14 +92,9 @@ def trace(
     check_time()
     q, dq, ddq, first, second, third, stray = found.rows.transpose(1, 0, 2)
     cells = Cells(found.low, found.high, q, dq, ddq, first, second, third, stray, np.zeros_like(stray))
-    return LineTrace(cells, found.reached, found.q, found.dq, _STUCK.get(found.stuck))
-
-
-def pose_exists(robot: Robot, twist: Twist, since: int) -> bool:
-    """True where some joint angles were found for each of `ASKED_POSES` poses of the line from `since` on."""
-    poses = [twist.at(float(s)) for s in np.linspace(since / GRID, 1, ASKED_POSES)]
-    positions, rotations = np.array([p for p, _ in poses]), np.array([r for _, r in poses])
-    return bool(reachable(_tool_of(robot).wrist, positions, rotations, search_starts()))
+    if found.stuck == line_pieces.PROVEN:
+        return LineTrace(cells, found.q, found.dq)
+    return CutShort(cells, found.reached, found.q, found.dq, _STUCK[found.stuck])
 
 
 class CompiledCourse(Course):
@@ -116,7 +109,7 @@ class CompiledCourse(Course):
         )
         twist, until = track.twist, track.until
         line, until = (_POINTS, _NOWHERE) if twist is None else (_line_of(twist), until)
-        along = course_poses.KernelTrack(line, until, np.array(track.q), np.array(track.dq), track.fade)
+        along = course_poses.KernelTrack(line, until, np.array(track.q), np.array(track.dq))
         low, high = np.ascontiguousarray(cells.low), np.ascontiguousarray(cells.high)
         self._curve = course_poses.Curve(arm, wrist, low, high, held, bending.bends_of(arm, held), along)
         self._held = course_poses.nothing_known(len(robot.bodies))
@@ -253,7 +246,7 @@ def compile_all() -> None:
     position, rotation = tool_pose(robot, start)
     twist = Twist(position, rotation, np.array([0.0, 0.0, -0.02]), np.zeros(3))
     found = trace(robot, twist, start, fastest=np.full(len(start), math.inf), check_time=_no_limit)
-    pose_exists(robot, twist, GRID)
+    assert isinstance(found, LineTrace)
     course = CompiledCourse(robot, found.cells, Track(twist, 1.0, found.q, found.dq))
     profile = Profile(twist.way_m, 0.1, 1.0)
     stop = stopping(cell, perception_age_s=0.0, joint_speed_rad_s=1.0)

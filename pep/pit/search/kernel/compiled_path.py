@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from pep.pit.base import pair_columns
-from pep.pit.base.errors import WorkLimitError
+from pep.pit.base.errors import UnprovenError, WorkLimitError
 from pep.pit.base.motion import MoveJ, profile_of
 from pep.pit.base.tier import MOVING
 from pep.pit.geometry.solids import FORM
@@ -30,7 +30,7 @@ from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath, ball
 from pep.pit.search.kernel.arithmetic.place_clearance import clearances
 from pep.pit.search.kernel.arithmetic.row_table import Rows
 from pep.pit.search.kernel.scratch import ASKED, room_for
-from pep.pit.search.kernel.search_columns import KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
+from pep.pit.search.kernel.search_columns import HIDDEN, KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.search.kernel.straight_answer import StraightCertified, StraightFindings
 from pep.pit.search.kernel.straight_calls import certify
 from pep.pit.search.kernel.straight_halving import blow, examined, fits, met_at, nothing_known, rushes
@@ -194,6 +194,7 @@ class CompiledPath(Path):
 
         Raises:
             WorkLimitError: more rows than `ROWS_MOST` were needed.
+            UnprovenError: a row that could not be followed farther may hide a violation.
         """
         if len(rows) * FIRST_CUT_LEAST > ROWS_MOST:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
@@ -208,6 +209,8 @@ class CompiledPath(Path):
         check_time()
         if status == TOO_MANY:
             raise WorkLimitError("PHYSICS_FAULT", "the question needs too many rows")
+        if status == HIDDEN:
+            raise UnprovenError("violation")
         return StraightCertified(
             StraightFindings(pairs, rows, many, broken, found),
             upper=upper,

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 KINDS: Final = 8  # how many kinds of pairs there are
 ANSWERED: Final = 0
 TOO_MANY: Final = 1
+HIDDEN: Final = 2  # a row that could not be followed farther may hide a violation
 LOOKS: Final = 3  # at each group that did not have to be looked at
 SPARE: Final = 512  # rows beyond the first ones for which there is room at first
 

@@ -175,10 +175,11 @@ def certify(
         slows: whether a slower speed is looked for.
 
     Returns:
-        `ANSWERED` or `TOO_MANY`, the proven and the attained index, and the highest speed at which the index of these
-        pairs is proven to be a whole tier lower, or -1; then how many witnesses there are and how many violations, and
-        an array of those: first the witnesses in `MET` columns, highest first, then the violations, then the leaves in
-        `LEAF` columns. Which pairs of the first cut have no leaf are far apart there and count no more than any motion.
+        `ANSWERED`, `TOO_MANY` or `HIDDEN`, the proven and the attained index, and the highest speed at which the index
+        of these pairs is proven to be a whole tier lower, or -1; then how many witnesses there are and how many
+        violations, and an array of those: first the witnesses in `MET` columns, highest first, then the violations,
+        then the leaves in `LEAF` columns. Which pairs of the first cut have no leaf are far apart there and count no
+        more than any motion.
     """
     arm, field = arm_in(arm_numbers, arm_whole), Field(pair_balls, pair_numbers, pair_whole)
     joints = arm.offsets.shape[0]

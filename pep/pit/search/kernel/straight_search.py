@@ -50,6 +50,7 @@ from pep.pit.search.kernel.search_columns import (
     CLEAR_MID,
     FINAL,
     HALVED,
+    HIDDEN,
     LEAF,
     LEAF_HIGH,
     LEAF_LOW,
@@ -296,6 +297,16 @@ def _hides(row: int, whole: Whole, numbers: Floats, laws: Floats, kinds: Whole, 
 
 
 @lent
+def _any_hides(rows: SearchRows, field: Field, violated: Floats) -> bool:
+    """Whether a row that cannot be halved any more may hide a violation of a kind that was not met."""
+    whole, numbers, laws, kinds = rows.whole, rows.numbers, field.numbers, field.whole
+    for row in range(rows.used[0]):
+        if whole[row, STAGE] == FINAL and _hides(row, whole, numbers, laws, kinds, violated):
+            return True
+    return False
+
+
+@lent
 def _tops(whole: Whole, numbers: Floats, kinds: Whole, top: Whole, count: int, looks: int) -> None:
     """Rows without a known distance that may raise each group most; -1 where there are no more."""
     top[:] = -1
@@ -396,6 +407,8 @@ def searched(
         )
         if finished:
             _at_rest(tree, way, field, rows, met.violated)
+            if _any_hides(rows, field, met.violated):
+                status = HIDDEN
             break
         if rows.used[0] > ROWS_MOST:
             status = TOO_MANY

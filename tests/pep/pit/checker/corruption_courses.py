@@ -1,7 +1,7 @@
 """Proofs of curved motions and of paths with something wrong in them: each proves something else, so each is refused.
 
 All are sealed anew, as a forger would. What is done to the bytes of a document, to its claim and to the covers of its rows
-is in `corruption`; here it is the record of the course, the doubts, and the legs.
+is in `corruption`; here it is the record of the course, joint limits, and the legs.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from pep.pit.checker import Code
 
 KINDS, EXPECTED = {}, {}
 OFF, LOST, CELL, MEMBER = Code.NODE_OFF, Code.NODE_MISSING, Code.CELL_UNPROVEN, Code.MEMBER_WRONG
-DOUBT, ROW, FLOOR, ANSWER = Code.DOUBT_UNFOUNDED, Code.ROW_EXCEEDS, Code.FLOOR_EXCEEDS, Code.ANSWER_WRONG
+LIMIT, ROW, FLOOR, ANSWER = Code.LIMIT_UNFOUNDED, Code.ROW_EXCEEDS, Code.FLOOR_EXCEEDS, Code.ANSWER_WRONG
 LEGS, MET, HIDDEN, COVER = Code.LEGS_WRONG, Code.VIOLATION_UNFOUNDED, Code.VIOLATION_HIDDEN, Code.COVER_WRONG
 MEANT, RETREAT, TIER = Code.MEANT_UNPROVEN, Code.RETREAT_UNPROVEN, Code.TIER_WRONG
 
@@ -262,7 +262,7 @@ def far_too_fast(top, rng):
             raise Unfit
 
 
-@refused_by(CELL, OFF, MEMBER, DOUBT)
+@refused_by(CELL, OFF, MEMBER, LIMIT)
 def held_longer(top, rng):
     fit(motion(top)["form"] == "speed_l" and traced(top, rng))
     fit(single(top)["course"]["ahead"] is None)
@@ -314,7 +314,7 @@ def longer_arm(top, rng):
 def narrower_joint(top, rng):
     """With its digest renewed: the way leads through a limit of the joint that turns farthest."""
     course = single(top)["course"]
-    fit(course["nodes"] and course["doubt"] is None)
+    fit(course["nodes"] and not course["limit"])
     angles = np.array([[number(x) for x in q] for _, q in course["nodes"]])
     joint = int(np.ptp(angles, axis=0).argmax())
     low, high = angles[:, joint].min(), angles[:, joint].max()
@@ -342,48 +342,43 @@ def person_on_the_way(top, rng):
 # --- the end of a course ----------------------------------------------------------------------------------------------
 
 
-@refused_by(DOUBT)
-def broken_off_early(top, rng):
-    """A line that can well be followed is said to end half way; all else is made to fit."""
+@refused_by(LIMIT)
+def ended_early(top, rng):
+    """A line that can well be followed is said to meet a joint limit half way; all else is made to fit."""
     proof = single(top)
     course = proof["course"]
-    fit(course["doubt"] is None and course["seconds"] is None and len(course["edges"]) > 4)
+    fit(not course["limit"] and course["seconds"] is None and len(course["edges"]) > 4)
     edges = course["edges"]
     at = int(rng.integers(2, len(edges) - 2))
     until = edges[at]
-    doubt = pick(rng, ["singular", "unreachable", "joint_limit"])
     course |= {
-        "doubt": doubt,
+        "limit": True,
         "until": until,
         "edges": edges[: at + 1],
         "second": course["second"][:at],
         "third": course["third"][:at],
         "nodes": [node for node in course["nodes"] if node[0] <= until],
-        "ahead": {"until": until + int(rng.choice([2, 2**10, 2**14])), "fast": False},
+        "ahead": until + int(rng.choice([2, 2**10, 2**13])),
     }
-    if doubt == "joint_limit":
-        proof |= NO_ROWS
-        raise_to(top, 4.0)
-        top["answer"] |= {"violations": ["joint_limit"], "torque": (0.0).hex()}
-    else:
-        raise_to(top, max(index_of(top), 3.5))
-    if doubt == "unreachable":
-        top["answer"]["violations"] = sorted({*top["answer"]["violations"], "unreachable"})
+    proof |= NO_ROWS
+    raise_to(top, 4.0)
+    top["answer"] |= {"violations": ["joint_limit"], "torque": (0.0).hex()}
 
 
-@refused_by(DOUBT)
-def said_to_be_too_fast(top, rng):
-    """The last piece is left out for a speed that it has not."""
-    proof = single(top)
-    course = proof["course"]
-    fit(course["doubt"] is None and course["seconds"] is None and len(course["edges"]) > 4)
-    course |= {
-        "doubt": "unreachable",
-        "until": course["edges"][-2],
-        "ahead": {"until": course["edges"][-1], "fast": True},
-    }
-    raise_to(top, max(index_of(top), 3.5))
-    top["answer"]["violations"] = sorted({*top["answer"]["violations"], "unreachable"})
+@refused_by(MEMBER)
+def limit_far_ahead(top, rng):
+    """On a piece so long that any limit is near enough to it."""
+    course = single(top)["course"]
+    fit(course["ahead"] is not None)
+    course["ahead"] = min(course["until"] + GRID // 2 ** int(rng.integers(1, 11)), GRID + 1)
+
+
+@refused_by(MEMBER, LIMIT, CELL, ANSWER)
+def limit_hidden(top, rng):
+    """What goes beyond a joint limit is said to end before it."""
+    course = single(top)["course"]
+    fit(course["limit"])
+    course |= {"limit": False, "ahead": None}
 
 
 @refused_by(CELL)
@@ -411,28 +406,11 @@ def until_elsewhere(top, rng):
     course["until"] -= int(rng.integers(1, course["until"] // 2))
 
 
-@refused_by(CELL)
-def doubt_dropped(top, rng):
-    course = single(top)["course"]
-    fit(course["doubt"] in ("singular", "unreachable") and course["edges"])
-    course |= {"doubt": None, "ahead": None, "angles": []}
-
-
-@refused_by(MEMBER)
-def half_turn_claimed(top, rng):
-    """A line that turns by less is said to turn nobody knows which way."""
-    course = single(top)["course"]
-    fit(motion(top)["form"] == "move_l" and course["edges"])
-    top["proof"] = NO_ROWS | {"course": NOT_TRACED | {"doubt": "half_turn"}}
-    raise_to(top, 3.0)
-    top["answer"] |= {"violations": [], "torque": (0.0).hex()}
-
-
 @refused_by(MEMBER)
 def limit_claimed(top, rng):
     """An arm inside its limits is said to stand beyond one."""
     fit(single(top)["course"]["edges"])
-    top["proof"] = NO_ROWS | {"course": NOT_TRACED | {"doubt": "joint_limit"}}
+    top["proof"] = NO_ROWS | {"course": NOT_TRACED | {"limit": True}}
     raise_to(top, 4.0)
     top["answer"] |= {"violations": ["joint_limit"], "torque": (0.0).hex()}
 
@@ -446,48 +424,9 @@ def stillness_claimed(top, rng):
     top["answer"] |= {"violations": [], "torque": (0.0).hex()}
 
 
-@refused_by(DOUBT, MEMBER)
-def out_of_reach_hidden(top, rng):
-    """A place out of reach is a violation; a merely singular one is none."""
-    course = single(top)["course"]
-    fit(course["doubt"] == "unreachable")
-    course["doubt"] = "singular"
-    top["answer"]["violations"].remove("unreachable")
-    if rng.random() < 0.5:  # with angles, of where the arm stands
-        course["angles"] = [motion(top)["start"]] * 33
-
-
-@refused_by(DOUBT)
-def angles_elsewhere(top, rng):
-    course = single(top)["course"]
-    row = pick(rng, course["angles"])
-    k = int(rng.integers(5))  # the last joint turns about what may be the line
-    row[k] = moved(row[k], rng.choice([-1, 1]) * 10 ** rng.uniform(-2, 0))
-
-
-@refused_by(MEMBER)
-def angles_gone(top, rng):
-    course = single(top)["course"]
-    course["angles"].remove(pick(rng, course["angles"]))
-
-
-@refused_by(DOUBT)
-def uneven_twist_hidden(top, rng):
-    course = single(top)["course"]
-    fit(course["doubt"] == "uneven_twist")
-    course["doubt"] = None
-
-
-@refused_by(FLOOR, ANSWER)
-def doubted_below_three(top, rng):
-    course = single(top)["course"]
-    fit(course["doubt"] not in (None, "joint_limit"))
-    raise_to(top, rng.uniform(1, 2.99))
-
-
 @refused_by(ANSWER)
 def another_fixed_answer(top, rng):
-    """A motion that is none, or of which nothing is traced, has one answer: neither less nor more."""
+    """A motion that is none, or goes beyond a joint limit, has one answer: neither less nor more."""
     fit(not single(top)["cover"] and motion(top)["form"] != "joint_path")
     raise_to(top, pick(rng, {0.0, 1.0, 2.5, 3.0, 3.5, 4.0} - {index_of(top)}))
 
@@ -538,7 +477,7 @@ def violation_hidden(top, rng):
     proof = rows(top, rng)
     fit(proof["met"])
     at = int(rng.integers(len(proof["met"])))
-    kinds = sorted(each for each in top["answer"]["violations"] if each != "unreachable")
+    kinds = sorted(top["answer"]["violations"])
     del proof["met"][at]
     top["answer"]["violations"].remove(kinds[at])
 

@@ -1,4 +1,4 @@
-"""Random questions of every curved form and of paths, among them lines that break off, and their proofs."""
+"""Random questions of every curved form and of paths, and their proofs; and motions that no proof reaches the end of."""
 
 from __future__ import annotations
 
@@ -134,15 +134,15 @@ def elsewhere(rng):
 
 FORMS = {
     "line": random_line, "hold": random_hold, "servo": random_servo, "line path": line_path, "joint path": joint_path,
-    "far": far_line, "across": across, "limit": to_a_limit, "turn": about_itself, "short": short_line,
-    "any hold": any_hold, "uneven": uneven_hold, "elsewhere": elsewhere,
-    "calm servo": calm_servo, "half": half_round,
+    "limit": to_a_limit, "turn": about_itself, "short": short_line, "any hold": any_hold, "elsewhere": elsewhere,
+    "calm servo": calm_servo,
 }  # fmt: skip
+UNPROVEN = {"far": far_line, "across": across, "uneven": uneven_hold, "half": half_round}
 
 
 def random_question(rng, form):
     """A motion of this form in a random scene, with all that a question may have beside it."""
-    motion = FORMS[form](rng)
+    motion = (FORMS | UNPROVEN)[form](rng)
     scene = random_scene(
         rng, things=int(rng.integers(0, 5)), regions=int(rng.integers(0, 4)), zones=int(rng.integers(0, 3))
     )
@@ -175,7 +175,7 @@ class Written:
 
 
 def written(question):
-    """The question with its answer and proof; None where the answer is a fault (a line that is no line)."""
+    """The question with its answer and proof; None where the answer is a fault (a line that is no line, or unproven)."""
     answer = assess(**question, seed=SEED)
     return Written(question, answer, document(answer, **question)) if isinstance(answer, Assessment) else None
 

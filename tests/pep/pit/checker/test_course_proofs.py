@@ -3,6 +3,7 @@
 import json
 import math
 from collections import Counter
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 
@@ -14,6 +15,7 @@ from pep.pit.checker.arm import GRID
 from pep.pit.checker.piece import Lever, Piece, contraction
 from pep.pit.checker.question import obstacles_of
 from pep.pit.checker.robot import robot_of
+from pep.pit.base.errors import UnprovenError
 from pep.pit.proof.course_proof import Recorded
 from pep.pit.proof.proof_document import document, question_digest
 from pep.pit.proof.row_proofs import order_of
@@ -22,13 +24,23 @@ from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import view_around
 from pep.pit.search.stream_course import speed_drive
-from pep.pit.search.timed_course import Nowhere, TimedCourse, line_drive
+from pep.pit.search.timed_course import TimedCourse, line_drive
 from tests.pep.pit.checker.corruption_courses import EXPECTED, KINDS, Unfit, corrupted, made
-from tests.pep.pit.checker.courses import FORMS, PATIENT, courses_of, random_question, shifted, short_line, written
+from tests.pep.pit.checker.courses import (
+    FORMS,
+    PATIENT,
+    UNPROVEN,
+    courses_of,
+    random_question,
+    shifted,
+    short_line,
+    written,
+)
 from tests.pep.pit.checker.test_checker import STRANGE, places, replaced
+from policies.evidence.evidence import ImpactFault
 from tests.pep.pit.corruption import all_refused, seal
 from tests.pep.pit.lines import MODEL, marched, placed, pose_of, random_hold, random_line, random_start, tool_jacobian
-from tests.pep.pit.scenes import CELL, HOME, NOTHING, ROBOT, empty, with_glass, with_person
+from tests.pep.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, with_glass, with_person
 from tests.pep.pit.search.test_uneven_limits import HIGH, at
 from tests.pep.pit.search.test_uneven_limits import ROBOT as UNEVEN
 
@@ -44,18 +56,19 @@ from pep.pit import (
     Robot,
     SpeedL,
     Sphere,
+    assess,
 )  # fmt: skip
 from pep.pit.checker import (
     Code,
     Unverified,
     Verified,
     check,
+    joint_limit,
     leg,
     rows,
     stance,
     trace_pieces,
     twist,
-    untraced_line,
     verdict,
     verify,
 )
@@ -120,12 +133,12 @@ def test_the_documents_are_of_every_sort(genuine):
     met = Counter()
     for each in (one for form in genuine.values() for one in form):
         for proof in courses_of(each.top):
-            met[proof["course"]["doubt"]] += 1
+            met[proof["course"]["limit"], proof["course"]["ahead"] is not None] += 1
             met["rows"] += bool(proof["cover"])
             met["met"] += bool(proof["met"])
             met["retreating"] += bool(proof["retreating"])
         met["meant"] += bool(each.question["touch"])
-    for sort in (None, "unreachable", "singular", "joint_limit", "half_turn", "uneven_twist", "rows", "met", "meant"):
+    for sort in ((False, False), (True, False), (True, True), "rows", "met", "meant"):
         assert met[sort] > 0, sort
 
 
@@ -137,7 +150,18 @@ def test_a_path_is_proven_leg_by_leg():
         if isinstance(motion, JointPath):
             assert len(legs) == len(motion.legs)
         elif len(legs) < len(motion.legs):
-            assert legs[-1]["proof"]["course"]["doubt"] is not None
+            assert legs[-1]["proof"]["course"]["limit"] is True
+
+
+@pytest.mark.parametrize("form", UNPROVEN)
+def test_what_cannot_be_followed_to_its_end_has_no_answer_and_no_proof(form):
+    told = Counter()
+    for k in range(10):
+        question = random_question(np.random.default_rng([4712, *form.encode(), k]), form)
+        answer = assess(**question, seed=SEED)
+        told[answer.reason if isinstance(answer, ImpactFault) else answer.violations] += 1
+    assert told["UNPROVEN"] >= 8, told
+    assert set(told) <= {"UNPROVEN", ("joint_limit",)}
 
 
 def test_a_path_of_lines_goes_on_where_a_leg_ends():
@@ -156,16 +180,21 @@ def test_a_path_of_lines_goes_on_where_a_leg_ends():
     assert refused(top) is Code.NODE_OFF
 
 
-def test_a_leg_that_goes_nowhere_and_one_that_is_not_followed():
-    pose = pose_of(HOME)
+def test_a_leg_that_goes_nowhere_and_one_beyond_a_joint_limit():
+    start = (6.2, *HOME[1:])
+    pose = pose_of(start)
     there = LineLeg(shifted(pose, (0.0, 0.0, 0.04)), 0.2, 1.0)
-    path = LinePath(HOME, (LineLeg(pose, 0.2, 1.0), there, LineLeg(shifted(pose, (2.0, 0, 0)), 0.2, 1.0), there))
-    one = written(asked(path))
-    assert isinstance(verify(one.text), Verified)
-    legs = one.top["proof"]["legs"]
-    assert [leg["proof"]["course"]["doubt"] for leg in legs] == [None, None, "unreachable"]
-    assert float.fromhex(legs[0]["answer"]["index"]) == 0
-    assert "unreachable" in one.answer.violations
+    x, y, _ = pose[:3]
+    round_it = [LineLeg(shifted(pose, (-0.5 * s * y, 0.5 * s * x, 0.04)), 0.2, 1.0) for s in (1, -1)]
+    for on in round_it:
+        one = written(asked(LinePath(start, (LineLeg(pose, 0.2, 1.0), there, on, there))))
+        assert isinstance(verify(one.text), Verified)
+        legs = one.top["proof"]["legs"]
+        assert float.fromhex(legs[0]["answer"]["index"]) == 0
+        if one.answer.violations:
+            assert [leg["proof"]["course"]["limit"] for leg in legs] == [False, False, True]
+            break
+    assert one.answer.violations == ("joint_limit",)
 
 
 def test_a_retreat_on_a_line():
@@ -476,6 +505,14 @@ def test_courses_and_ratios_are_those_of_the_room(form):
     assert compared > 0
 
 
+def held(move):
+    """The held speed as a course, or nothing."""
+    with suppress(UnprovenError):
+        drive = speed_drive(ROBOT, move, CELL, check_time=lambda: None)
+        return drive if isinstance(drive, TimedCourse) else None
+    return None
+
+
 def test_an_early_stop_stays_beside_the_course():
     """An early stop along the tangent is within the stray, no faster than allowed, and over in time.
 
@@ -485,8 +522,8 @@ def test_an_early_stop_stays_beside_the_course():
     bent = 0
     for _ in range(8):
         move = random_hold(rng)
-        drive = speed_drive(ROBOT, move, CELL, check_time=lambda: None)
-        if isinstance(drive, Nowhere) or drive.doubt in ("singular", "unreachable", "joint_limit"):
+        drive = held(move)
+        if drive is None:
             continue
         course, profile = drive.course, drive.profile
         seconds, s_end = profile.way_rad, drive.line_until
@@ -520,8 +557,8 @@ def test_an_early_stop_on_a_sharp_bend_ends_on_its_course():
         way = rng.standard_normal(3)
         way *= rng.uniform(0.3, 1.0) / np.linalg.norm(way)
         move = SpeedL(start, (*way.tolist(), 0.0, 0.0, 0.0), 5.0, float(rng.uniform(0.1, 0.4)))
-        drive = speed_drive(ROBOT, move, CELL, check_time=lambda: None)
-        if isinstance(drive, Nowhere) or drive.doubt is not None:
+        drive = held(move)
+        if drive is None:
             continue
         profile, s_end = drive.profile, drive.line_until
         cells = drive.course.cells
@@ -538,27 +575,24 @@ def test_an_early_stop_on_a_sharp_bend_ends_on_its_course():
     assert met > 0
 
 
-# ---- doubts
+# ---- joint limits
 
 
-def test_a_line_that_can_be_followed_is_not_blocked_and_one_that_cannot_is():
+def test_a_line_meets_a_limit_where_it_does_and_nowhere_else():
     rng = np.random.default_rng(98)
     for _ in range(5):
         start, way = random_start(rng), rng.uniform(-0.05, 0.05, 3)
         here = stance.stance(ARM, start)
         line_ = twist.CheckerTwist(here.pose, tuple(way.tolist()), (0.0, 0.1, 0.0))
-        assert untraced_line.blocked(ARM, line_, here, 0, untraced_line.FINEST) is None
+        assert not joint_limit.meets_limit(ARM, line_, here, 0, joint_limit.FINEST)
     here = stance.stance(ARM, HOME)
     out = twist.CheckerTwist(here.pose, (2.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert untraced_line.blocked(ARM, out, here, 0, GRID) == "singular"
+    assert not joint_limit.meets_limit(ARM, out, here, 0, GRID)
     beside = (6.2831, *HOME[1:])
     there = stance.stance(ARM, beside)
     x, y, _ = there.pose[0]
     ahead, back = (twist.CheckerTwist(there.pose, (-s * y, s * x, 0.0), (0.0, 0.0, 0.0)) for s in (1.0, -1.0))
-    assert {untraced_line.blocked(ARM, each, there, 0, untraced_line.FINEST) for each in (ahead, back)} == {
-        None,
-        "joint_limit",
-    }
+    assert {joint_limit.meets_limit(ARM, each, there, 0, joint_limit.FINEST) for each in (ahead, back)} == {True, False}
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -1,8 +1,11 @@
 """The simulated controller, whose kinematics and timing are its own, never leaves what was certified of it."""
 
+from contextlib import suppress
+
 import numpy as np
 import pytest
 from pep.pit.assessment.dispatch import drive_of
+from pep.pit.base.errors import UnprovenError
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import TURN_LEVER_M
 from pep.pit.search.course_limits import Effort
@@ -57,7 +60,6 @@ def test_a_line_as_the_controller_goes_it(seed):
     move = random_line(np.random.default_rng(7000 + seed))
     drive = drive_for(move)
     assert isinstance(drive, TimedCourse)
-    assert drive.doubt is None
     plan = MoveTool(
         ARM, TCP, move.start, to_frame(move.target), speed_m_s=move.speed_m_s, acceleration_m_s2=move.acceleration_m_s2
     )
@@ -80,9 +82,10 @@ def test_a_held_tool_speed_as_the_controller_goes_it(seed):
     rng = np.random.default_rng(7100 + seed)
     while True:
         motion = random_hold(rng)
-        drive = drive_for(motion)
-        if isinstance(drive, TimedCourse) and drive.doubt is None:
-            break
+        with suppress(UnprovenError):
+            drive = drive_for(motion)
+            if isinstance(drive, TimedCourse):
+                break
     now = Kinetic(motion.start, STILL, STILL)
     plan = SpeedTool(ARM, TCP, now)
     plan.aim(motion.twist, motion.acceleration_m_s2)

@@ -38,7 +38,6 @@ class KernelTrack(NamedTuple):
     until: float
     q: Floats
     dq: Floats
-    fade: float
 
 
 class Curve(NamedTuple):
@@ -129,10 +128,9 @@ def _go_to(curve: Curve, key: float, known: CurveConfigurations, q: Floats, dq: 
     """
     track, s = curve.track, key / GRID
     if not s <= track.until:
-        on = min(s - max(track.until, 0.0), track.fade)
+        on = s - max(track.until, 0.0)
         for i in range(JOINTS):
-            q[i] = track.q[i] + (on - 0.5 * on * on / track.fade) * track.dq[i]
-            dq[i] = (1.0 - on / track.fade) * track.dq[i]
+            q[i], dq[i] = track.q[i] + on * track.dq[i], track.dq[i]
         return
     cell = min(first_at_least(curve.high, key), curve.high.shape[0] - 1)
     mid = (curve.low[cell] + curve.high[cell]) // 2

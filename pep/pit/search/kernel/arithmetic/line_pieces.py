@@ -230,8 +230,11 @@ def traced(
             done += 1
             here, ahead = ahead, here
             back, on = on, back
-        elif end - begin <= FINEST or done >= PIECES_MOST:
+        elif end - begin <= FINEST:
             reached, stuck = begin, found
+            break
+        elif done >= PIECES_MOST:
+            reached, stuck = begin, SINGULAR
             break
         else:
             mid = (begin + end) // 2

@@ -1,24 +1,26 @@
 """Lines and courses of the compiled engine beside the numpy engine's: the same pieces, the same rows, the same answers."""
 
+from contextlib import suppress
+
 import numpy as np
-import pinocchio
 import pytest
 from pep.pit.assessment.dispatch import drive_of
+from pep.pit.base.errors import UnprovenError
 from pep.pit.base.tier import TIE
+from pep.pit.path.line_trace import CutShort, LineTrace
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.twist import Twist
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.search.engine import chosen
-from pep.pit.search.timed_course import Nowhere, TimedCourse
+from pep.pit.search.timed_course import TimedCourse
 from tests.model.pit.course import NumpyCourse
 from tests.model.pit.engine import NUMPY
 from tests.model.pit.line import trace
 from tests.pep.pit.lines import placed, random_hold, random_line, random_servo, random_start, random_way
 from tests.pep.pit.scenes import CELL, HOME, ROBOT, random_scene
 
-from pep.pit import MoveL
 
 pytestmark = pytest.mark.long
 
@@ -59,7 +61,9 @@ def about_the_base(rng):
 
 
 def same_trace(ours, theirs):
-    assert (ours.stuck, ours.reached) == (theirs.stuck, theirs.reached)
+    assert type(ours) is type(theirs)
+    if isinstance(theirs, CutShort):
+        assert (ours.stuck, ours.reached) == (theirs.stuck, theirs.reached)
     assert (ours.cells.low == theirs.cells.low).all()
     assert (ours.cells.high == theirs.cells.high).all()
     assert ours.q == pytest.approx(theirs.q, abs=1e-9)
@@ -82,7 +86,7 @@ def test_p12_traces_are_the_same_piece_by_piece(seed):
         theirs = trace(ROBOT, twist, start, fastest=fastest, check_time=unhurried)
         ours = KERNEL.trace(ROBOT, twist, start, fastest=fastest, check_time=unhurried)
         same_trace(ours, theirs)
-        told.append((ours.stuck, len(ours.cells) > 0))
+        told.append((ours.stuck if isinstance(ours, CutShort) else None, len(ours.cells) > 0))
     assert {(None, True), ("singular", True), ("singular", False), ("joint_limit", True)} <= set(told)
 
 
@@ -96,21 +100,10 @@ def test_p12_parts_of_a_line_are_the_same_too():
         line = random_line(rng)
         twist = Twist.between(ROBOT, line.start, line.target)
         first = KERNEL.trace(ROBOT, twist, np.array(line.start), until=GRID // 2, fastest=ANY, check_time=unhurried)
-        if first.stuck is None:
+        if isinstance(first, LineTrace):
             asked = {"since": GRID // 2, "until": GRID, "pieces": 4, "fastest": ANY, "check_time": unhurried}
             ours, theirs = KERNEL.trace(ROBOT, twist, first.q, **asked), trace(ROBOT, twist, first.q, **asked)
             same_trace(ours, theirs)
-
-
-def test_p12_what_is_reachable_is_the_same():
-    rng = np.random.default_rng(73)
-    told = []
-    for _ in range(12):
-        start, twist = any_line(rng)
-        since = int(rng.integers(0, GRID))
-        told.append(KERNEL.pose_exists(ROBOT, twist, since))
-        assert told[-1] == NUMPY.pose_exists(ROBOT, twist, since)
-    assert len(set(told)) == 2
 
 
 def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
@@ -138,29 +131,12 @@ def test_p12_only_in_a_small_box_is_a_configuration_the_only_one():
     assert 0.1 < np.mean(told) < 0.9
 
 
-def test_half_a_turn_is_found_by_its_axis():
-    """A pose that is half a turn away from every start: the error of the first step has no sine."""
-    for axis in np.eye(3):
-        start = np.array(HOME)
-        position, rotation = placed(HOME)
-        twist = Twist(position, pinocchio.exp3(np.pi * axis) @ rotation, np.zeros(3), np.zeros(3))
-        assert KERNEL.pose_exists(ROBOT, twist, GRID) == NUMPY.pose_exists(ROBOT, twist, GRID)
-        del start
-
-
 # ---- courses
 
 
 def motions(rng, count):
     for k in range(count):
-        yield (random_line, random_hold, random_servo, stuck_line)[k % 4](rng)
-
-
-def stuck_line(rng):
-    start = random_start(rng)
-    position, rotation = placed(start)
-    away = position / np.linalg.norm(position) * rng.uniform(0.5, 1.0)
-    return MoveL(start, (*(position + away).tolist(), *pinocchio.log3(rotation).tolist()), 0.2, 1.0)
+        yield (random_line, random_hold, random_servo)[k % 3](rng)
 
 
 class Asked:
@@ -184,11 +160,18 @@ class Asked:
         return course.certify(self.pairs, timing, self.stop, rows=self.rows, floor=floor, check_time=unhurried)
 
 
+def followed(motion):
+    """The motion as a course, or nothing."""
+    with suppress(UnprovenError):
+        found = drive_of(ROBOT, motion, CELL, perception_age_s=0.1, check_time=unhurried)
+        return found if isinstance(found, TimedCourse) else None
+    return None
+
+
 def asked(seed, count):
     rng = np.random.default_rng(seed)
     for motion in motions(rng, count):
-        found = drive_of(ROBOT, motion, CELL, perception_age_s=0.1, check_time=unhurried)
-        if not isinstance(found, Nowhere):
+        if followed(motion) is not None:
             yield Asked(rng, motion)
 
 

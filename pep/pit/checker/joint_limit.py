@@ -1,13 +1,11 @@
-"""Reason why a line is not traced to its end (PHY-48), tried again with a little less room.
+"""The joint limit that a line meets (PHY-48): shown here anew, on the piece of it that a document names.
 
-A doubt leaves the rest of a motion out of the proof, so it has to be a true one: a document may not break off a line
-that can well be followed. A piece that the room's engine cannot follow fails here, too: the bounds here are a little
-tighter.
+Where the joints' path is in that piece is found by Newton's method and proven like any other, with a little less room.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 from pep.pit.checker.arm import GRID
 from pep.pit.checker.piece import Lever, Piece, contraction
@@ -19,48 +17,33 @@ if TYPE_CHECKING:
     from pep.pit.checker.stance import CheckerStance, Six
     from pep.pit.checker.twist import CheckerTwist, Pose
 
-FINEST: Final = GRID // 2**10  # PHY-18: a line without proof on so short a piece has none
+FINEST: Final = GRID // 2**11  # PHY-18: the shortest piece, on which a joint limit is told
 STEPS: Final = 12  # of Newton's method: it doubles the digits
 EXACT: Final = 1e-11  # m and rad: it has arrived
 FAR_RAD: Final = 0.5  # a step so long left the neighbourhood
 ROUNDS: Final = 50  # of a bound that closes in on its own consequence
 ROOM: Final = 0.2  # share of the derivatives by which a bound is tried above them
-GROWTH: Final = 7.9  # a bound so many times the derivatives in the middle is of no use
-SHRINKS: Final = 0.99  # Newton's map has to contract
-INSIDE_RAD: Final = 1e-9  # from a joint's limit
-
-Blocked = Literal["singular", "joint_limit"]
+GROWTH: Final = 8.0  # a bound so many times the derivatives in the middle helps nobody
 
 
-def blocked(robot: CheckerRobot, twist: CheckerTwist, here: CheckerStance, low: int, high: int) -> Blocked | None:
-    """Reason why the line cannot be followed from `here` at `low` to `high`; None where it can.
-
-    Places are in 1 / GRID.
-    """
+def meets_limit(robot: CheckerRobot, twist: CheckerTwist, here: CheckerStance, low: int, high: int) -> bool:
+    """Whether a joint may be beyond its limit between `low`, with the arm as `here`, and `high`, in 1 / GRID."""
     lever, r = Lever(robot.tcp.levers), 0.5 * (high - low) / GRID
     rate = here.rates(twist.rate)
-    middle = _solved(
-        robot, twist.at((low + high) / 2 / GRID), tuple(q + r * d for q, d in zip(here.q, rate, strict=True))
-    )
+    near = tuple(q + r * d for q, d in zip(here.q, rate, strict=True))
+    middle = _solved(robot, twist.at((low + high) / 2 / GRID), near)
     if middle is None:
-        return "singular"
+        return False
     piece = Piece(lever, twist, middle, low, high)
     second = _bound(piece)
     if second is None:
-        return "singular"
-    ahead, within = piece.near(high, second)
-    end = _solved(robot, twist.at(high / GRID), ahead)
-    if end is None:
-        return "singular"
-    back, _ = piece.near(low, second)
-    for node, near in ((here, back), (end, ahead)):
-        inside = all(abs(q - x) <= SHRINKS * y for q, x, y in zip(node.q, near, within, strict=True))
-        if not (inside and contraction(lever, node, within) < SHRINKS):
-            return "singular"
-    for q, most, (lowest, highest) in zip(middle.q, piece.rates(second), robot.ranges, strict=True):
-        if not lowest + INSIDE_RAD <= q - r * most <= q + r * most <= highest - INSIDE_RAD:
-            return "joint_limit"
-    return None
+        return False
+    back, within = piece.near(low, second)
+    on_it = all(abs(q - x) <= y for q, x, y in zip(here.q, back, within, strict=True))
+    if not (on_it and contraction(lever, here, within) < 1):
+        return False
+    rows = zip(middle.q, piece.rates(second), robot.ranges, strict=True)
+    return not all(lowest <= q - r * most <= q + r * most <= highest for q, most, (lowest, highest) in rows)
 
 
 def _solved(robot: CheckerRobot, goal: Pose, near: Six) -> CheckerStance | None:
