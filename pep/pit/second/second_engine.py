@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
 
-DISTANCE_TOLERANCE_M: Final = 5e-6  # coal's GJK stops at 1e-6; five times that is given
+DISTANCE_TOLERANCE_M: Final = 5e-6  # far above what coal's GJK leaves (`collision_model.GJK_TOLERANCE`)
 SPEED_TOLERANCE_M_S: Final = 1e-6  # rounding of two ways to the same velocity
 INDEX_TOLERANCE: Final = 1e-6  # rounding of the index functions
 _LEAST: Final = coal.DistanceResult.min_distance.fget  # hundreds of results are read, twice as fast as by the name
