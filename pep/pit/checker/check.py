@@ -24,6 +24,7 @@ from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, obstacles_of,
 from pep.pit.checker.robot import robot_of
 from pep.pit.checker.rows import PAIRS_MOST, attained, pairs_of
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
+from pep.pit.checker.torque import NO_RATES, TorquePlace, torque_ratio
 from pep.pit.checker.trace_pieces import PLACE
 from pep.pit.checker.traced_line import followed_line
 from pep.pit.checker.verdict import Code, Refusal, Unverified, Verified, need
@@ -35,10 +36,12 @@ if TYPE_CHECKING:
 
 VERSION: Final = "ztpm-pit-proof/2"
 CUT_MOST: Final = 1024  # intervals on which speeds of the whole path are bounded; bounds the work
+RADIANS_PER_CUT: Final = 0.5  # PHY-7: summed way of all joints per two places where torque is asked
+TORQUES_LEAST: Final = 16  # PHY-7: intervals between places where torque is asked
+TORQUES_MOST: Final = 128  # likewise
 NO_ROWS: Final[dict[str, Any]] = {"cover": [], "retreating": [], "meant": [], "met": []}
 NO_PROOF: Final[dict[str, Any]] = NO_ROWS | {"cut": "0"}
-TORQUE_MOST: Final = 1e6  # a ratio larger than this is none
-BEYOND_LIMIT: Final = CheckerAnswer(HIGHEST, ["joint_limit"], 0.0)
+BEYOND_LIMIT: Final = CheckerAnswer(HIGHEST, ["joint_limit"])
 WORDS_MOST: Final = len(VIOLABLE) + 1  # of violations: and joint_limit
 
 
@@ -68,7 +71,7 @@ def _verified(text: bytes) -> Verified:
     need(top["digest"] == sha256(sealed), Code.DIGEST_WRONG, "digest")
     # 2. What was asked, and of which robot and scene.
     asked = table(top["question"], "question", ("model", "scene", "cell", "age_s", "touch", "motion"))
-    claim = table(top["answer"], "answer", ("index", "tier", "violations", "torque", "model", "scene"))
+    claim = table(top["answer"], "answer", ("index", "tier", "violations", "model", "scene"))
     for name in ("model", "scene"):
         spelt = word(asked[name], f"question.{name}").encode()
         need(claim[name] == sha256(spelt), Code.DIGEST_WRONG, f"answer.{name}")
@@ -101,7 +104,6 @@ def _answer(claim: dict[str, Any], place: str) -> CheckerAnswer:
     return CheckerAnswer(
         index=exact(claim["index"], f"{place}.index", low=0, high=HIGHEST),
         violations=rising([word(each, f"{place}.violations") for each in words], f"{place}.violations"),
-        torque=exact(claim["torque"], f"{place}.torque", low=0, high=TORQUE_MOST),
     )
 
 
@@ -126,7 +128,7 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
     rows = 0
     for number, (leg, value) in enumerate(zip(motion.legs, legs, strict=False)):
         row = table(value, place, ("answer", "proof"))
-        claim = _answer(table(row["answer"], f"{place}.answer", ("index", "violations", "torque")), f"{place}.answer")
+        claim = _answer(table(row["answer"], f"{place}.answer", ("index", "violations")), f"{place}.answer")
         count, end = _leg_proven(asked, start, leg, claim, row["proof"])
         claims.append(claim)
         rows += count
@@ -137,7 +139,6 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
     worst = CheckerAnswer(
         max(claim.index for claim in claims),
         sorted({each for claim in claims for each in claim.violations}),
-        max(claim.torque for claim in claims),
     )
     need(answer == worst, Code.LEGS_WRONG, "answer")
     return rows
@@ -157,7 +158,7 @@ def _leg_proven(
         need(answer == wanted, Code.ANSWER_WRONG, "answer")
         need({name: proof[name] for name in NO_ROWS} == NO_ROWS, Code.ANSWER_WRONG, "proof")
         return 0, None if drive.moves else start
-    return proven(asked, _driven(asked.robot, drive), answer, proof), drive.end
+    return proven(asked, _driven(asked, drive), answer, proof), drive.end
 
 
 def _drive(asked: CheckerQuestion, start: Six, motion: Curved, row: dict[str, Any]) -> CheckerTimedCourse | FixedAnswer:
@@ -184,11 +185,12 @@ def _straight_proven(asked: CheckerQuestion, run: CheckerRun, answer: CheckerAns
         need(proof == NO_PROOF, Code.ANSWER_WRONG, "proof")
         return 0
     timing = Timing.of(run)
+    ratios = _straight_ratios(robot, run, timing) | {"torque": _straight_torque(asked, run, timing)}
     leg = CheckerLeg(
         way=Sweep(robot, run),
         timing=timing,
         cuts=list(pairwise((0, *intervals(proof["cut"], "proof.cut", most=CUT_MOST)))),
-        ratios=_straight_ratios(robot, run, timing),
+        ratios=ratios,
         peak=timing.peak,
         returning=returning,
     )
@@ -201,7 +203,7 @@ def _standing(asked: CheckerQuestion, start: Six) -> CheckerAnswer:
     way = Sweep(robot, still)
     pairs = pairs_of(robot, obstacles_of(asked.scene, asked.cell, asked.view, asked.touch), asked.cell)
     met = {p.obstacle.kind for p in pairs if p.violated_below is not None and attained(way, p, 0) < p.violated_below}
-    return CheckerAnswer(HIGHEST if met else 0.0, sorted(met), 0.0)
+    return CheckerAnswer(HIGHEST if met else 0.0, sorted(met))
 
 
 def _straight_ratios(robot: CheckerRobot, run: CheckerRun, timing: Timing) -> dict[str, float]:
@@ -215,21 +217,44 @@ def _straight_ratios(robot: CheckerRobot, run: CheckerRun, timing: Timing) -> di
     }
 
 
-def _driven(robot: CheckerRobot, drive: CheckerTimedCourse) -> CheckerLeg:
-    """Checks a leg on a course: joint speeds piece by piece, accelerations in the middles (PHY-11)."""
+def _straight_torque(asked: CheckerQuestion, run: CheckerRun, timing: Timing) -> float:
+    """At the ends of equal intervals, more of them for a longer way (PHY-7)."""
+    count, wanted, ways = TORQUES_LEAST, 2 * sum(map(abs, run.ways)) / RADIANS_PER_CUT, run.ways
+    while count < min(wanted, TORQUES_MOST):
+        count *= 2
+    way = max(map(abs, ways))
+    shares = [n / count for n in range(count + 1)]
+    places = [
+        TorquePlace(
+            tuple(q + s * on for q, on in zip(run.start, ways, strict=True)), ways, NO_RATES, timing.highest(s, s)
+        )
+        for s in shares
+    ]
+    return torque_ratio(asked.robot, asked.cell, places, forward=run.acceleration / way, backward=run.braking / way)
+
+
+def _driven(asked: CheckerQuestion, drive: CheckerTimedCourse) -> CheckerLeg:
+    """A leg on a course: joint speeds are proven piece by piece, the rest is looked at in the middles (PHY-11)."""
+    robot, timing = asked.robot, drive.timing
     fast = accelerated = peak = 0.0
+    places: list[TorquePlace] = []
     for piece in drive.course.bounds:
         rate = drive.timing.highest(piece.low / GRID, piece.high / GRID)
         rows = zip(piece.first, piece.hurry, piece.dq, piece.ddq, robot.speed_limits, strict=True)
         for most, hurry, first, second, limit in rows:
             speed = (most + hurry) * rate
             peak, fast = max(peak, speed), max(fast, speed / limit)
-            accelerated = max(accelerated, abs(first) * drive.push + abs(second) * rate * rate)
+            accelerated = max(accelerated, abs(first) * max(drive.push) + abs(second) * rate * rate)
+        middle = (piece.low + piece.high) // 2
+        there = timing.highest(middle / GRID, middle / GRID)
+        places.append(TorquePlace(tuple(drive.course.angles(middle)), piece.dq, piece.ddq, there))
+    forward, backward = drive.push
+    torque = torque_ratio(robot, asked.cell, places, forward=forward, backward=backward)
     return CheckerLeg(
         way=drive.course,
         timing=drive.timing,
         cuts=[(piece.low, piece.high) for piece in drive.course.bounds],
-        ratios={"joint_speed": fast, "acceleration": accelerated / robot.acceleration_limit},
+        ratios={"joint_speed": fast, "acceleration": accelerated / robot.acceleration_limit, "torque": torque},
         peak=peak,
         tool_speed=drive.tool_speed,
     )

@@ -46,16 +46,16 @@ class CheckerTimedCourse:
     """A course with its timing.
 
     Attributes:
-        course: path of the joints.
-        timing: its timing.
-        push: the greatest s'' that the motion itself asks for, 1/s^2.
+        course: where the joints go.
+        timing: how fast.
+        push: the greatest s'' that the motion itself asks for, 1/s^2, forward and backward.
         tool_speed: that is commanded for the tool point, m/s.
         end: joint angles where it ends.
     """
 
     course: CheckerCourse
     timing: Timing
-    push: float
+    push: tuple[float, float]
     tool_speed: float
     end: Six
 

@@ -100,7 +100,7 @@ def held_speed(
     return CheckerTimedCourse(
         CheckerCourse(robot, pieces, traced.rated(), tail),
         Timing(seconds, 1.0, up, braking),
-        max(up, braking) / seconds,
+        (up / seconds, braking / seconds),
         size(motion.velocity[:LINEAR]),
         stopped,
     )
@@ -165,4 +165,6 @@ def servo_target(
         for low in range(0, GRID, step)
     ]
     timing = Timing(seconds, 1.0, AT_ONCE, braking)
-    return CheckerTimedCourse(CheckerCourse(robot, pieces, {}, tail), timing, braking / seconds, 0.0, start)
+    return CheckerTimedCourse(
+        CheckerCourse(robot, pieces, {}, tail), timing, (braking / seconds, braking / seconds), 0.0, start
+    )

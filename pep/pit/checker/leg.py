@@ -43,11 +43,10 @@ class CheckerQuestion:
 
 @dataclass(frozen=True, slots=True)
 class CheckerAnswer:
-    """Claimed answer of one leg; `torque` is stated, the highest by its limit."""
+    """What is claimed of one leg."""
 
     index: float
     violations: list[str]
-    torque: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +57,7 @@ class CheckerLeg:
         way: path of the joints.
         timing: its timing.
         cuts: intervals that tile it, on which speeds of the whole way are bounded.
-        ratios: joint_speed and acceleration by their limits.
+        ratios: joint speeds, accelerations and torques by their limits.
         tool_speed: commanded for the tool point, m/s; 0 when none is.
         peak: speed of the fastest joint, rad/s.
         returning: it comes back from beyond a joint limit.
@@ -91,7 +90,7 @@ def proven(asked: CheckerQuestion, leg: CheckerLeg, answer: CheckerAnswer, proof
     pairs = pairs_of(robot, obstacles_of(asked.scene, cell, asked.view, asked.touch), cell)
     retreating, meant = (_numbers(proof[name], f"proof.{name}", len(pairs)) for name in ("retreating", "meant"))
     retreats = bool(leg.returning or retreating)
-    floor = max(MOVING, asked.view.floor, RETREAT if retreats else 0.0, ratio_index(answer.torque))
+    floor = max(MOVING, asked.view.floor, RETREAT if retreats else 0.0)
     need(floor <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, "answer.index")
     for name, ratio in (leg.ratios | ratios(asked, speeds, leg.tool_speed)).items():
         need(ratio_index(ratio) <= answer.index + INDEX_SLACK, Code.FLOOR_EXCEEDS, name)
@@ -187,7 +186,7 @@ class CheckerSpeedBounds:
 
 
 def ratios(asked: CheckerQuestion, speeds: CheckerSpeedBounds, tool_speed: float) -> dict[str, float]:
-    """PHY-7: demands of any way on the arm by their limits, without torque, which the document states.
+    """PHY-7: what any way asks of the arm by its limits; but joint speeds, accelerations and torques.
 
     Args:
         asked: robot and cell.

@@ -53,6 +53,16 @@ class CheckerGrippedObject:
 
 
 @dataclass(frozen=True, slots=True)
+class CheckerMass:
+    """A rigid body that goes with a link: its centre there, and its inertia about that; None for a point."""
+
+    link: int
+    kg: float
+    com: Vec
+    inertia: Mat | None
+
+
+@dataclass(frozen=True, slots=True)
 class CheckerRobot:
     """One arm, its tool and its held object.
 
@@ -63,6 +73,7 @@ class CheckerRobot:
         apart: (body seen from the fixed capsule's link, fixed capsule), in the order of the fixed one's name, then of
             the moving one's.
         masses: (point mass as a body, kg).
+        links: the same masses as rigid bodies.
     """
 
     offsets: tuple[Vec, ...]
@@ -80,6 +91,12 @@ class CheckerRobot:
     masses: tuple[tuple[CheckerBody, float], ...]
     tcp: CheckerBody
     elbow: CheckerBody
+    links: tuple[CheckerMass, ...]
+    torque_limits: tuple[float, ...]
+
+    def carried(self, kg: float) -> CheckerMass:
+        """So much at the tool point."""
+        return CheckerMass(JOINTS, kg, self.tcp.a, None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,6 +172,11 @@ def robot_of(text: str) -> CheckerRobot:
         masses=tuple(masses),
         tcp=point("tcp", JOINTS, vector(tool.get("tcp_m"), "model.tools.tcp_m", _size)),
         elbow=point("elbow", 2, offsets[2]),
+        links=tuple(
+            CheckerMass(body.link, kg, body.a, joints[k].inertia if k < JOINTS else None)
+            for k, (body, kg) in enumerate(masses)
+        ),
+        torque_limits=tuple(j.torque_limit for j in joints),
     )
 
 
@@ -165,8 +187,10 @@ class _Joint:
     lowest: float
     highest: float
     speed_limit: float
+    torque_limit: float
     mass: float
     com: Vec
+    inertia: Mat
 
 
 def _size(value: Any, place: str) -> float:
@@ -182,14 +206,19 @@ def _joint(row: Any) -> _Joint:
     highest = decimal(row["position_limit_rad"], "model.joints.position_limit_rad")
     low = row.get("position_low_rad")
     roll, pitch, yaw = vector(row["rpy_rad"], "model.joints.rpy_rad", decimal)
+    xx, yy, zz = vector(row["inertia_kg_m2"], "model.joints.inertia_kg_m2", decimal)
+    products = row.get("inertia_products_kg_m2", [0.0, 0.0, 0.0])
+    xy, xz, yz = vector(products, "model.joints.inertia_products_kg_m2", decimal)
     return _Joint(
         offset=vector(row["offset_m"], "model.joints.offset_m", _size),
         turn=product(_about_z(yaw), product(_about_y(pitch), _about_x(roll))),
         lowest=-highest if low is None else decimal(low, "model.joints.position_low_rad"),
         highest=highest,
         speed_limit=decimal(row["speed_limit_rad_s"], "model.joints.speed_limit_rad_s", low=1e-6),  # a divisor
+        torque_limit=decimal(row["torque_limit_nm"], "model.joints.torque_limit_nm", low=1e-6),  # a divisor
         mass=decimal(row["mass_kg"], "model.joints.mass_kg", low=0),
         com=vector(row["com_m"], "model.joints.com_m", _size),
+        inertia=((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)),
     )
 
 

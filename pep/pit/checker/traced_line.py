@@ -58,7 +58,7 @@ def followed_line(
         return ends_at_limit(robot, twist, start, row)
     traced = traced_until(robot, twist, start, row, GRID)
     return CheckerTimedCourse(
-        CheckerCourse(robot, traced.pieces, traced.rated(), None), timing, push, tool, traced.nodes[GRID].q
+        CheckerCourse(robot, traced.pieces, traced.rated(), None), timing, (push, push), tool, traced.nodes[GRID].q
     )
 
 

@@ -35,7 +35,6 @@ from pep.pit.proof.motion_proof import hex_of, motion_text
 from pep.pit.proof.row_proofs import DIGITS, Claimed, ProofRows
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
-from pep.pit.search.course_limits import Effort
 from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from pep.pit.search.start_violations import joint_limits
@@ -132,20 +131,17 @@ def document(
         case JointPath() | LinePath():
             if not isinstance(answer.certificate, LegsCertificate):
                 raise ProofError("PARAMETERS_WRONG", "the answer to another question")
-            legs = [
-                _leg(said, proof, torque)
-                for said, (proof, torque) in zip(answer.certificate.answers, prover.legs(motion, answer), strict=True)
-            ]
-            proof: dict[str, Any] = {"legs": legs}
-            torque = max((float.fromhex(leg["answer"]["torque"]) for leg in legs), default=0.0)
+            proofs = prover.legs(motion, answer.certificate)
+            legs = zip(answer.certificate.answers, proofs, strict=True)
+            proof: dict[str, Any] = {"legs": [{"answer": _claim(said), "proof": each} for said, each in legs]}
         case MoveJ() | SpeedJ():
-            proof, torque = prover.straight(motion, answer)
+            proof = prover.straight(motion, answer)
         case MoveL() | SpeedL() | ServoJ():
             drive = drive_of(robot, motion, cell, perception_age_s=view.stopping_age_s, check_time=lambda: None)
-            proof, torque = prover.driven(motion.start, drive, motion, answer)
+            proof = prover.driven(motion.start, drive, motion, answer)
         case _:
             assert_never(motion)
-    claim = _claim(answer, torque) | {
+    claim = _claim(answer) | {
         "tier": int(answer.tier),
         "model": answer.model_digest,
         "scene": answer.scene_digest,
@@ -178,13 +174,8 @@ def question_digest(
 _NOTHING: Final[dict[str, Any]] = NO_ROWS | {"cut": DIGITS[0]}
 
 
-def _claim(answer: Assessment, torque: float) -> dict[str, Any]:
-    violations = sorted(str(each) for each in answer.violations)
-    return {"index": hex_of(answer.index), "violations": violations, "torque": hex_of(torque)}
-
-
-def _leg(said: Assessment, proof: dict[str, Any], torque: float) -> dict[str, Any]:
-    return {"answer": _claim(said, torque), "proof": proof}
+def _claim(answer: Assessment) -> dict[str, Any]:
+    return {"index": hex_of(answer.index), "violations": sorted(str(each) for each in answer.violations)}
 
 
 class _Prover:
@@ -197,10 +188,8 @@ class _Prover:
     def _pairs(self) -> Pairs:
         return pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
 
-    def legs(self, path: JointPath | LinePath, answer: Assessment) -> Iterator[tuple[dict[str, Any], float]]:
-        """Each leg's proof and torque ratio."""
-        certificate = answer.certificate
-        assert isinstance(certificate, LegsCertificate)
+    def legs(self, path: JointPath | LinePath, certificate: LegsCertificate) -> Iterator[dict[str, Any]]:
+        """Each leg's proof."""
         match path:
             case JointPath():
                 for move, said in zip(joint_moves(path), certificate.answers, strict=True):
@@ -212,35 +201,32 @@ class _Prover:
             case _:
                 assert_never(path)
 
-    def straight(self, motion: MoveJ | SpeedJ, answer: Assessment) -> tuple[dict[str, Any], float]:
-        """The proof of a straight joint motion's answer, and its torque ratio."""
+    def straight(self, motion: MoveJ | SpeedJ, answer: Assessment) -> dict[str, Any]:
+        """The proof of a straight joint motion's answer."""
         run = as_run(motion, self.cell)
         profile = profile_of(run)
         if profile is None or joint_limits(self.robot, run.start, run.target).broken:
-            return _NOTHING, 0.0
+            return _NOTHING
         engine = chosen()
         path = engine.path(self.robot, run)
         demands = engine.demands(path, self.cell)
-        torque = next(each.ratio for each in demands.ratios(profile) if each.name == "torque")
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=profile.peak_rad_s)
         rows = ProofRows(path, profile, stop, self._pairs(), cell=self.cell, slack=0.0)
         members = _rows_of(answer, rows).members
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
-        return members | {"met": met, "cut": _cut(*demands.intervals(profile))}, torque
+        return members | {"met": met, "cut": _cut(*demands.intervals(profile))}
 
-    def driven(
-        self, start: Joints, drive: Drive, motion: Driven | LineLeg, answer: Assessment
-    ) -> tuple[dict[str, Any], float]:
-        """The proof of a curved motion's answer, and its torque ratio.
+    def driven(self, start: Joints, drive: Drive, motion: Driven | LineLeg, answer: Assessment) -> dict[str, Any]:
+        """The proof of a curved motion's answer.
 
         Raises:
             ProofError: no piece of its line shows the joint limit that it goes beyond.
         """
         match drive:
             case Nowhere():
-                return NO_ROWS | {"course": NOT_TRACED}, 0.0
+                return NO_ROWS | {"course": NOT_TRACED}
             case PastLimit(shown):
-                return NO_ROWS | {"course": past_limit(self.robot, start, shown, motion)}, 0.0
+                return NO_ROWS | {"course": past_limit(self.robot, start, shown, motion)}
             case TimedCourse():
                 return self._followed(start, drive, motion, answer)
             case _:
@@ -248,16 +234,14 @@ class _Prover:
 
     def _followed(
         self, start: Joints, drive: TimedCourse, motion: Driven | LineLeg, answer: Assessment
-    ) -> tuple[dict[str, Any], float]:
+    ) -> dict[str, Any]:
         way = Recorded(self.robot, start, drive)
         profile = drive.profile
-        demands = Effort(self.robot, drive, self.cell).ratios(profile)
         joint = float(drive.joint_speeds_rad_s(profile).max())
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
         rows = ProofRows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
         proven = _rows_of(answer, rows)
-        torque = next(each.ratio for each in demands if each.name == "torque")
-        return proven.members | {"course": followed(way, proven.places, motion)}, torque
+        return proven.members | {"course": followed(way, proven.places, motion)}
 
 
 def _rows_of(answer: Assessment, rows: ProofRows) -> Proven:

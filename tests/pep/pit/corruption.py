@@ -280,7 +280,7 @@ def no_real_number(top, rng):
     spelt = pick(rng, ["nan", "inf", "-inf", "0x1p+2000", "1.5", "", "0X1.8P+0", " 0x1.0000000000000p+0", "0x1p0"])
     table, name = pick(
         rng,
-        [(top["answer"], "index"), (top["answer"], "torque"), (top["question"]["cell"], "reaction_s"),
+        [(top["answer"], "index"), (top["question"]["cell"], "reaction_s"),
          (top["question"]["motion"], "acceleration_rad_s2"), (top["question"], "age_s")],
     )  # fmt: skip
     table[name] = spelt
@@ -343,9 +343,15 @@ def invented_violation(top, rng):
 
 
 @resealed
-def raised_torque(top, rng):
-    fit(index_of(top) < 3.9)
-    top["answer"]["torque"] = float(rng.uniform(1.1, 100)).hex()
+def weaker_arm(top, rng):
+    """The same way of an arm whose joints bear less than the way asks of them."""
+    fit(index_of(top) < 3.9 and top["proof"].get("cover"))
+
+    def weaken(model):
+        for joint in model["joints"]:
+            joint["torque_limit_nm"] = float(10 ** rng.uniform(-6, -3))
+
+    with_model(top, weaken, named=True)
 
 
 # --- the question -----------------------------------------------------------------------------------------------------

@@ -152,7 +152,7 @@ def test_the_checker_refuses_a_line_without_rows():
     """As the finding's proof was: nothing traced, nothing covered."""
     near = shifted((0.0, 0.0, 0.05))
     top = json.loads(proof_of(ask(near), near))
-    top["answer"] |= {"index": (3.0).hex(), "tier": 3, "violations": [], "torque": (0.0).hex()}
+    top["answer"] |= {"index": (3.0).hex(), "tier": 3, "violations": []}
     course = {"limit": False, "edges": [], "second": [], "third": [], "nodes": [], "until": 0, "ahead": None}
     top["proof"] = {"cover": [], "retreating": [], "meant": [], "met": [], "course": course | {"seconds": None}}
     assert isinstance(verify(seal(top)), Unverified)

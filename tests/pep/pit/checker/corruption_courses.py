@@ -11,6 +11,7 @@ import math
 from itertools import pairwise
 
 import numpy as np
+import pinocchio
 from pep.pit.checker.check import NO_ROWS
 from pep.pit.checker.curved_motion import NOT_TRACED
 from pep.pit.path.straight_path import GRID
@@ -193,7 +194,6 @@ def pieces_joined(top, rng):
     course = traced(top, rng)
     fit(len(course["edges"]) > 2)
     at = int(rng.integers(1, len(course["edges"]) - 1))
-    fit(not (course["ahead"] and course["ahead"]["fast"]))
     fit(max(number(x) for x in course["second"][at]) > 0.01)  # what hardly bends may as well be one
     del course["edges"][at], course["second"][at], course["third"][at]
 
@@ -276,6 +276,24 @@ def velocity_turned(top, rng):
     fit(any(number(x) for x in v[:3]))
     turned = turned_by(rng.standard_normal(3)) @ np.array([number(x) for x in v[:3]])
     v[:3] = [float(x).hex() for x in turned]
+
+
+@refused_by(Code.UNPROVEN)
+def half_a_turn(top, rng):
+    """To a pose that is half a turn away: nobody knows which way round."""
+    fit(motion(top)["form"] == "move_l" and single(top)["course"]["edges"])
+    _, rotation = placed([number(x) for x in motion(top)["start"]])
+    axis = rng.standard_normal(3)
+    turned = pinocchio.log3(pinocchio.exp3(math.pi * axis / np.linalg.norm(axis)) @ rotation)
+    motion(top)["target"][3:] = [float(x).hex() for x in turned]
+
+
+@refused_by(Code.UNPROVEN)
+def moves_and_turns(top, rng):
+    """A tool speed that also turns, or also moves: nobody says how the two grow together."""
+    fit(motion(top)["form"] == "speed_l" and any(number(x) for x in motion(top)["twist"]))
+    fit(not single(top)["course"]["limit"])
+    motion(top)["twist"] = [float(x).hex() for x in rng.uniform(0.01, 0.1, 6)]
 
 
 @refused_by(CELL, MEMBER, OFF)
@@ -362,7 +380,7 @@ def ended_early(top, rng):
     }
     proof |= NO_ROWS
     raise_to(top, 4.0)
-    top["answer"] |= {"violations": ["joint_limit"], "torque": (0.0).hex()}
+    top["answer"] |= {"violations": ["joint_limit"]}
 
 
 @refused_by(MEMBER)
@@ -399,7 +417,7 @@ def last_piece_gone(top, rng):
     course["nodes"] = [node for node in course["nodes"] if node[0] <= course["edges"][-1]]
 
 
-@refused_by(CELL)
+@refused_by(CELL, MEMBER)
 def until_elsewhere(top, rng):
     course = traced(top, rng)
     fit(course["until"] > 2)
@@ -412,7 +430,7 @@ def limit_claimed(top, rng):
     fit(single(top)["course"]["edges"])
     top["proof"] = NO_ROWS | {"course": NOT_TRACED | {"limit": True}}
     raise_to(top, 4.0)
-    top["answer"] |= {"violations": ["joint_limit"], "torque": (0.0).hex()}
+    top["answer"] |= {"violations": ["joint_limit"]}
 
 
 @refused_by(CELL, MEMBER)
@@ -421,7 +439,7 @@ def stillness_claimed(top, rng):
     fit(single(top)["course"]["edges"])
     top["proof"] = NO_ROWS | {"course": NOT_TRACED}
     raise_to(top, 0.0)
-    top["answer"] |= {"violations": [], "torque": (0.0).hex()}
+    top["answer"] |= {"violations": []}
 
 
 @refused_by(ANSWER)

@@ -21,8 +21,11 @@ from pep.pit import (
     LineLeg,
     LinePath,
     MoveL,
+    Person,
+    Region,
     ServoJ,
     SpeedL,
+    Sphere,
     assess,
 )
 
@@ -55,6 +58,11 @@ def to_a_limit(rng):
     x, y, _ = pose_of(start)[:3]
     way = np.array([-y, x, 0.0]) * rng.uniform(-0.8, 0.8)
     return MoveL(start, shifted(pose_of(start), way), 0.2, 1.0)
+
+
+def beyond_a_limit(rng):
+    """From beyond the range of the first joint."""
+    return MoveL((float(rng.choice([-6.3, 6.3])), *HOME[1:]), pose_of(HOME), 0.2, 1.0)
 
 
 def about_itself(rng, turns=(0.3, 1.0, 2.5, 3.0)):
@@ -135,7 +143,7 @@ def elsewhere(rng):
 FORMS = {
     "line": random_line, "hold": random_hold, "servo": random_servo, "line path": line_path, "joint path": joint_path,
     "limit": to_a_limit, "turn": about_itself, "short": short_line, "any hold": any_hold, "elsewhere": elsewhere,
-    "calm servo": calm_servo,
+    "calm servo": calm_servo, "beyond": beyond_a_limit, "met": random_line,
 }  # fmt: skip
 UNPROVEN = {"far": far_line, "across": across, "uneven": uneven_hold, "half": half_round}
 
@@ -147,6 +155,9 @@ def random_question(rng, form):
         rng, things=int(rng.integers(0, 5)), regions=int(rng.integers(0, 4)), zones=int(rng.integers(0, 3))
     )
     scene = random_bounds(rng, scene, 0.25)
+    if form == "met":
+        x, y, z = motion.target[:3]
+        scene = replace(scene, people=(*scene.people, Person("met", ((Region.HAND, Sphere((x, y, z), 0.05)),))))
     robot, cell, touch = ROBOT, PATIENT, NOTHING
     if rng.random() < 0.25:
         robot = ROBOT.holding(PART)
