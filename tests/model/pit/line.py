@@ -67,7 +67,7 @@ def trace(
     fastest: Floats,
     check_time: Callable[[], None],
 ) -> LineTrace | CutShort:
-    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, or as much of it as can be proven.
+    """Joints' path under a line between two places, or as much of it as can be proven.
 
     Args:
         robot: the arm.

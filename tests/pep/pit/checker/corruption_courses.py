@@ -362,7 +362,7 @@ def person_on_the_way(top, rng):
 
 @refused_by(LIMIT)
 def ended_early(top, rng):
-    """A line that can well be followed is said to meet a joint limit half way; all else is made to fit."""
+    """A line that can well be followed is said to meet a joint limit half way."""
     proof = single(top)
     course = proof["course"]
     fit(not course["limit"] and course["seconds"] is None and len(course["edges"]) > 4)
@@ -393,7 +393,7 @@ def limit_far_ahead(top, rng):
 
 @refused_by(MEMBER, LIMIT, CELL, ANSWER)
 def limit_hidden(top, rng):
-    """What goes beyond a joint limit is said to end before it."""
+    """A motion beyond a joint limit is said to end before it."""
     course = single(top)["course"]
     fit(course["limit"])
     course |= {"limit": False, "ahead": None}

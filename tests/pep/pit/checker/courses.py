@@ -1,4 +1,4 @@
-"""Random questions of every curved form and of paths, and their proofs; and motions that no proof reaches the end of."""
+"""Random questions of every curved form and of paths, their proofs, and motions that are not proven to their end."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ class Written:
 
 
 def written(question):
-    """The question with its answer and proof; None where the answer is a fault (a line that is no line, or unproven)."""
+    """Question with its answer and proof; None where the answer is a fault."""
     answer = assess(**question, seed=SEED)
     return Written(question, answer, document(answer, **question)) if isinstance(answer, Assessment) else None
 

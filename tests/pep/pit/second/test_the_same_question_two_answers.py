@@ -1,4 +1,4 @@
-"""One question has one answer: whatever was asked before it, of whatever thread, and however far a thing is away."""
+"""One question has one answer, after any other question and however far a thing is away."""
 
 from dataclasses import replace
 from itertools import permutations
@@ -73,7 +73,7 @@ def test_no_answer_depends_on_what_was_asked_before():
 
 @pytest.mark.parametrize("seed", range(4))
 def test_what_coal_measures_is_exact_and_the_same_each_time(seed):
-    """Boxes of 0.1 m to 13 m, up to 30 m away, turned anyhow: beside the kernel's distances, which are closed forms."""
+    """Boxes of 0.1 m to 13 m, up to 30 m away, beside the kernel's distances, which are closed forms."""
     rng, robot = np.random.default_rng([26, seed]), Robot.load("ur3e")
     for _ in range(40):
         half = 10 ** rng.uniform(-1, 1.1, 3)
