@@ -6,7 +6,7 @@ import logging
 import time
 import traceback
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
 from starlette.exceptions import HTTPException
@@ -15,7 +15,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import Problem, answer
 from ztpm_idp.provider.provider import Provider
-from ztpm_idp.routes import approvals, conduct, ledger, registry, service, tokens
+from ztpm_idp.routes import approvals, conduct, ledger, people, registry, service, tokens
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
+NOTICE: Final = b"ztpm-notice"
+"""Header of every answer to an administrator while a recovery by the root key waits."""
 
 
 def create_app(
@@ -84,7 +86,7 @@ def create_app(
             "auto_configure": False,
         },
     )
-    for routes in (service, registry, tokens, ledger, approvals, conduct):
+    for routes in (service, registry, people, tokens, ledger, approvals, conduct):
         app.include_router(routes.router, prefix=path)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
@@ -111,7 +113,7 @@ async def _http(_: Request, error: Exception) -> Response:
 
 
 class _Shield:
-    """Turns an error of ours into a response before the server logs its message.
+    """Turns an error of ours into a response before the server logs its message, and tells administrators of notices.
 
     That message may hold text that a caller sent.
     """
@@ -124,7 +126,10 @@ class _Shield:
 
         async def tell(message: Message) -> None:
             nonlocal started
-            started = started or message["type"] == "http.response.start"
+            if message["type"] == "http.response.start":
+                started = True
+                if notice := scope.get("state", {}).get("notice"):
+                    message["headers"] = [*message["headers"], (NOTICE, notice.encode("ascii"))]
             await send(message)
 
         try:

@@ -70,7 +70,8 @@ class RegistrySnapshot(Form, frozen=True):
         version: grows with each change.
         audience: canonical URL of the server that is enforced on.
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
-        tools, sensors, trust, approvers: each name once.
+        tools, sensors, trust: each name once.
+        approvers: each key once. A person may have several, and is one approver.
         peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.
     """
 
@@ -97,7 +98,7 @@ class RegistrySnapshot(Form, frozen=True):
         return next((entry.permille for entry in self.trust if entry.agent == agent), None)
 
     def approver(self, name: str) -> PartyEntry | None:
-        """The approver of this id, or None."""
+        """The first entry of the approver of this id, or None."""
         return next((entry for entry in self.approvers if entry.id == name), None)
 
 
@@ -121,6 +122,6 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
     unique(snapshot.tools, lambda tool: tool.name, "a tool")
     unique(snapshot.sensors, lambda sensor: sensor.id, "a sensor")
     unique(snapshot.trust, lambda entry: entry.agent, "an agent")
-    unique(snapshot.approvers, lambda entry: entry.id, "an approver")
+    unique(snapshot.approvers, lambda entry: entry.key, "an approver's key")
     unique(snapshot.peps, lambda entry: entry.id, "an enforcement point")
     return snapshot

@@ -109,8 +109,8 @@ class Sensors(Protocol):
 class Approvers(Protocol):
     """People who may answer, from the newest verified registry snapshot."""
 
-    def approvers(self) -> Mapping[str, bytes]:
-        """Raw Ed25519 public key by person; empty while no snapshot has been verified."""
+    def approvers(self) -> Mapping[bytes, str]:
+        """Person by raw public key, of which a person may have several; empty while no snapshot has been verified."""
         ...
 
 

@@ -116,7 +116,7 @@ class Asks:
         return replace(evidence, approval=approval, opening=opening)
 
     def _choose(
-        self, holder: Holder, registered: Mapping[str, bytes], now_s: float
+        self, holder: Holder, registered: Mapping[bytes, str], now_s: float
     ) -> tuple[Deferral, Tally, str] | None:
         """The newest answer that can matter, else the newest open question, else the newest answer that is over."""
         mine = [(d, d.count(registered)) for d in reversed(self._deferrals.values()) if d.key[0] == holder]
@@ -343,7 +343,7 @@ class Asks:
                     self._count(deferral, answered.votes, registered, sent_ms)
             self._take_leaves(answers.openings, registered, sent_ms)
 
-    def _count(self, deferral: Deferral, texts: Iterable[str], registered: Mapping[str, bytes], sent_ms: int) -> None:
+    def _count(self, deferral: Deferral, texts: Iterable[str], registered: Mapping[bytes, str], sent_ms: int) -> None:
         ballots, ask = dict(deferral.ballots), deferral.ask
         for text in texts:
             digest = _digest(text)
@@ -368,7 +368,7 @@ class Asks:
             deferral.not_after = max((ballot.vote.not_after for ballot in ballots.values()), default=0)
             deferral.word_ms = sent_ms if deferral.word_ms is None else max(deferral.word_ms, sent_ms)
 
-    def _take_leaves(self, texts: Iterable[str], registered: Mapping[str, bytes], sent_ms: int) -> None:
+    def _take_leaves(self, texts: Iterable[str], registered: Mapping[bytes, str], sent_ms: int) -> None:
         known, taken = self._leaves.by_text(), []
         for text in texts:
             leave = known.get(text) or read_opening(text, self._asker.audience, registered, caps=self._caps)

@@ -114,7 +114,7 @@ class Deferral:
         """It was granted before this process began, and its votes are still to be fetched again."""
         return self.state is AskState.GRANTED and self.word_ms is None
 
-    def count(self, registered: Mapping[str, bytes]) -> Tally:
+    def count(self, registered: Mapping[bytes, str]) -> Tally:
         """Its votes, counted for the approvers who are registered now."""
         return tally(self.ballots.values(), self.question, registered)
 

@@ -41,14 +41,14 @@ class Openings:
         self._word_ms = sent_ms
 
     def reading(
-        self, chain: Chain, request: Request, registered: Mapping[str, bytes], *, named: str, now_s: float, at_ms: int
+        self, chain: Chain, request: Request, registered: Mapping[bytes, str], *, named: str, now_s: float, at_ms: int
     ) -> OpeningReading | None:
         """The opening `named`, else the one that ends last; of those in force for this agent and act, or None.
 
         Args:
             chain: chain of the act.
             request: the act.
-            registered: raw key of each approver who is registered now, by id.
+            registered: people who are registered now, by raw key.
             named: the opening that an ask rests on, or "".
             now_s: seconds since the epoch.
             at_ms: monotonic time of the evidence.
@@ -59,7 +59,7 @@ class Openings:
             OpeningReading(opening.opening_id, opening.opener, left, opening.not_after, age_ms)
             for opening, key in ((leave.opening, leave.key) for leave in self._known.values())
             if (opening.audience, opening.agent, opening.object, opening.operation) == wanted
-            and registered.get(opening.opener) == key
+            and registered.get(key) == opening.opener
             and opening.not_before <= now_s <= opening.not_after
             and (left := opening.uses - len(self._used.get(opening.opening_id, ()))) >= 1
         ]

@@ -94,7 +94,7 @@ class Tally:
 
 
 def read_vote(
-    text: str, question: Ask, question_text: str, approvers: Mapping[str, bytes], *, at: float, caps: Caps
+    text: str, question: Ask, question_text: str, approvers: Mapping[bytes, str], *, at: float, caps: Caps
 ) -> VerifiedVote | RejectedStatement:
     """The vote, when a registered approver signed it, in time, for exactly this ask.
 
@@ -102,17 +102,17 @@ def read_vote(
         text: of the vote.
         question: the ask.
         question_text: its text, which the vote binds.
-        approvers: raw key of each registered approver, by id.
+        approvers: registered approvers by raw key.
         at: now, seconds since the epoch.
         caps: bounds.
     """
     try:
-        vote = vote_statement.open(text, list(approvers.values()), caps)
+        vote = vote_statement.open(text, list(approvers), caps)
     except CapabilityError as error:
         return RejectedStatement(error.code)
     signer = signer_thumbprint(text)
-    key = approvers.get(vote.approver)
-    if key is None or keys.thumbprint(key) != signer:
+    key = _own_key(approvers, vote.approver, signer)
+    if key is None:
         return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if signer == question.agent_key:
         return RejectedStatement(VoteFault.NOT_PERMITTED)
@@ -126,29 +126,35 @@ def read_vote(
 
 
 def read_opening(
-    text: str, audience: str, approvers: Mapping[str, bytes], *, caps: Caps
+    text: str, audience: str, approvers: Mapping[bytes, str], *, caps: Caps
 ) -> VerifiedOpening | RejectedStatement:
     """The opening, when a registered approver signed it for this audience.
 
     Args:
         text: of the opening.
         audience: canonical URL of this server.
-        approvers: raw key of each registered approver, by id.
+        approvers: registered approvers by raw key.
         caps: bounds.
     """
     try:
-        opening = opening_statement.open(text, list(approvers.values()), caps)
+        opening = opening_statement.open(text, list(approvers), caps)
     except CapabilityError as error:
         return RejectedStatement(error.code)
-    key = approvers.get(opening.opener)
-    if key is None or keys.thumbprint(key) != signer_thumbprint(text):
+    key = _own_key(approvers, opening.opener, signer_thumbprint(text))
+    if key is None:
         return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if opening.audience != audience:
         return RejectedStatement(VoteFault.OPENING_NOT_FOR_US)
     return VerifiedOpening(text, opening, key)
 
 
-def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[str, bytes]) -> Tally:
+def _own_key(approvers: Mapping[bytes, str], person: str, signer: str) -> bytes | None:
+    """The person's key with this thumbprint."""
+    own = (key for key, owner in approvers.items() if owner == person)
+    return next((key for key in own if keys.thumbprint(key) == signer), None)
+
+
+def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[bytes, str]) -> Tally:
     """Count of the votes: each person once, the newest vote counting, by people who are registered now.
 
     One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it.
@@ -156,9 +162,9 @@ def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[str
     Args:
         ballots: verified votes on `question`.
         question: the ask, with the number of different people wanted; of two at most one is the sponsor.
-        approvers: raw key of each approver who is registered now, by id.
+        approvers: people who are registered now, by raw key.
     """
-    standing = [ballot for ballot in ballots if approvers.get(ballot.vote.approver) == ballot.key]
+    standing = [ballot for ballot in ballots if approvers.get(ballot.key) == ballot.vote.approver]
     newest = {
         ballot.vote.approver: ballot.vote
         for ballot in sorted(standing, key=lambda ballot: (ballot.vote.at, _RANK[ballot.vote.answer]))

@@ -168,7 +168,7 @@ class ProviderFollower:
         self._begun = 0
         self._ended = 0
         self._over = asyncio.Event()
-        self._approvers: dict[str, bytes] = {}
+        self._approvers: dict[bytes, str] = {}
         self._peps: dict[str, bytes] = {}
         self.standings = ConductFeed(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
 
@@ -202,8 +202,8 @@ class ProviderFollower:
         """The registered sensors of this audience."""
         return self._sensors
 
-    def approvers(self) -> Mapping[str, bytes]:
-        """The registered approvers' keys, by person."""
+    def approvers(self) -> Mapping[bytes, str]:
+        """The registered approvers, by raw key."""
         return self._approvers
 
     def peps(self) -> Mapping[str, bytes]:
@@ -325,7 +325,7 @@ class ProviderFollower:
             self._mark = mark
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
-            self._approvers = {approver.id: approver.key for approver in snapshot.approvers}
+            self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
         self._known = AcceptedFeed(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
 

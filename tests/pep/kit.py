@@ -385,7 +385,7 @@ class Rig:
         self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
         self.feed, self.registry, self.physics, self.slot = Feed(), Registry(), Physics(), Slot()
         self.readiness = Readiness()
-        self.registry.people = {person.name: person.raw for person in self.people.values()}
+        self.registry.people = {person.raw: person.name for person in self.people.values()}
         self.policies = load_shipped("paper-default")
         self.replay = ReplayCache(self.clock)
         self.sent = []

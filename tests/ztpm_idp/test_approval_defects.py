@@ -36,9 +36,8 @@ def cell(tmp_path_factory):
         world.agent("new", attested=False)
         world.agent("other")
         for name, roles in {"erin": ["approver"], "frank": ["sponsor"], "grace": ["approver"]}.items():
-            world.private[name] = keys.generate()
-            alice.register_person(name, name.title(), keys.public_raw(world.private[name]), roles)
-        alice.disable_person("erin", "left")
+            world.person(name, *roles)
+        world.end("erin")
         alice.disable_person("frank", "left")
         yield made
 

@@ -269,13 +269,12 @@ def test_openings_are_bounded(cell):
 
 def test_an_approval_by_somebody_disabled_since_does_not_count(cell):
     alice = cell.world.people["alice"]
-    cell.world.private["erin"] = keys.generate()
-    alice.register_person("erin", "Erin", keys.public_raw(cell.world.private["erin"]), ["approver"])
+    cell.world.person("erin", "approver")
     erin = cell.world.caller(Operator, "erin")
     (one, _), (two, _) = cell.taken(), cell.taken(approvers=2)
     erin.approve(one)
     erin.approve(two)
-    alice.disable_person("erin", "left")
+    cell.world.end("erin")
     assert states(cell) == {one: "open", two: "open"}
     assert alice.approve(two)["state"] == "open"
     assert cell.world.people["carol"].approve(two)["state"] == "granted"
@@ -283,26 +282,20 @@ def test_an_approval_by_somebody_disabled_since_does_not_count(cell):
 
 
 def test_the_registry_version_grows_with_the_approvers(cell):
-    alice = cell.world.people["alice"]
-
     def snapshot():
         with cell.world.anonymous() as http:
             text = http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
         return registry.open(text, cell.world.trust.registry, DEFAULT)
 
-    def person(name, *roles):
-        cell.world.private[name] = keys.generate()
-        alice.register_person(name, name.title(), keys.public_raw(cell.world.private[name]), roles)
-
     first = snapshot()
     assert [entry.id for entry in first.approvers] == ["alice", "carol"]
-    person("frank", "sponsor", "admin")
+    cell.world.person("frank", "sponsor", "admin")
     assert snapshot().version == first.version
-    person("erin", "approver")
+    cell.world.person("erin", "approver")
     second = snapshot()
     assert second.version > first.version
     assert second.approver("erin").key == keys.public_raw(cell.world.private["erin"])
-    alice.disable_person("erin", "left")
+    cell.world.end("erin")
     third = snapshot()
     assert third.version > second.version
     assert third.approver("erin") is None

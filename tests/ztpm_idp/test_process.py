@@ -63,8 +63,10 @@ class Process:
             "root_key_id = 1",
         ]
         (folder / "idp.toml").write_text("\n".join(lines + [f'{role}_key_file = "{role}.key"' for role in ROLES]))
-        alice = FirstPerson("alice", "Alice", keys.public_raw(self.private["alice"]), ("sponsor", "admin"))
-        asyncio.run(initialise(url, people=[alice]))
+        self.private |= {name: keys.generate() for name in ("carol", "dora")}
+        roles = {"alice": ("sponsor", "admin"), "carol": ("approver",), "dora": ("approver",)}
+        people = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), held) for n, held in roles.items()]
+        asyncio.run(initialise(url, people=people))
         self.output = b""
 
     def start(self):
@@ -261,7 +263,7 @@ def answered(process, peps_key):
 def test_kill_9_loses_no_acknowledged_ask_vote_or_opening(tmp_path):
     """The whole flow over sockets; the process is killed after asking, voting and taking back, and must know it all."""
     process = Process(tmp_path).start()
-    private = {name: keys.generate() for name in ("carol", "mover", "cell-1")}
+    private = {"carol": process.private["carol"]} | {name: keys.generate() for name in ("mover", "cell-1")}
     public = {name: keys.public_raw(key) for name, key in private.items()}
 
     def restart():
@@ -269,8 +271,6 @@ def test_kill_9_loses_no_acknowledged_ask_vote_or_opening(tmp_path):
         process.start()
 
     with process.operator() as alice, Operator("carol", private["carol"], process.issuer) as carol:
-        alice.register_person("carol", "Carol", public["carol"], ["approver"])
-        alice.register_person("dora", "Dora", keys.public_raw(keys.generate()), ["approver"])
         alice.register_agent("mover", public["mover"], software_digest=MEASUREMENT.hex(), model="m", role="r")
         alice.register_pep("cell-1", public["cell-1"], [AUDIENCE])
         with Agent("mover", private["mover"], process.issuer, MEASUREMENT) as mover:

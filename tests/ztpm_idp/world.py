@@ -150,6 +150,20 @@ class World:
     def provider(self):
         return self.app.state.provider
 
+    def person(self, name, *roles, key=None) -> None:
+        """Registers a person; an approver or administrator on the word of alice and dan."""
+        self.private.setdefault(name, keys.generate())
+        raw = keys.public_raw(self.private[name]) if key is None else key
+        alice = self.people["alice"]
+        if set(roles) == {"sponsor"}:
+            alice.register_person(name, name.title(), raw, roles)
+        else:
+            self.people["dan"].confirm_change(alice.propose_person(name, name.title(), raw, roles))
+
+    def end(self, name) -> None:
+        """Ends an approver or administrator on the word of alice and dan."""
+        self.people["dan"].confirm_change(self.people["alice"].propose_end(name, "left"))
+
     def caller(self, kind, name, *more):
         return kind(name, self.private[name], ISSUER, *more, transport=self.transport, now=self.clock)
 

@@ -21,6 +21,7 @@ from ztpm.cli import (
     doctor,
     keys,
     mcp,
+    people,
     pit,
     revoke,
     rtde_run,
@@ -47,6 +48,7 @@ app.command("version")(setup.version)
 app.command("revoke")(revoke.revoke)
 app.add_typer(approvals.app, name="approvals")
 app.add_typer(agent.app, name="agent")
+app.add_typer(people.app, name="person")
 app.add_typer(keys.app, name="keys")
 app.add_typer(commands.app, name="policy")
 app.add_typer(pit.app, name="pit")
@@ -57,6 +59,7 @@ app.add_typer(token.app, name="token")
 app.add_typer(cell.app, name="cell")
 mcp.app.command("serve")(serve.tools)
 app.add_typer(mcp.app, name="mcp")
+serve.idp.command("recover")(people.recover)
 app.add_typer(serve.idp, name="idp")
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)

@@ -99,12 +99,18 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
     if bool(issuer) != (key is not None) or (issuer and directory is not None):
         fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
     if key is not None:
-        return Operator(name, open_key(key, as_json=as_json), issuer)
+        return _told(Operator(name, open_key(key, as_json=as_json), issuer))
     layout = layout_of(directory, as_json=as_json)
     path = layout.operator_key(name)
     if not path.exists():
         fail("OPERATOR_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
-    return Operator(name, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json))
+    return _told(Operator(name, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json)))
+
+
+def _told(person: Operator) -> Operator:
+    """The person, who is told on standard error of what every administrator must know."""
+    person.on_notice = lambda notice: typer.echo(f"NOTICE: {plain(notice)} waits; see ztpm person list", err=True)
+    return person
 
 
 def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:

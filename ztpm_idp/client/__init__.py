@@ -1,15 +1,8 @@
 """The identity provider as programs of people and agents call it: `Agent`, `Operator` and their errors."""
 
-from ztpm_idp.client.callers import (
-    Agent,
-    ClientError,
-    Evidence,
-    Issued,
-    Operator,
-    ProofAuth,
-    delegate_request,
-    issue_request,
-)
+from ztpm_idp.client.caller import ClientError, Issued
+from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
+from ztpm_idp.client.signing import ProofAuth
 
 __all__ = [
     "Agent",

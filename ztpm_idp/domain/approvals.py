@@ -190,9 +190,9 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
     if state.asked is None:
         return refused(IdpCode.ASK_UNKNOWN, "no such ask")
     ask = state.asked.ask
-    # 3. The vote is signed by the caller's own key and names the caller.
+    # 3. The vote is signed by a key of the caller's own and names the caller.
     try:
-        vote = votes.open(command.text, {person.key}, rules.caps)
+        vote = votes.open(command.text, person.keys, rules.caps)
     except StatementError as error:
         return refused(
             _whose(rules, state, command.text, error, kind=votes.KIND, not_yours=IdpCode.VOTE_NOT_YOURS), error.detail
@@ -249,7 +249,7 @@ def _whose(rules: Rules, state: State, text: str, error: StatementError, *, kind
     if error.code is not FaultCode.STATEMENT_UNTRUSTED or other is None:
         return error.code
     try:
-        statement_form.open(kind, text, {other.key}, rules.caps)
+        statement_form.open(kind, text, other.keys, rules.caps)
     except StatementError:
         return error.code
     return not_yours
@@ -269,7 +269,7 @@ def open_tier_4(rules: Rules, state: State, command: OpenTier4, at_ms: int) -> O
     if person is None:
         return refused(IdpCode.NOT_PERMITTED, "approvers open")
     try:
-        opening = openings.open(command.text, {person.key}, rules.caps)
+        opening = openings.open(command.text, person.keys, rules.caps)
     except StatementError as error:
         return refused(
             _whose(rules, state, command.text, error, kind=openings.KIND, not_yours=IdpCode.OPENING_NOT_YOURS),

@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, assert_never
 
 from capabilities.values.caps import DEFAULT
 from ztpm_idp.domain.asks import stated
+from ztpm_idp.domain.changes import ChangeKind
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside, Wanted
 
 if TYPE_CHECKING:
     from capabilities.values.scope import Restriction, Scope
+    from ztpm_idp.domain.changes import Change, Word
     from ztpm_idp.domain.events import SignedRequest
     from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, RegisteredTool
 
@@ -33,13 +35,53 @@ class Initialise:
 
 @dataclass(frozen=True, slots=True)
 class RegisterPerson:
-    """An administrator registers a person."""
+    """An administrator registers a person who only lends."""
 
     by: str
     id: str
     name: str
     key: bytes
     roles: frozenset[PersonRole]
+
+
+@dataclass(frozen=True, slots=True)
+class ProposeChange:
+    """A person proposes a change of people, `signed` as it came; another person answers."""
+
+    change: Change
+    signed: SignedRequest
+
+    @property
+    def by(self) -> str:
+        """The proposer."""
+        return self.change.by
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerChange:
+    """A person confirms a change of people or declines it."""
+
+    by: str
+    change_id: str
+    word: Word
+    reason: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class Recover:
+    """A recovery is proposed with the key that signed the request; nobody registered is behind it."""
+
+    key: bytes
+    change: Change
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class CompleteRecovery:
+    """A recovery takes effect, when its time has come."""
+
+    change_id: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,6 +264,10 @@ class CloseOpening:
 Command = (
     Initialise
     | RegisterPerson
+    | ProposeChange
+    | AnswerChange
+    | Recover
+    | CompleteRecovery
     | RegisterAgent
     | RegisterPep
     | RegisterSensor
@@ -247,7 +293,13 @@ def wanted(command: Command) -> Wanted:
         case Initialise(people=people):
             return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
         case RegisterPerson(by=by, id=id_, key=key):
-            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=Approvers())
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
+        case ProposeChange(change=change) | Recover(change=change):
+            return wanted_by_change(change)
+        case AnswerChange(by=by, change_id=change_id):
+            return Wanted(parties=frozenset({by}), change=change_id)
+        case CompleteRecovery(change_id=change_id):
+            return Wanted(change=change_id)
         case RegisterPep(by=by, id=id_, key=key, audiences=audiences):
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=PepsOf(audiences))
         case RegisterSensor(by=by, id=id_, key=key, audience=audience):
@@ -297,6 +349,20 @@ def wanted(command: Command) -> Wanted:
             assert_never(command)
 
 
+def wanted_by_change(change: Change) -> Wanted:
+    """State that must be loaded to judge whether a change of people may take effect."""
+    ends = change.kind is ChangeKind.END
+    return Wanted(
+        parties=frozenset({change.by, change.person}),
+        keys=frozenset() if change.key is None else frozenset({change.key}),
+        crowd=Approvers(),
+        people=True,
+        revocation=(RevocationKind.SPONSOR.value, change.person) if ends else None,
+        agents_of=change.person if ends else None,
+        every_opening=change.kind is ChangeKind.RECOVERY,
+    )
+
+
 def _wanted_by_revocation(command: Revoke) -> Wanted:
     parties, revocation = frozenset({command.by}), (command.kind.value, command.id)
     match command.kind:
@@ -305,11 +371,11 @@ def _wanted_by_revocation(command: Revoke) -> Wanted:
         case RevocationKind.TOKEN:
             return Wanted(parties=parties, token=command.id, revocation=revocation)
         case RevocationKind.KEY:
-            return Wanted(parties=parties, thumbprint=command.id, revocation=revocation)
+            return Wanted(parties=parties, thumbprint=command.id, revocation=revocation, people=True)
         case RevocationKind.AGENT:
             return Wanted(parties=parties | {command.id}, revocation=revocation)
         case RevocationKind.SPONSOR:
-            return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id)
+            return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id, people=True)
         case RevocationKind.AUDIENCE:
             return Wanted(parties=parties, revocation=revocation)
         case _:

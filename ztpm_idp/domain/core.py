@@ -4,17 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import approvals, attestation, issuance, ledger, registry, revocation
+from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, registry, revocation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
+    AnswerChange,
     Attest,
     CastVote,
     CloseOpening,
+    CompleteRecovery,
     Delegate,
     GiveNonce,
     Initialise,
     Issue,
     OpenTier4,
+    ProposeChange,
+    Recover,
     RegisterAgent,
     RegisterPep,
     RegisterPerson,
@@ -44,13 +48,23 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         command: parsed strictly.
         at_ms: now, wall clock.
     """
-    if not isinstance(command, Initialise) and (refused := caller_refused(state, command.by)) is not None:
-        return refused
+    if not isinstance(command, Initialise | Recover | CompleteRecovery):
+        refused = caller_refused(state, command.by)
+        if refused is not None:
+            return refused
     match command:
         case Initialise():
             return registry.initialise(state, command)
         case RegisterPerson():
-            return registry.register_person(rules, state, command)
+            return people.register_person(rules, state, command)
+        case ProposeChange():
+            return people.propose(rules, state, command, at_ms)
+        case AnswerChange():
+            return people.answer(rules, state, command, at_ms)
+        case Recover():
+            return people.recover(rules, state, command, at_ms)
+        case CompleteRecovery():
+            return people.complete(rules, state, command, at_ms)
         case RegisterAgent():
             return registry.register_agent(rules, state, command)
         case RegisterPep():

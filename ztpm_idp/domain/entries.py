@@ -15,8 +15,12 @@ from ztpm_idp.domain.events import (
     AgentRestored,
     ApprovalActRefused,
     AskTaken,
+    ChangeAnswered,
+    ChangeEnded,
+    ChangeProposed,
     ConductObserved,
     DelegationRefused,
+    KeyAdded,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -50,6 +54,27 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
     match event:
         case PartyRegistered(party=party):
             return f"{kind_of(party)}-registered", _party(party)
+        case KeyAdded(person=person, key=key):
+            return "person-key-added", {"id": person, "key": thumbprint(key)}
+        case ChangeProposed(change=change, told=told, signed=signed):
+            return "change-proposed", {
+                "change_id": change.change_id,
+                "kind": change.kind.value,
+                "person": change.person,
+                "by": change.by,
+                "until_ms": change.until_ms,
+                "told": list(told),
+                "signed": _signed(signed),
+            }
+        case ChangeAnswered(change_id=change_id, word=word, reason=reason, signed=signed):
+            return f"change-{word.value}", {
+                "change_id": change_id,
+                "by": event.by,
+                "reason": reason,
+                "signed": _signed(signed),
+            }
+        case ChangeEnded(change_id=change_id, state=state):
+            return "change-ended", {"change_id": change_id, "state": state.value}
         case ToolRegistered(tool=tool):
             body: Json = {
                 "audience": tool.audience,

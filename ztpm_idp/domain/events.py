@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from policies.evidence.model import Decision
     from ztpm_idp.domain.agent_conduct import AgentConduct, Published
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
+    from ztpm_idp.domain.changes import Change, ChangeState, Word
     from ztpm_idp.domain.parties import Party, RegisteredTool
 
 
@@ -42,6 +43,42 @@ class PartyRegistered:
     """A party exists from now on."""
 
     party: Party
+
+
+@dataclass(frozen=True, slots=True)
+class KeyAdded:
+    """A person has this key, too, from now on."""
+
+    person: str
+    key: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeProposed:
+    """A change of people waits for an answer; `told` are the administrators who see it on their next request."""
+
+    change: Change
+    told: tuple[str, ...]
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeAnswered:
+    """An administrator said a word on a change, or its proposer took it back."""
+
+    change_id: str
+    by: str
+    word: Word
+    reason: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class ChangeEnded:
+    """A change is over, in this state."""
+
+    change_id: str
+    state: ChangeState
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +296,10 @@ class ApprovalActRefused:
 
 Event = (
     PartyRegistered
+    | KeyAdded
+    | ChangeProposed
+    | ChangeAnswered
+    | ChangeEnded
     | ToolRegistered
     | TrustStated
     | NonceGiven

@@ -1,7 +1,7 @@
-"""Parties: people, agents, enforcement points and sensors, each with one key; and the audiences' tools.
+"""Parties: people, agents, enforcement points and sensors, each with a key; and the audiences' tools.
 
 Ids are unique over all kinds, so that a delegator's name in a token can mean one party only. One key has one owner
-and one role.
+and one role; people alone may have several keys.
 """
 
 from __future__ import annotations
@@ -44,6 +44,8 @@ class RegisteredPerson:
         standing: `ACTIVE` or `REVOKED`.
         name: as shown to people.
         roles: at least one.
+        further: raw keys that the person has beside the first.
+        first_ended: the first key is revoked alone; the person goes on with a further one.
     """
 
     id: str
@@ -52,6 +54,18 @@ class RegisteredPerson:
     standing: Standing
     name: str
     roles: frozenset[PersonRole]
+    further: frozenset[bytes] = frozenset()
+    first_ended: bool = False
+
+    @property
+    def keys(self) -> frozenset[bytes]:
+        """Every key that signs for the person now. However many they are, the person has one voice."""
+        return self.further if self.first_ended else self.further | {self.key}
+
+    @property
+    def privileged(self) -> bool:
+        """True for an approver or administrator, whom two people make and change."""
+        return not self.roles <= {PersonRole.SPONSOR}
 
 
 @dataclass(frozen=True, slots=True)

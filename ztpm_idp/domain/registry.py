@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         Initialise,
         RegisterAgent,
         RegisterPep,
-        RegisterPerson,
         RegisterSensor,
         RegisterTool,
         RestoreAgent,
@@ -70,23 +69,11 @@ def initialise(state: State, command: Initialise) -> Outcome:
     if len({person.id for person in command.people}) != len(command.people):
         return Refusal(IdpCode.ALREADY_REGISTERED, "an id occurs twice")
     if sum(PersonRole.APPROVER in person.roles for person in command.people) > snapshot.APPROVERS:
-        return _full(f"{snapshot.APPROVERS} approvers")
+        return full(f"{snapshot.APPROVERS} approvers")
     keys = {person.key for person in command.people}
     if len(keys) != len(command.people):
         return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role")
     return tuple(PartyRegistered(person) for person in command.people)
-
-
-def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outcome:
-    """Registers a person, for an administrator."""
-    if active_person(state, command.by, PersonRole.ADMIN) is None:
-        return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
-    if PersonRole.APPROVER in command.roles and not state.crowd < snapshot.APPROVERS:
-        return _full(f"{snapshot.APPROVERS} approvers")
-    person = RegisteredPerson(
-        command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.name, command.roles
-    )
-    return _new_party(rules, state, person)
 
 
 def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcome:
@@ -100,7 +87,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
     if command.workload and not (rules.platform is not None and rules.platform.holds(command.workload)):
         return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
     if not state.crowd < AGENTS_OF_ONE:
-        return _full(f"{AGENTS_OF_ONE} agents of one sponsor")
+        return full(f"{AGENTS_OF_ONE} agents of one sponsor")
     agent = RegisteredAgent(
         id=command.id,
         key=command.key,
@@ -113,7 +100,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         trust_permille=None,
         workload=command.workload,
     )
-    return _new_party(rules, state, agent)
+    return new_party(rules, state, agent)
 
 
 def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
@@ -121,8 +108,8 @@ def register_pep(rules: Rules, state: State, command: RegisterPep) -> Outcome:
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers enforcement points")
     if not state.crowd < snapshot.PEPS:
-        return _full(f"{snapshot.PEPS} enforcement points of one audience")
-    return _new_party(
+        return full(f"{snapshot.PEPS} enforcement points of one audience")
+    return new_party(
         rules,
         state,
         RegisteredPep(command.id, command.key, thumbprint(command.key), Standing.ACTIVE, command.audiences),
@@ -134,7 +121,7 @@ def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outc
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers sensors")
     if not state.crowd < snapshot.SENSORS:
-        return _full(f"{snapshot.SENSORS} sensors of one audience")
+        return full(f"{snapshot.SENSORS} sensors of one audience")
     sensor = RegisteredSensor(
         id=command.id,
         key=command.key,
@@ -144,7 +131,7 @@ def register_sensor(rules: Rules, state: State, command: RegisterSensor) -> Outc
         transit_ms=command.transit_ms,
         audience=command.audience,
     )
-    return _new_party(rules, state, sensor)
+    return new_party(rules, state, sensor)
 
 
 def register_tool(state: State, command: RegisterTool) -> Outcome:
@@ -152,7 +139,7 @@ def register_tool(state: State, command: RegisterTool) -> Outcome:
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers tools")
     if not state.crowd < snapshot.TOOLS:
-        return _full(f"{snapshot.TOOLS} tools of one audience")
+        return full(f"{snapshot.TOOLS} tools of one audience")
     return (ToolRegistered(command.tool),)
 
 
@@ -164,11 +151,11 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
         case RegisteredAgent() if (
             admin or is_sponsor_of(state, command.by, agent)
         ) and not state.crowd < TRUSTED_OF_ONE:
-            return _full(f"trust in {TRUSTED_OF_ONE} agents of one sponsor")
+            return full(f"trust in {TRUSTED_OF_ONE} agents of one sponsor")
         case RegisteredAgent() if (
             admin or is_sponsor_of(state, command.by, agent)
         ) and not state.crowd_of_all < snapshot.AGENTS:
-            return _full(f"trust in {snapshot.AGENTS} agents")
+            return full(f"trust in {snapshot.AGENTS} agents")
         case RegisteredAgent() if admin or is_sponsor_of(state, command.by, agent):
             return (TrustStated(agent.id, command.permille),)
         case RegisteredAgent() | None if not admin:
@@ -201,7 +188,7 @@ def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int)
     return (AgentRestored(agent.id, command.reason, command.relearn, after, told),)
 
 
-def _full(of_what: str) -> Refusal:
+def full(of_what: str) -> Refusal:
     """Refusal of an entry that would make the registry snapshot too large for one statement."""
     return Refusal(IdpCode.REGISTRY_FULL, f"at most {of_what}")
 
@@ -211,7 +198,8 @@ def is_sponsor_of(state: State, person: str, agent: RegisteredAgent) -> bool:
     return agent.sponsor == person and active_person(state, person, PersonRole.SPONSOR) is not None
 
 
-def _new_party(rules: Rules, state: State, party: Party) -> Outcome:
+def new_party(rules: Rules, state: State, party: Party) -> Outcome:
+    """The party, when its id was never used and its key has no owner."""
     if party.id in state.parties:
         return Refusal(IdpCode.ALREADY_REGISTERED, "the id is taken, and ids are never used again")
     if party.key in rules.own_keys or party.key in state.key_owners:

@@ -1,15 +1,18 @@
 """Rights to revoke.
 
-A holder may revoke its own hops and those below, a sponsor its own trees, an administrator anything, a PEP nothing.
+A holder may revoke its own hops and those below, a sponsor its own trees, a person itself and its keys, a PEP nothing;
+an administrator anything but approvers and administrators, whom two people end (`people`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
+from capabilities.keys.keys import thumbprint
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RevocationKind, Revoked
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
+from ztpm_idp.domain.people import end_refused, ended
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Revoke
@@ -29,15 +32,31 @@ def revoke(state: State, command: Revoke) -> Outcome:
             state, command, caller.id
         ):
             pass
+        case RegisteredPerson(standing=Standing.ACTIVE) if _of_oneself(state, command, caller.id):
+            pass
         case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE) if _held_by(state, command, caller):
             pass
         case _:
             return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")
-    first = Revoked(command.kind, command.id, command.reason, _party_concerned(state, command))
-    # With a person end that person's agents, wherever they stand: in trees of other people only their own names stop
-    # them. An id that is in the index already is not there twice, so ending a person again ends only the rest.
-    agents = (Revoked(RevocationKind.AGENT, agent, command.reason, agent) for agent in state.agents_of)
-    return (*(() if state.revoked_at_epoch is not None else (first,)), *agents)
+    concerned = _party_concerned(state, command)
+    person = None if concerned is None else state.parties.get(concerned)
+    if isinstance(person, RegisteredPerson):
+        # One of several keys ends alone; the last one ends the person.
+        alone = command.kind is RevocationKind.KEY and any(thumbprint(key) != command.id for key in person.keys)
+        if (refused := end_refused(state, command.by, person, wholly=not alone)) is not None:
+            return refused
+        concerned = None if alone else concerned
+    return ended(state, Revoked(command.kind, command.id, command.reason, concerned))
+
+
+def _of_oneself(state: State, command: Revoke, person: str) -> bool:
+    match command.kind:
+        case RevocationKind.SPONSOR:
+            return command.id == person
+        case RevocationKind.KEY:
+            return state.owner_of_thumbprint == person
+        case _:
+            return False
 
 
 def _missing_party(state: State, command: Revoke) -> Refusal | None:

@@ -27,6 +27,7 @@ class Rules:
         platform: the platform whose word on workloads is trusted, or None: there is no evidence of kind `jwt` then.
         open_asks: asks that may wait for people at a time; one agent's at most a third of them.
         policies: the set that decides on delegations, and whose parameters trust and behaviour use.
+        root_key: raw public key that signs tokens now, and that recovers an administrator; empty: there is no recovery.
     """
 
     issuer: str
@@ -39,3 +40,4 @@ class Rules:
     open_asks: int
     policies: PolicySet
     platform: Platform | None = None
+    root_key: bytes = b""

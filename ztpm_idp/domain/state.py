@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asks import Asked, OpeningRecord
+    from ztpm_idp.domain.changes import Change
     from ztpm_idp.domain.parties import Party
 
 NOTHING_HELD: Final = Held()
@@ -100,7 +101,7 @@ class PepsOf:
 
 @dataclass(frozen=True, slots=True)
 class Approvers:
-    """Active people who may approve."""
+    """Keys of active people who may approve."""
 
 
 Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
@@ -139,6 +140,12 @@ class Wanted:
     opening: str | None = None
     openings_of: str | None = None
     """An audience: its openings that may be in force, and whether an enforcement point serves it."""
+    every_opening: bool = False
+    """Every audience's openings that may be in force."""
+    people: bool = False
+    """The active administrators, and the changes of people that may be open."""
+    change: str | None = None
+    """A change of people, and all that it needs to take effect."""
     concerned: Concerned | None = None
     """Subjects in the journal: open PERMITs among these requests, the edges of these hops, and the agents of both."""
     conduct_of: frozenset[str] = frozenset()
@@ -166,8 +173,11 @@ class State:
         asked: the wanted ask.
         standing: asks that may be open, and those of the wanted audience that may be granted.
         opening: the wanted opening.
-        openings: of the wanted audience, those that may be in force.
+        openings: of the wanted audience or of every one, those that may be in force.
         served: the wanted audience, when a registered enforcement point serves it.
+        administrators: ids of the active ones.
+        open_changes: changes of people that may be open.
+        change: the wanted change.
         held: of the conduct of the wanted agents and of those that the wanted records are about.
     """
 
@@ -189,4 +199,7 @@ class State:
     opening: OpeningRecord | None = None
     openings: tuple[OpeningRecord, ...] = ()
     served: frozenset[str] = frozenset()
+    administrators: frozenset[str] = frozenset()
+    open_changes: tuple[Change, ...] = ()
+    change: Change | None = None
     held: Held = NOTHING_HELD

@@ -194,8 +194,9 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
             if a.trust_permille is not None and a.standing is not Standing.REVOKED
         ),
         approvers=tuple(
-            registry.PartyEntry(p.id, p.key)
+            registry.PartyEntry(p.id, key)
             for p in people
+            for key in sorted(p.keys)
             if PersonRole.APPROVER in p.roles and p.standing is Standing.ACTIVE
         ),
         peps=tuple(

@@ -43,6 +43,13 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.TOO_MANY_NONCES: (429, "Too many nonces are open."),
     IdpCode.STORE_NOT_EMPTY: (409, "The first people are registered already."),
     IdpCode.NO_ADMINISTRATOR: (400, "Nobody would be an administrator."),
+    # changes of people
+    IdpCode.TWO_PEOPLE_NEEDED: (403, "Approvers and administrators are changed by two people: propose the change."),
+    IdpCode.LAST_ADMINISTRATOR: (409, "The last administrator cannot be ended."),
+    IdpCode.CHANGE_UNKNOWN: (404, "There is no such change."),
+    IdpCode.CHANGE_OVER: (409, "The change is over."),
+    IdpCode.CHANGE_YOURS: (403, "Another person answers this change."),
+    IdpCode.TOO_MANY_CHANGES: (429, "Too many changes wait for an answer."),
     # records of enforcement points
     IdpCode.RECORD_GAP: (409, "Records are missing before this one."),
     IdpCode.RECORD_FORKED: (409, "Another record has this number."),

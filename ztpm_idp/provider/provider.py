@@ -8,15 +8,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from capabilities.keys.keys import public_raw
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.token.verify import token_to_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode
+from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.commands import Delegate, wanted
+from ztpm_idp.domain.commands import CompleteRecovery, Delegate, wanted
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.provider.epoch_wait import EpochWait
@@ -70,6 +73,7 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, polic
         platform=platform,
         open_asks=settings.open_asks,
         policies=policies,
+        root_key=public_raw(keys.root),
     )
 
 
@@ -115,17 +119,47 @@ class Provider:
         """
         async with self.store.read() as view:
             party = await view.party_of_key(proof.key)
+            due = None if party is not None else await view.people.due(proof.key, at_ms=self.now_ms())
+        if due is not None:
+            # A recovery waits for nothing but its person's first request.
+            await self.run(CompleteRecovery(due.change_id), actor=due.person)
+            async with self.store.read() as view:
+                party = await view.party_of_key(proof.key)
         # A stranger's proof is not stored: strangers change nothing here.
         refused = caller_refused(
             State(parties={} if party is None else {party.id: party}), "" if party is None else party.id
         )
         if party is None or refused is not None:
             raise Problem(IdpCode.CALLER_UNKNOWN if refused is None else refused.code)
+        if isinstance(party, RegisteredPerson) and proof.key not in party.keys:
+            raise Problem(IdpCode.CALLER_INACTIVE)
+        await self.use_up(proof)
+        return party
+
+    async def use_up(self, proof: Proof) -> None:
+        """The proof is used up.
+
+        Raises:
+            Problem: `REPLAYED` for a proof that was used before.
+        """
         caps, at_ms = self.rules.caps, self.now_ms()
         expires_ms = (proof.iat + caps.proof_age_s + caps.skew_s) * 1_000
         if not await self.store.first_use(key=proof.key, jti=proof.jti, expires_ms=expires_ms, at_ms=at_ms):
             raise Problem(FaultCode.REPLAYED)
-        return party
+
+    async def notice(self, party: Party) -> str:
+        """The recovery that waits, for an administrator to be told of with every answer; else nothing."""
+        if not isinstance(party, RegisteredPerson) or PersonRole.ADMIN not in party.roles:
+            return ""
+        at_ms = self.now_ms()
+        async with self.store.read() as view:
+            waiting = await view.people.open_changes(at_ms=at_ms)
+        told = (
+            f"recovery {change.change_id}"
+            for change in waiting
+            if change.kind is ChangeKind.RECOVERY and change.state(at_ms) is ChangeState.OPEN
+        )
+        return ", ".join(told)
 
     async def run(self, command: Command, *, actor: str) -> Done:
         """The command is done, durably.

@@ -92,6 +92,27 @@ class PersonBody(Body):
     roles: Annotated[list[Annotated[PersonRole, Field(strict=False)]], Field(min_length=1, max_length=3)]
 
 
+class KeyBody(Body):
+    """A further key of the caller's own."""
+
+    key: KeyText
+
+
+class EndBody(Body):
+    """A person to end."""
+
+    person: Name
+    reason: Text
+
+
+class RecoveryBody(Body):
+    """An administrator to recover: a new person, or one that gets this key in place of all others."""
+
+    person: Name
+    name: ShortText
+    key: KeyText
+
+
 class ReasonBody(Body):
     """Reason for an end."""
 

@@ -21,6 +21,7 @@ from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import Body, parse_body
 
 if TYPE_CHECKING:
+    from capabilities.proof.proof import Proof
     from ztpm_idp.domain.parties import Party
     from ztpm_idp.provider.feed import Heartbeat
     from ztpm_idp.provider.provider import Provider
@@ -54,10 +55,31 @@ class Call:
         Raises:
             Problem: with the code of the fault.
         """
-        try:
-            return parse_body(model, self.raw)
-        except BodyError as error:
-            raise Problem(error.code, error.detail) from None
+        return _body(model, self.raw)
+
+
+@dataclass(frozen=True, slots=True)
+class RootCall:
+    """A request proven by the provider's root key; its members as of `Call`."""
+
+    key: bytes
+    raw: bytes
+    signed: SignedRequest
+
+    def body(self, model: type[B]) -> B:
+        """The body as `model`.
+
+        Raises:
+            Problem: with the code of the fault.
+        """
+        return _body(model, self.raw)
+
+
+def _body(model: type[B], raw: bytes) -> B:
+    try:
+        return parse_body(model, raw)
+    except BodyError as error:
+        raise Problem(error.code, error.detail) from None
 
 
 def provider_of(request: Request) -> Provider:
@@ -78,6 +100,29 @@ async def authenticated(request: Request) -> Call:
     Raises:
         Problem: 401 with the fault of the proof or token, 403 for a revoked caller, 413 for a body over the cap.
     """
+    proof, call = await _proven(request)
+    provider = provider_of(request)
+    party = await provider.caller(proof)
+    request.state.notice = await provider.notice(party)
+    return Call(party, *call)
+
+
+async def by_root(request: Request) -> RootCall:
+    """The call, when its proof is by the provider's root key and for exactly this request.
+
+    Raises:
+        Problem: as `authenticated`; `NOT_PERMITTED` for any other key.
+    """
+    proof, (key, _, raw, signed) = await _proven(request)
+    provider = provider_of(request)
+    if key != provider.rules.root_key:
+        raise Problem(IdpCode.NOT_PERMITTED)
+    await provider.use_up(proof)
+    return RootCall(key, raw, signed)
+
+
+async def _proven(request: Request) -> tuple[Proof, tuple[bytes, bytes | None, bytes, SignedRequest]]:
+    """The proof, valid for exactly this request by whose key ever; with it all of the call but its party."""
     provider = provider_of(request)
     raw = await read_body(request)
     proof_text, token_text = _one_header(request, "dpop"), _token_text(request)
@@ -99,9 +144,8 @@ async def authenticated(request: Request) -> Call:
     token = None if token_text is None else token_from_text(token_text, DEFAULT)
     if isinstance(token, Fault):
         raise Problem(token.code, token.detail)
-    party = await provider.caller(proof)
     signed = SignedRequest(request.method, url, raw.decode("utf-8", errors="replace"), proof_text)
-    return Call(party, proof.key, token, raw, signed)
+    return proof, (proof.key, token, raw, signed)
 
 
 def prefix_of(provider: Provider) -> str:

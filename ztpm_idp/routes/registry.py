@@ -1,4 +1,4 @@
-"""People, agents, enforcement points, sensors, tools; attestation of agents; their trust."""
+"""Agents, enforcement points, sensors, tools; attestation of agents; their trust."""
 
 from __future__ import annotations
 
@@ -23,21 +23,6 @@ from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of, qu
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
-
-
-@router.post("/people", status_code=201, openapi_extra=body_of(wire.PersonBody))
-async def register_person(request: Request, call: Caller) -> dict[str, str]:
-    """An administrator registers a person."""
-    body = call.body(wire.PersonBody)
-    command = commands.RegisterPerson(call.party.id, body.id, body.name, unb64u(body.key), frozenset(body.roles))
-    await provider_of(request).run(command, actor=call.party.id)
-    return {"id": body.id}
-
-
-@router.post("/people/{id_}/disable", openapi_extra=body_of(wire.ReasonBody))
-async def disable_person(request: Request, id_: str, call: Caller) -> dict[str, int]:
-    """The person and every tree of authority under it are dead, for ever."""
-    return await _end(request, call, RevocationKind.SPONSOR, id_)
 
 
 @router.post("/agents", status_code=201, openapi_extra=body_of(wire.AgentBody))
@@ -98,7 +83,7 @@ async def attest(request: Request, id_: str, call: Caller) -> dict[str, str]:
 @router.post("/agents/{id_}/suspend", openapi_extra=body_of(wire.ReasonBody))
 async def suspend_agent(request: Request, id_: str, call: Caller) -> dict[str, int]:
     """The agent and everything below it are dead, for ever."""
-    return await _end(request, call, RevocationKind.AGENT, id_)
+    return await end(request, call, RevocationKind.AGENT, id_)
 
 
 @router.post("/agents/{id_}/trust", openapi_extra=body_of(wire.TrustBody))
@@ -163,7 +148,8 @@ async def registry(request: Request) -> PlainTextResponse:
     )
 
 
-async def _end(request: Request, call: Call, kind: RevocationKind, id_: str) -> dict[str, int]:
+async def end(request: Request, call: Call, kind: RevocationKind, id_: str) -> dict[str, int]:
+    """The party is dead, for ever; the epoch."""
     reason = call.body(wire.ReasonBody).reason
     if not wire.REVOCATION_IDS[kind].fullmatch(id_):
         raise Problem(IdpCode.NOT_FOUND)

@@ -11,6 +11,7 @@ from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.people import REVOKED_KEYS
 
 if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection
@@ -44,7 +45,10 @@ async def count(connection: AsyncConnection, crowd: Crowd | None) -> tuple[int, 
         case Approvers():
             # Roles are a list in one column; people are few.
             rows = await connection.execute(_living(t.people).add_columns(t.people.c.roles).where(living))
-            approvers = sum(PersonRole.APPROVER.value in row.roles for row in rows)
+            who = [row.id for row in rows if PersonRole.APPROVER.value in row.roles]
+            k = t.person_keys.c
+            further = sa.select(k.thumbprint).where(k.person.in_(who), k.thumbprint.not_in(REVOKED_KEYS))
+            approvers = len(who) + await _number(connection, further)
             return approvers, approvers
         case _:
             assert_never(crowd)

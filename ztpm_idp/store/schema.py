@@ -38,6 +38,45 @@ people = sa.Table(
     sa.Column("roles", sa.JSON, nullable=False),
 )
 
+person_keys = sa.Table(
+    "person_keys",
+    metadata,
+    sa.Column("key", sa.LargeBinary(33), primary_key=True),
+    sa.Column("thumbprint", sa.String(43), nullable=False, unique=True),
+    sa.Column("person", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("added_ms", sa.BigInteger, nullable=False),
+)
+"""Keys that people have beside their first. One that is in the revocation index has ended."""
+
+changes = sa.Table(
+    "changes",
+    metadata,
+    sa.Column("change_id", sa.String(32), primary_key=True),
+    sa.Column("kind", sa.String(16), nullable=False),
+    sa.Column("person", sa.String(64), nullable=False),
+    sa.Column("proposed_by", sa.String(64), nullable=False),
+    sa.Column("proposed_ms", sa.BigInteger, nullable=False, index=True),
+    sa.Column("name", sa.String(128), nullable=False),
+    sa.Column("roles", sa.JSON, nullable=False),
+    sa.Column("key", sa.LargeBinary(33), nullable=True),
+    sa.Column("reason", sa.String(512), nullable=False),
+    sa.Column("ended", sa.String(16), nullable=True),
+    sa.CheckConstraint("kind IN ('person', 'key', 'end', 'recovery')", name="kind"),
+    sa.CheckConstraint("ended IN ('done', 'declined', 'ended')", name="ended"),
+)
+"""Changes of people that take two."""
+
+change_words = sa.Table(
+    "change_words",
+    metadata,
+    sa.Column("change_id", sa.ForeignKey("changes.change_id"), primary_key=True),
+    sa.Column("person", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("word", sa.String(16), nullable=False),
+    sa.Column("said_ms", sa.BigInteger, nullable=False),
+    sa.CheckConstraint("word IN ('confirmed', 'declined')", name="word"),
+)
+"""One word of each person on each change."""
+
 agents = sa.Table(
     "agents",
     metadata,

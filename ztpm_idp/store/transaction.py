@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar, assert_never
 
 import sqlalchemy as sa
 
+from ztpm_idp.domain.commands import wanted_by_change
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
     ApprovalActRefused,
     AskTaken,
+    ChangeAnswered,
+    ChangeEnded,
+    ChangeProposed,
     ConductObserved,
     DelegationRefused,
+    KeyAdded,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -23,6 +28,7 @@ from ztpm_idp.domain.events import (
     PermitConcluded,
     PermitOpened,
     RecordTaken,
+    RevocationKind,
     Revoked,
     TokenDelegated,
     TokenIssued,
@@ -46,6 +52,7 @@ from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.errors import OnceOnlyError
+from ztpm_idp.store.people import People
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -92,6 +99,7 @@ class Transaction:
         self._connection = connection
         self.approvals = Approvals(connection)
         self.conduct = Conduct(connection)
+        self.people = People(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -102,6 +110,10 @@ class Transaction:
             wanted: by a command.
             young_ms: before now; nonces given before it, and asks, approvals and openings over before it, are left out.
         """
+        change = None if wanted.change is None else await self.people.change(wanted.change)
+        if change is not None:
+            about = wanted_by_change(change)
+            wanted = replace(about, parties=about.parties | wanted.parties)
         held = await self.conduct.held(wanted.conduct_of, wanted.concerned, wanted.journal)
         # Agents whose conduct will change are loaded too, for their role.
         met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
@@ -125,9 +137,12 @@ class Transaction:
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
             opening=None if wanted.opening is None else await self.approvals.opening(wanted.opening),
             openings=()
-            if openings_of is None
+            if openings_of is None and not wanted.every_opening
             else await self.approvals.openings(since_s=since_s, audience=openings_of),
             served=frozenset() if openings_of is None else await self.approvals.served(openings_of),
+            administrators=await self.people.administrators() if wanted.people else frozenset(),
+            open_changes=await self.people.open_changes(at_ms=young_ms) if wanted.people else (),
+            change=change,
             held=held,
         )
 
@@ -142,9 +157,10 @@ class Transaction:
         return Counters(*found)
 
     async def party_of_key(self, key: bytes) -> Party | None:
-        """Party that owns a key."""
-        found = (await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.key == key))).one_or_none()
-        return None if found is None else rows.party(found)
+        """Party that owns a key, ended or not."""
+        person = await self.people.owner(t.person_keys.c.key == key)
+        found = await self._read(t.parties.c.key == key if person is None else t.parties.c.id == person)
+        return found[0] if found else None
 
     async def revocations_since(self, since: int, most: int) -> list[tuple[int, str, str]]:
         """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""
@@ -156,10 +172,7 @@ class Transaction:
 
     async def all_parties(self, kind: str) -> list[Party]:
         """Every party of a kind, by id."""
-        found = await self._connection.execute(
-            rows.PARTY_COLUMNS.where(t.parties.c.kind == kind).order_by(t.parties.c.id)
-        )
-        return [rows.party(row) for row in found]
+        return await self._read(t.parties.c.kind == kind)
 
     async def tools(self, audience: str) -> list[sa.Row[Any]]:
         """The tools of an audience, by name."""
@@ -188,11 +201,18 @@ class Transaction:
 
     async def _by_id(self, ids: Iterable[str]) -> list[Party]:
         wanted = sorted(ids)
-        if not wanted:
-            return []
+        return await self._read(t.parties.c.id.in_(wanted)) if wanted else []
+
+    async def _read(self, condition: sa.ColumnElement[bool]) -> list[Party]:
+        """The parties that meet the condition, by id; people with all their keys."""
+        query = rows.PARTY_COLUMNS.where(condition).order_by(t.parties.c.id)
+        found = [rows.party(row) for row in await self._connection.execute(query)]
+        further, ended = await self.people.keys(p.id for p in found if isinstance(p, RegisteredPerson))
         return [
-            rows.party(row)
-            for row in await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.id.in_(wanted)))
+            replace(p, further=further.get(p.id, p.further), first_ended=p.id in ended)
+            if isinstance(p, RegisteredPerson)
+            else p
+            for p in found
         ]
 
     async def _key_owners(self, keys: frozenset[bytes]) -> dict[bytes, str]:
@@ -200,7 +220,7 @@ class Transaction:
             return {}
         c = t.parties.c
         found = await self._connection.execute(sa.select(c.key, c.id).where(c.key.in_(sorted(keys))))
-        return {bytes(key): id_ for key, id_ in found}
+        return {bytes(key): id_ for key, id_ in found} | await self.people.owners(keys)
 
     async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
         if agent is None:
@@ -231,14 +251,10 @@ class Transaction:
     async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
         if thumbprint is None:
             return None
-        found = (
-            await self._connection.execute(rows.PARTY_COLUMNS.where(t.parties.c.thumbprint == thumbprint))
-        ).one_or_none()
-        if found is None:
-            return None
-        owner = rows.party(found)
-        parties[owner.id] = owner
-        return owner.id
+        person = await self.people.owner(t.person_keys.c.thumbprint == thumbprint)
+        found = await self._read(t.parties.c.thumbprint == thumbprint if person is None else t.parties.c.id == person)
+        parties |= {owner.id: owner for owner in found}
+        return found[0].id if found else None
 
     async def _journal(self, wanted: Wanted) -> Journal | None:
         if wanted.journal is None:
@@ -307,6 +323,10 @@ class Transaction:
                         await self._registry_changed()
                     case _:
                         pass
+            case KeyAdded() | ChangeProposed() | ChangeAnswered() | ChangeEnded():
+                await self.people.write(event, at_ms=at_ms)
+                if isinstance(event, KeyAdded):
+                    await self._registry_changed()
             case ToolRegistered(tool=tool):
                 await self._connection.execute(
                     sa.delete(t.tools).where(t.tools.c.audience == tool.audience, t.tools.c.name == tool.name)
@@ -408,7 +428,7 @@ class Transaction:
             await self._connection.execute(
                 sa.update(t.parties).where(t.parties.c.id.in_(ended)).values(standing=Standing.REVOKED.value)
             )
-        if parties:
+        if parties or any(event.kind is RevocationKind.KEY for event in events):
             await self._registry_changed()
 
 

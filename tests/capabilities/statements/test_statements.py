@@ -993,7 +993,7 @@ def test_the_largest_snapshot_fits():
         tuple(registry.ToolEntry(f"{long}{i:04}", HEX, long + "xxxx", Tier(1)) for i in range(registry.TOOLS)),
         tuple(registry.SensorEntry(f"{long}{i:04}", raw_of("alice"), HEX, 10_000) for i in range(registry.SENSORS)),
         tuple(registry.TrustEntry(f"{long}{i:04}", 1_000) for i in range(registry.AGENTS)),
-        tuple(registry.PartyEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.APPROVERS)),
+        tuple(registry.PartyEntry(f"{long}{i:04}", raw_of(f"alice{i}")) for i in range(registry.APPROVERS)),
         tuple(registry.PartyEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.PEPS)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full

@@ -563,11 +563,12 @@ def another_ask(rig):
 
 
 def disabled(rig):
-    rig.registry.people = {n: k for n, k in rig.registry.people.items() if n != "bob"}
+    rig.registry.people = {k: n for k, n in rig.registry.people.items() if n != "bob"}
 
 
 def rekeyed(rig):
-    rig.registry.people = {**rig.registry.people, "bob": keys.public_raw(keys.generate())}
+    others = {k: n for k, n in rig.registry.people.items() if n != "bob"}
+    rig.registry.people = {**others, keys.public_raw(keys.generate()): "bob"}
 
 
 def policy_changed(rig):
@@ -576,7 +577,7 @@ def policy_changed(rig):
 
 
 def agents_key(rig):
-    rig.registry.people = {**rig.registry.people, "bob": keys.public_raw(rig.holder.key)}
+    rig.registry.people = {**rig.registry.people, keys.public_raw(rig.holder.key): "bob"}
     rig.cast(rig.vote(key=rig.holder.key))
 
 
@@ -761,6 +762,12 @@ def twice(rig):
     rig.cast(rig.vote("bob"), rig.vote("bob", uses=2))
 
 
+def two_keys(rig):
+    second = keys.generate()
+    rig.registry.people = {**rig.registry.people, keys.public_raw(second): "bob"}
+    rig.cast(rig.vote("bob"), rig.vote("bob", key=second))
+
+
 def closed(rig):
     rig.cast(rig.vote("alice"), rig.vote("bob"))
     rig.issuer.openings = []
@@ -769,7 +776,7 @@ def closed(rig):
 
 def opener_gone(rig):
     rig.cast(rig.vote("alice"), rig.vote("bob"))
-    rig.registry.people = {n: k for n, k in rig.registry.people.items() if n != "carol"}
+    rig.registry.people = {k: n for k, n in rig.registry.people.items() if n != "carol"}
 
 
 def opening_used_elsewhere(rig):
@@ -782,6 +789,7 @@ CRITICAL = {
     "one of two": (lambda rig: rig.cast(rig.vote("bob")), "TIER_SAFETY_CRITICAL"),
     "the sponsor alone": (lambda rig: rig.cast(rig.vote("alice")), "TIER_SAFETY_CRITICAL"),
     "one person twice": (twice, "TIER_SAFETY_CRITICAL"),
+    "one person with two keys": (two_keys, "TIER_SAFETY_CRITICAL"),
     "the second by somebody unregistered": (
         lambda rig: rig.cast(rig.vote("bob"), rig.vote(EVE)),
         "STATEMENT_UNTRUSTED",

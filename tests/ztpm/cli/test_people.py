@@ -49,6 +49,75 @@ def test_done_refused_and_unreachable(run, who, double, command):
     assert (told.status, told.json["code"]) == (2, "OPERATOR_UNKNOWN")
 
 
+PUBLIC = keys.b64u(keys.public_raw(keys.generate()))
+CHANGE = "c" * 32
+WAITS = {
+    "approver": (["person", "register", "erin", "--public", PUBLIC, "--role", "approver"], "propose_person", CHANGE),
+    "key": (["person", "key", "--public", PUBLIC], "propose_key", CHANGE),
+    "confirmed by one of two": (["person", "confirm", CHANGE], "confirm_change", "open"),
+    "declined by one of two": (["person", "decline", CHANGE, "--reason", "who?"], "decline_change", "open"),
+}
+ENDS = {
+    "sponsor": (["person", "register", "erin", "--public", PUBLIC, "--role", "sponsor"], "register_person", None),
+    "end": (["person", "end", "erin", "--reason", "left"], "disable_person", 7),
+    "confirm": (["person", "confirm", CHANGE], "confirm_change", "done"),
+    "decline": (["person", "decline", CHANGE, "--reason", "who?"], "decline_change", "declined"),
+}
+
+
+@pytest.mark.parametrize(("rows", "status"), [(WAITS, 4), (ENDS, 0)])
+def test_a_change_of_people_is_done_or_waits_for_another(run, who, double, rows, status):
+    for arguments, method, answer in rows.values():
+        double.answers = {method: answer}
+        told = run(*arguments, *who, "--json")
+        assert (told.status, told.json["ok"]) == (status, True), arguments
+        double.answers = {method: ClientError("CHANGE_YOURS", 403)}
+        told = run(*arguments, *who, "--json")
+        assert (told.status, told.json["code"]) == (3, "CHANGE_YOURS"), arguments
+        assert [name for name, _, _ in double.asked] == [method, method]
+        double.asked.clear()
+
+
+def test_an_end_that_takes_two_is_proposed(run, who, double):
+    double.answers = {"disable_person": ClientError("TWO_PEOPLE_NEEDED", 403), "propose_end": CHANGE}
+    told = run("person", "end", "bob", "--reason", "left", *who, "--json")
+    assert (told.status, told.json["change_id"]) == (4, CHANGE)
+    assert double.asked[-1] == ("propose_end", ("bob", "left"), {})
+
+
+def test_people_and_changes_are_listed_and_foreign_text_moves_no_terminal(run, who, double):
+    person = {"id": "erin", "name": "E\x1b[2J", "roles": ["admin"], "status": "active", "keys": ["k" * 43]}
+    change = {
+        "change_id": CHANGE, "kind": "recovery", "person": "erin", "name": "Erin", "roles": [], "key": "k" * 43, "reason": "",
+        "by": "root key", "state": "open", "until": 1_800_000_000, "confirmed": [], "declined": [],
+    }  # fmt: skip
+    double.answers = {"persons": [person], "changes": [change]}
+    told = run("person", "list", *who)
+    assert told.status == 0
+    assert CHANGE in told.out
+    assert "\x1b" not in told.out
+    assert run("person", "list", *who, "--json").json == {"ok": True, "people": [person], "changes": [change]}
+
+
+def test_a_recovery_is_signed_by_the_root_key_of_the_cell(run, cell, double):
+    double.answers = {"recover": CHANGE}
+    told = run("idp", "recover", "erin", "--public", PUBLIC, "--data", cell.root, "--json")
+    assert (told.status, told.json["change_id"]) == (4, CHANGE)
+    assert double.asked == [("recover", ("erin", "erin", keys.unb64u(PUBLIC)), {})]
+    double.answers = {"recover": ClientError("NOT_PERMITTED", 403)}
+    assert run("idp", "recover", "erin", "--public", PUBLIC, "--data", cell.root, "--json").status == 3
+    for wrong in (("--public", "short", "--data", cell.root), ("--public", PUBLIC, "--issuer", "http://127.0.0.1/z")):
+        assert run("idp", "recover", "erin", *wrong, "--json").status == 2
+
+
+def test_a_new_key_is_made_once_and_its_public_half_is_told(run, tmp_path):
+    path = tmp_path / "erin.key"
+    told = run("person", "new-key", path, "--json")
+    assert told.status == 0
+    assert keys.b64u(keys.public_raw(read_key(path, b"a passphrase for tests"))) == told.json["public"]
+    assert run("person", "new-key", path, "--json").json["code"] == "UNWRITABLE"
+
+
 @pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience"])
 def test_every_kind_is_revoked(run, who, double, kind):
     double.answers = {"revoke": 3}

@@ -127,12 +127,14 @@ def test_tools_sensors_peps_and_approvers_are_bounded(world, monkeypatch):
     found = fetched(world)
     assert found.version == before.version + 2
     assert found.peps == before.peps  # they serve others than this audience
-    alice.register_person("erin", "Erin", fresh(), ["approver"])  # alice and carol are the others
-    full(alice.register_person, "frank", "Frank", fresh(), ["sponsor", "approver"])
-    alice.register_person("frank", "Frank", fresh(), ["sponsor"])
-    alice.disable_person("erin", "r")
-    alice.register_person("grace", "Grace", fresh(), ["approver"])
-    assert {entry.id for entry in fetched(world).approvers} == {"alice", "carol", "grace"}
+    world.person("erin", "approver")  # alice and carol are the others
+    full(world.person, "frank", "sponsor", "approver")
+    full(world.people["carol"].propose_key, fresh())
+    world.person("frank", "sponsor")
+    world.end("erin")
+    alice.confirm_change(world.people["carol"].propose_key(fresh()))
+    full(world.person, "grace", "approver")
+    assert [entry.id for entry in fetched(world).approvers] == ["alice", "carol", "carol"]
 
 
 def largest():
@@ -177,7 +179,7 @@ def test_the_largest_registry_is_one_statement(world):
     full(alice.register_tool, audience=AUDIENCE, name="more", definition_digest="1" * 64, operation="o", base_tier=1)
     full(alice.register_sensor, "more", fresh(), calibration="1" * 64, transit_ms=20, audience=AUDIENCE)
     full(alice.register_pep, "more", fresh(), [AUDIENCE])
-    full(alice.register_person, "more", "More", fresh(), ["approver"])
+    full(alice.propose_person, "more", "More", fresh(), ["approver"])
     register(world, "bobs", by="bob")
     full(world.people["bob"].set_trust, "bobs", 1)
 

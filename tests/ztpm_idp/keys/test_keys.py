@@ -109,7 +109,7 @@ def test_people_sensors_and_peps_may_have_p256_keys(tmp_path):
         alice = world.people["alice"]
         private = {name: keys.generate(P256) for name in ("erin", "cell-1", "camera-1")}
         world.private |= private
-        alice.register_person("erin", "Erin", keys.public_raw(private["erin"]), ["sponsor", "approver", "admin"])
+        world.person("erin", "sponsor", "approver", "admin")
         erin = world.caller(type(alice), "erin")
         erin.register_pep("cell-1", keys.public_raw(private["cell-1"]), [AUDIENCE])
         erin.register_sensor(

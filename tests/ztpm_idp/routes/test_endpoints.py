@@ -6,6 +6,7 @@ The status is a 4xx, and nothing is half done.
 from __future__ import annotations
 
 import json
+import secrets
 
 import httpx2
 import pytest
@@ -33,7 +34,10 @@ def good_bodies(world):
     everybody = {"alice", "bob", "carol", "dan", "helper", "planner", "cell-1"}
     key = lambda: keys.b64u(keys.public_raw(keys.generate()))
     rows = [
-        ("/people", {"id": "eve", "name": "Eve", "key": key(), "roles": ["approver"]}, {"alice", "dan"}),
+        ("/people", {"id": "eve", "name": "Eve", "key": key(), "roles": ["sponsor"]}, {"alice", "dan"}),
+        ("/changes/person", {"id": "erin", "name": "Erin", "key": key(), "roles": ["approver"]}, {"alice", "dan"}),
+        ("/changes/key", {"key": key()}, {"alice", "bob", "carol", "dan"}),
+        ("/changes/end", {"person": "carol", "reason": "left"}, {"alice", "dan"}),
         ("/people/bob/disable", {"reason": "left"}, {"alice", "dan", "bob"}),
         (
             "/agents",
@@ -76,6 +80,14 @@ def good_bodies(world):
         (f"/approvals/{ask_id}/votes", {"vote": cell.vote(asked, "alice")}, {"alice", "carol"}),
         ("/openings", {"opening": cell.opening("alice", agent="helper")}, {"alice", "carol"}),
         (f"/openings/{opened}/withdraw", {"reason": "done"}, {"alice", "carol"}),
+    ]
+    changes = [
+        world.people["dan"].propose_person(f"p-{secrets.token_hex(4)}", "P", keys.unb64u(key()), ["admin"])
+        for _ in range(2)
+    ]
+    rows += [
+        (f"/changes/{changes[0]}/confirm", {}, {"alice"}),
+        (f"/changes/{changes[1]}/decline", {"reason": "who?"}, {"alice", "dan"}),
     ]
     return [
         (path, body, may, everybody - may, lent.token if path == "/tokens/delegate" else None)
@@ -127,6 +139,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             problem = checked(send(world, path, json.dumps(body), who, token))
             assert problem["code"] in {
                 "NOT_PERMITTED",
+                "CHANGE_YOURS",
                 "PROOF_WRONG_KEY",
                 "ATTESTATION_INVALID",
                 "RECORD_OF_ANOTHER",
@@ -146,7 +159,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
     for path, body, may, _, token in order:
         who = "alice" if "alice" in may else min(may)
         assert send(world, path, json.dumps(body), who, token).is_success, path
-    assert len(paths) == 18
+    assert len(paths) == 23
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -156,13 +169,14 @@ def test_the_openapi_names_every_endpoint(world):
     posts = {path.removeprefix("/ztpm") for path, verbs in described.items() if "post" in verbs}
     gets = {path.removeprefix("/ztpm") for path, verbs in described.items() if "get" in verbs}
     assert posts == {
-        "/people", "/people/{id_}/disable", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/trust",
+        "/people", "/people/{id_}/disable", "/changes/person", "/changes/key", "/changes/end", "/changes/{change_id}/confirm",
+        "/changes/{change_id}/decline", "/recoveries", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/trust",
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
     }  # fmt: skip
     assert gets == {
-        "/healthz", "/readyz", "/trust", "/trust/signed", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
         "/revocations/wait", "/conduct",
     }  # fmt: skip

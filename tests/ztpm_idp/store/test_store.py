@@ -46,7 +46,17 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
         world.stop()
         file = tmp_path / "idp.sqlite"
         with closing(sqlite3.connect(file)) as base, base:
-            for table in ("votes", "asks", "openings", "permits", "conduct", "edges"):
+            for table in (
+                "change_words",
+                "changes",
+                "person_keys",
+                "votes",
+                "asks",
+                "openings",
+                "permits",
+                "conduct",
+                "edges",
+            ):
                 base.execute(f"DROP TABLE {table}")
             base.execute("ALTER TABLE counters DROP COLUMN conduct_version")
             base.execute("ALTER TABLE agents DROP COLUMN workload")
@@ -71,7 +81,20 @@ def first_rows(file):
         return {
             n: base.execute(f"SELECT * FROM {n} ORDER BY 1, 2").fetchall()
             for n in names
-            if n not in {"asks", "votes", "openings", "permits", "conduct", "edges", "alembic_version", "counters"}
+            if n
+            not in {
+                "change_words",
+                "changes",
+                "person_keys",
+                "asks",
+                "votes",
+                "openings",
+                "permits",
+                "conduct",
+                "edges",
+                "alembic_version",
+                "counters",
+            }
         }
 
 

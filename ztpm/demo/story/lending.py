@@ -355,11 +355,13 @@ def _sponsor(stage: Stage) -> StepObservation:
     before = [
         stage.ask(name, "read_state", {}, token=token).decision for name, token in (("scout", root), ("carrier", child))
     ]
-    stage.person("carol").disable_person("bob", reason="left the company")
+    stage.person("alice").confirm_change(stage.person("carol").propose_end("bob", reason="left the company"))
     poll_refusal(stage, "carrier", child)
     answer = stage.move("carrier", token=child)
     parent = stage.ask("scout", "read_state", {}, token=root)
-    told = f"carol disabled bob: his whole tree is dead ({parent.status} for the parent, {answer.status} for the child)"
+    told = (
+        f"carol and alice ended bob: his tree is dead ({parent.status} for the parent, {answer.status} for the child)"
+    )
     return StepObservation.answer(told, answer, ok=before == ["PERMIT", "PERMIT"] and parent.reason == "REVOKED")
 
 

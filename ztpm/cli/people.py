@@ -1,0 +1,314 @@
+"""`ztpm person`, `ztpm idp recover`: people, and the changes of them that take two.
+
+Exit status: 0 done, 1 failure, 2 usage, 3 refused, 4 another person must confirm.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from contextlib import contextmanager
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, NoReturn
+
+import typer
+from rich.table import Table
+from rich.text import Text
+
+from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
+from ztpm.cli.person import (
+    As,
+    CellDirectory,
+    Issuer,
+    Json,
+    KeyFile,
+    Reason,
+    issuer_of,
+    known_name,
+    layout_of,
+    open_key,
+    operator,
+    refusals,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from capabilities.keys.keys import PrivateKey
+    from ztpm_idp.client import Operator
+
+app = typer.Typer(no_args_is_help=True, help="People: who may do what. Two people change approvers and administrators.")
+
+PersonName = Annotated[str, typer.Argument(metavar="PERSON", help="Id of the person.")]
+ChangeId = Annotated[str, typer.Argument(metavar="CHANGE", help="As `ztpm person list` shows it.")]
+PublicKey = Annotated[str, typer.Option("--public", help="Public key, as `ztpm person new-key` prints it.")]
+ShownName = Annotated[str, typer.Option("--name", help="Name as shown to people (default: the id).")]
+
+
+class Role(StrEnum):
+    """The roles of people."""
+
+    SPONSOR = "sponsor"
+    APPROVER = "approver"
+    ADMIN = "admin"
+
+
+@app.command("new-key")
+def new_key(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="Where the key is to lie; it must not exist.")],
+    *,
+    as_json: Json = False,
+) -> None:
+    """Make a key of one's own, encrypted; its public half is what an administrator registers."""
+    from capabilities.keys import keys
+    from ztpm.base import layout
+    from ztpm.cli.passphrase import ask_passphrase
+
+    try:
+        made = layout.new_key(file, ask_passphrase(new=True, as_json=as_json))
+    except (layout.LayoutError, OSError) as error:
+        fail("UNWRITABLE", f"{file}: {error}", as_json=as_json)
+    public = keys.b64u(keys.public_raw(made))
+    if as_json:
+        say_json({"ok": True, "key": str(file), "public": public})
+    else:
+        typer.echo(public)
+
+
+@app.command("register")
+def register(
+    person: PersonName,
+    *,
+    public: PublicKey,
+    role: Annotated[list[Role], typer.Option("--role", help="What the person may do; again for more.")],
+    shown: ShownName = "",
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Register a sponsor, or propose an approver or administrator, whom another administrator confirms."""
+    raw, roles = _raw(public, as_json=as_json), [each.value for each in role]
+    known_name(person, as_json=as_json)
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        if set(roles) == {Role.SPONSOR.value}:
+            caller.register_person(person, shown or person, raw, roles)
+            _say("Registered.", {"id": person}, as_json=as_json)
+            return
+        change = caller.propose_person(person, shown or person, raw, roles)
+    _wait(change, as_json=as_json)
+
+
+@app.command("key")
+def add_key(
+    *,
+    public: PublicKey,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Propose a further key of one's own, as for a second machine. It gives no second vote."""
+    raw = _raw(public, as_json=as_json)
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        change = caller.propose_key(raw)
+    _wait(change, as_json=as_json)
+
+
+@app.command("end")
+def end(
+    person: PersonName,
+    *,
+    reason: Reason,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """End a person and all authority under it, for ever.
+
+    For a sponsor or oneself it happens at once; another administrator confirms the end of any other.
+    """
+    from ztpm_idp.client import ClientError
+
+    known_name(person, as_json=as_json)
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        try:
+            epoch = caller.disable_person(person, reason)
+        except ClientError as error:
+            if error.code != "TWO_PEOPLE_NEEDED":
+                raise
+            change = caller.propose_end(person, reason)
+        else:
+            _say(f"Ended, epoch {epoch}.", {"id": person, "epoch": epoch}, as_json=as_json)
+            return
+    _wait(change, as_json=as_json)
+
+
+@app.command("confirm")
+def confirm(
+    change: ChangeId,
+    *,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Confirm another administrator's change. Make sure first that the person is who it should be, and another."""
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        state = caller.confirm_change(change)
+    _answered(change, state, as_json=as_json)
+
+
+@app.command("decline")
+def decline(
+    change: ChangeId,
+    *,
+    reason: Reason,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Decline a change, or take one's own back. Two administrators decline a recovery."""
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        state = caller.decline_change(change, reason)
+    _answered(change, state, as_json=as_json)
+
+
+@app.command("list")
+def list_(
+    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
+) -> None:
+    """List every person, and the changes that wait for another."""
+    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+        people, changes = caller.persons(), caller.changes()
+    if as_json:
+        say_json({"ok": True, "people": people, "changes": changes})
+        return
+    _table(("person", "name", "roles", "status", "keys"), [
+        (row["id"], row["name"], ", ".join(row["roles"]), row["status"], "\n".join(row["keys"])) for row in people
+    ])  # fmt: skip
+    if changes:
+        console.print()
+        _table(("change", "what", "proposed by", "until"), [
+            (row["change_id"], _told(row), row["by"], _instant(row["until"])) for row in changes
+        ])  # fmt: skip
+
+
+def recover(
+    person: PersonName,
+    *,
+    public: PublicKey,
+    shown: ShownName = "",
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: Annotated[Path | None, typer.Option("--key", help="The file of the root key, with --issuer.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Recover an administrator with the root key: a new person, or one whose keys are lost.
+
+    Every administrator is told. It takes effect after 24 h with the person's first command, or as soon as two
+    administrators confirm it; two may decline it. Then everything that people had left open ends.
+    """
+    from ztpm_idp.client import Operator
+
+    raw = _raw(public, as_json=as_json)
+    known_name(person, as_json=as_json)
+    if bool(issuer) != (key is not None) or (issuer and directory is not None):
+        fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
+    root = _root_key(directory, as_json=as_json) if key is None else open_key(key, as_json=as_json)
+    url = issuer or issuer_of(layout_of(directory, as_json=as_json), as_json=as_json)
+    with refusals(as_json=as_json), Operator("root", root, url) as caller:
+        change = caller.recover(person, shown or person, raw)
+    _wait(change, as_json=as_json)
+
+
+def _root_key(directory: Path | None, *, as_json: bool) -> PrivateKey:
+    from capabilities.keys.windows import Role as KeyRole
+    from capabilities.values.errors import BadKeyError
+    from ztpm.base.layout import LayoutError
+    from ztpm.cell import key_ring
+
+    layout = layout_of(directory, as_json=as_json)
+    try:
+        signing = key_ring.read(layout).active(KeyRole.ROOT)
+    except (BadKeyError, LayoutError, OSError) as error:
+        fail("KEYS_UNREADABLE", f"{layout.key_ring}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    return open_key(layout.idp_key(signing.id), as_json=as_json)
+
+
+@contextmanager
+def _caller(name: str, directory: Path | None, issuer: str, key: Path | None, *, as_json: bool) -> Iterator[Operator]:
+    """The person at work; a refusal ends the command."""
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        yield person
+
+
+def _raw(public: str, *, as_json: bool) -> bytes:
+    from capabilities.keys import keys
+    from capabilities.values.errors import BadKeyError
+
+    try:
+        raw = keys.unb64u(public)
+        keys.check_raw(raw)
+    except BadKeyError as error:
+        fail("KEY_MALFORMED", f"--public: {error.detail}", as_json=as_json, status=USAGE)
+    return raw
+
+
+def _say(sentence: str, told: dict[str, object], *, as_json: bool) -> None:
+    if as_json:
+        say_json({"ok": True, **told})
+    else:
+        typer.echo(sentence)
+
+
+def _wait(change: str, *, as_json: bool) -> NoReturn:
+    """Ends the command: the change waits for another person."""
+    _say(
+        f"Proposed as {change}. Another administrator: ztpm person confirm {change}",
+        {"change_id": change, "state": "open"},
+        as_json=as_json,
+    )
+    raise typer.Exit(DEFER)
+
+
+def _answered(change: str, state: str, *, as_json: bool) -> None:
+    sentence = "It waits for one more administrator." if state == "open" else f"The change is {state}."
+    _say(sentence, {"change_id": change, "state": state}, as_json=as_json)
+    if state == "open":
+        raise typer.Exit(DEFER)
+
+
+def _told(row: dict[str, Any]) -> str:
+    """One change in words."""
+    person, key = row["person"], row["key"]
+    match row["kind"]:
+        case "person":
+            return f"register {person} ({row['name']}) as {', '.join(row['roles'])}, key {key}"
+        case "key":
+            return f"{person} has a further key, {key}"
+        case "end":
+            return f"end {person}: {row['reason']}"
+        case _:
+            return f"the root key makes {person} ({row['name']}) an administrator, key {key}"
+
+
+def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    table = Table(box=None, pad_edge=False)
+    for heading in headings:
+        table.add_column(heading)
+    for row in rows:
+        table.add_row(*(Text("\n".join(map(plain, cell.split("\n")))) for cell in row))
+    console.print(table)
+
+
+def _instant(at: int) -> str:
+    return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

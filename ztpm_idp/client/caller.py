@@ -1,0 +1,166 @@
+"""Requests to the identity provider by one key, and what comes of them."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import httpx2
+import rfc8785
+
+from ztpm_idp.client import direct_http
+from ztpm_idp.client.signing import ProofAuth
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from types import TracebackType
+
+    from capabilities.keys.keys import PrivateKey
+
+TIMEOUT_S: Final = 30.0
+"""Longest wait for one answer."""
+
+
+class ClientError(Exception):
+    """The identity provider refused, or did not answer as it should.
+
+    Attributes:
+        code: the reason; `UNREACHABLE`, `ANSWER_MALFORMED` and `ASK_CHANGED` are this client's own.
+        status: HTTP status, 0 when there was no answer.
+        detail: for people.
+        explanation: of `NOT_NARROWER`: `places`, each with `nearest`, `could_narrow`, and `repaired`, the nearest
+            restriction that is accepted (`capabilities.values.explanation`).
+    """
+
+    def __init__(self, code: str, status: int, detail: str = "", explanation: dict[str, Any] | None = None) -> None:
+        super().__init__(f"{code} ({status}): {detail}")
+        self.code = code
+        self.status = status
+        self.detail = detail
+        self.explanation = explanation
+
+
+@dataclass(frozen=True, slots=True)
+class Issued:
+    """Token that was lent.
+
+    Attributes:
+        token: its text. It is not shown when this is printed; only the holder's key makes it useful, still keep it to
+            yourself.
+        token_id, hop_id: for revoking it.
+        expires_at: seconds since the epoch.
+    """
+
+    token: str = field(repr=False)
+    token_id: str
+    hop_id: str
+    expires_at: int
+
+
+class Caller:
+    """Requests by one registered key.
+
+    Attributes:
+        notice: told with the last answer, to administrators alone: a recovery by the root key that waits; or empty.
+        on_notice: takes each new one.
+    """
+
+    def __init__(
+        self,
+        id: str,  # noqa: A002  the word of the wire
+        key: PrivateKey,
+        issuer: str,
+        *,
+        transport: httpx2.BaseTransport | None = None,
+        now: Callable[[], float] = time.time,
+    ) -> None:
+        self.id = id
+        self.issuer = issuer
+        self._key = key
+        self._now = now
+        self.notice = ""
+        self.on_notice: Callable[[str], None] | None = None
+        self._http = direct_http.client(TIMEOUT_S, transport)
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.id!r}, {self.issuer!r})"
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Its connections are closed."""
+        self._http.close()
+
+    def auth(self, token: str | None = None) -> ProofAuth:
+        """Signs requests of any `httpx2` client, such as an MCP transport's, as this caller; presents `token`."""
+        return ProofAuth(self._key, token, now=self._now)
+
+    def revoke(self, kind: str, id: str, reason: str) -> int:  # noqa: A002  the word of the wire
+        """The thing is revoked for ever; the epoch at which it is.
+
+        Args:
+            kind: "token", "hop", "agent", "key", "sponsor" or "audience".
+            id: of that kind.
+            reason: for the ledger.
+        """
+        return int(self._post("/revocations", {"kind": kind, "id": id, "reason": reason})["epoch"])
+
+    def agents(self) -> list[dict[str, Any]]:
+        """Every registered agent.
+
+        Each has id, status, sponsor, role, model, software_digest, key, trust_permille, workload, `trust_by` (score in
+        permille by delegator, where it is not the prior) and `conduct` (`deviations`, `deviated_at`, `contracted`,
+        `samples`, `restored_at`; None when nothing was reported).
+        """
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/agents", b"", None))
+        return found
+
+    def _post(self, path: str, body: Mapping[str, object], *, token: str | None = None) -> dict[str, Any]:
+        answer: dict[str, Any] = self._json(self._send("POST", path, rfc8785.dumps(dict(body)), token))  # type: ignore[arg-type]
+        return answer
+
+    def _send(self, method: str, path: str, content: bytes, token: str | None) -> httpx2.Response:
+        headers = {"Content-Type": "application/json"} if content else {}
+        try:
+            response = self._http.request(
+                method,
+                self.issuer + path,
+                content=content,
+                headers=headers,
+                auth=self.auth(token),
+                follow_redirects=False,
+            )
+        except httpx2.HTTPError as error:
+            raise ClientError("UNREACHABLE", 0, type(error).__name__) from error
+        before, self.notice = self.notice, response.headers.get("ztpm-notice", "")
+        if self.notice not in {"", before} and self.on_notice is not None:
+            self.on_notice(self.notice)
+        if response.is_success:
+            return response
+        try:
+            problem = response.json()
+            code, detail, why = str(problem["code"]), str(problem.get("detail", "")), problem.get("explanation")
+        except (ValueError, KeyError, TypeError, AttributeError):
+            code, detail, why = "ANSWER_MALFORMED", "", None
+        raise ClientError(code, response.status_code, detail, why if isinstance(why, dict) else None)
+
+    def _json(self, response: httpx2.Response) -> Any:
+        try:
+            return response.json()
+        except ValueError:
+            raise ClientError("ANSWER_MALFORMED", response.status_code) from None
+
+    def _issued(self, answer: dict[str, Any]) -> Issued:
+        try:
+            return Issued(
+                str(answer["token"]), str(answer["token_id"]), str(answer["hop_id"]), int(answer["expires_at"])
+            )
+        except (KeyError, ValueError):
+            raise ClientError("ANSWER_MALFORMED", 201) from None

@@ -1,0 +1,78 @@
+"""People as administrators see and change them: alone for those who lend, by two for approvers and administrators."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from capabilities.keys.keys import b64u
+from ztpm_idp.client.caller import Caller
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+
+class PeopleCaller(Caller):
+    """Requests about people."""
+
+    def register_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> None:  # noqa: A002
+        """A person who only lends is registered.
+
+        Raises:
+            ClientError: `TWO_PEOPLE_NEEDED` for other roles than "sponsor": see `propose_person`.
+        """
+        self._post("/people", {"id": id, "name": name, "key": b64u(key), "roles": list(roles)})
+
+    def disable_person(self, id: str, reason: str) -> int:  # noqa: A002
+        """The person and its whole tree are dead; the epoch.
+
+        Raises:
+            ClientError: `TWO_PEOPLE_NEEDED` for another approver or administrator: see `propose_end`;
+                `LAST_ADMINISTRATOR`.
+        """
+        return int(self._post(f"/people/{id}/disable", {"reason": reason})["epoch"])
+
+    def persons(self) -> list[dict[str, Any]]:
+        """Every person: id, name, roles, status, `keys` (thumbprints of all that sign for it now)."""
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/people", b"", None))
+        return found
+
+    def propose_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> str:  # noqa: A002
+        """A person waits to be registered, with roles out of "sponsor", "approver", "admin"; the change's id."""
+        body = {"id": id, "name": name, "key": b64u(key), "roles": list(roles)}
+        return str(self._post("/changes/person", body)["change_id"])
+
+    def propose_key(self, key: bytes) -> str:
+        """A further key of this person's own waits; the change's id. It gives no second vote."""
+        return str(self._post("/changes/key", {"key": b64u(key)})["change_id"])
+
+    def propose_end(self, person: str, reason: str) -> str:
+        """A person waits to be ended; the change's id."""
+        return str(self._post("/changes/end", {"person": person, "reason": reason})["change_id"])
+
+    def changes(self) -> list[dict[str, Any]]:
+        """The changes of people that wait, oldest first.
+
+        Each has change_id, kind ("person", "key", "end", "recovery"), person, name, roles, key (thumbprint), reason,
+        by, state, until (seconds since the epoch), confirmed, declined.
+        """
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/changes", b"", None))
+        return found
+
+    def confirm_change(self, change_id: str) -> str:
+        """This administrator confirms another's change; its state afterwards: "done", or "open" where more must."""
+        return str(self._post(f"/changes/{quote(change_id, safe='')}/confirm", {})["state"])
+
+    def decline_change(self, change_id: str, reason: str) -> str:
+        """This administrator declines a change, or takes its own back; its state afterwards."""
+        return str(self._post(f"/changes/{quote(change_id, safe='')}/decline", {"reason": reason})["state"])
+
+    def recover(self, person: str, name: str, key: bytes) -> str:
+        """An administrator waits to be made, by this key alone, which must be the provider's root key; the change's id.
+
+        Args:
+            person: a new id, or an administrator's, who gets `key` in place of all others.
+            name: as shown to people.
+            key: raw public key.
+        """
+        return str(self._post("/recoveries", {"person": person, "name": name, "key": b64u(key)})["change_id"])

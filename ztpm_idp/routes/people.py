@@ -1,0 +1,166 @@
+"""People: who they are, and the changes of them that take two; recovery by the root key."""
+
+from __future__ import annotations
+
+import secrets
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Request
+
+from capabilities.keys.keys import thumbprint, unb64u
+from ztpm_idp.domain import commands
+from ztpm_idp.domain.changes import ROOT, Change, ChangeKind, ChangeState, Word
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import ChangeEnded, RevocationKind
+from ztpm_idp.domain.parties import RegisteredPerson
+from ztpm_idp.provider import wire
+from ztpm_idp.provider.problems import Problem
+from ztpm_idp.routes.caller import Call, RootCall, authenticated, body_of, by_root, provider_of
+from ztpm_idp.routes.registry import end
+
+router = APIRouter()
+Caller = Annotated[Call, Depends(authenticated)]
+Root = Annotated[RootCall, Depends(by_root)]
+
+
+@router.post("/people", status_code=201, openapi_extra=body_of(wire.PersonBody))
+async def register_person(request: Request, call: Caller) -> dict[str, str]:
+    """An administrator registers a person who only lends; any other is proposed at `/changes/person`."""
+    body = call.body(wire.PersonBody)
+    command = commands.RegisterPerson(call.party.id, body.id, body.name, unb64u(body.key), frozenset(body.roles))
+    await provider_of(request).run(command, actor=call.party.id)
+    return {"id": body.id}
+
+
+@router.get("/people")
+async def list_people(request: Request, call: Caller) -> list[dict[str, Any]]:
+    """Every person, for people, with all keys that sign for it now."""
+    _of_people(call)
+    async with provider_of(request).store.read() as view:
+        found = await view.all_parties("person")
+    return [
+        {
+            "id": person.id,
+            "name": person.name,
+            "roles": sorted(role.value for role in person.roles),
+            "status": person.standing.value,
+            "keys": sorted(map(thumbprint, person.keys)),
+        }
+        for person in found
+        if isinstance(person, RegisteredPerson)
+    ]
+
+
+@router.post("/people/{id_}/disable", openapi_extra=body_of(wire.ReasonBody))
+async def disable_person(request: Request, id_: str, call: Caller) -> dict[str, int]:
+    """The person and every tree of authority under it are dead, for ever.
+
+    The end of another approver or administrator is proposed at `/changes/end`.
+    """
+    return await end(request, call, RevocationKind.SPONSOR, id_)
+
+
+@router.post("/changes/person", status_code=201, openapi_extra=body_of(wire.PersonBody))
+async def propose_person(request: Request, call: Caller) -> dict[str, str]:
+    """An administrator proposes a person to register."""
+    body = call.body(wire.PersonBody)
+    change = _change(
+        request, ChangeKind.PERSON, body.id, by=call.party.id, name=body.name, roles=frozenset(body.roles),
+        key=unb64u(body.key),
+    )  # fmt: skip
+    return await _propose(request, call, change)
+
+
+@router.post("/changes/key", status_code=201, openapi_extra=body_of(wire.KeyBody))
+async def propose_key(request: Request, call: Caller) -> dict[str, str]:
+    """A person proposes a further key of its own."""
+    key = unb64u(call.body(wire.KeyBody).key)
+    return await _propose(
+        request, call, _change(request, ChangeKind.KEY, call.party.id, by=call.party.id, key=key)
+    )  # fmt: skip
+
+
+@router.post("/changes/end", status_code=201, openapi_extra=body_of(wire.EndBody))
+async def propose_end(request: Request, call: Caller) -> dict[str, str]:
+    """An administrator proposes that a person ends."""
+    body = call.body(wire.EndBody)
+    change = _change(request, ChangeKind.END, body.person, by=call.party.id, reason=body.reason)
+    return await _propose(request, call, change)
+
+
+@router.post("/recoveries", status_code=201, openapi_extra=body_of(wire.RecoveryBody))
+async def recover(request: Request, call: Root) -> dict[str, str]:
+    """The root key proposes an administrator, who is one after a day, or once two administrators confirm it."""
+    body = call.body(wire.RecoveryBody)
+    change = _change(
+        request, ChangeKind.RECOVERY, body.person, by=ROOT, name=body.name, key=unb64u(body.key)
+    )  # fmt: skip
+    await provider_of(request).run(commands.Recover(call.key, change, call.signed), actor=ROOT)
+    return {"change_id": change.change_id}
+
+
+@router.get("/changes")
+async def list_changes(request: Request, call: Caller) -> list[dict[str, Any]]:
+    """The changes of people that wait, for people, oldest first."""
+    _of_people(call)
+    at_ms = provider_of(request).now_ms()
+    async with provider_of(request).store.read() as view:
+        found = await view.people.open_changes(at_ms=at_ms)
+    return [_shown(change) for change in found if change.state(at_ms) is ChangeState.OPEN]
+
+
+@router.post("/changes/{change_id}/confirm", openapi_extra=body_of(wire.NothingBody))
+async def confirm_change(request: Request, change_id: str, call: Caller) -> dict[str, str]:
+    """Another administrator than its proposer confirms a change; its state afterwards."""
+    call.body(wire.NothingBody)
+    return await _answer(request, call, change_id, Word.CONFIRM, "")
+
+
+@router.post("/changes/{change_id}/decline", openapi_extra=body_of(wire.ReasonBody))
+async def decline_change(request: Request, change_id: str, call: Caller) -> dict[str, str]:
+    """An administrator declines a change, or its proposer takes it back; its state afterwards."""
+    return await _answer(request, call, change_id, Word.DECLINE, call.body(wire.ReasonBody).reason)
+
+
+def _of_people(call: Call) -> None:
+    if not isinstance(call.party, RegisteredPerson):
+        raise Problem(IdpCode.NOT_PERMITTED, "people read this")
+
+
+def _change(request: Request, kind: ChangeKind, person: str, **members: Any) -> Change:
+    return Change(
+        change_id=secrets.token_hex(16),
+        kind=kind,
+        person=person,
+        proposed_ms=provider_of(request).now_ms(),
+        **members,
+    )
+
+
+async def _propose(request: Request, call: Call, change: Change) -> dict[str, str]:
+    await provider_of(request).run(commands.ProposeChange(change, call.signed), actor=call.party.id)
+    return {"change_id": change.change_id}
+
+
+async def _answer(request: Request, call: Call, change_id: str, word: Word, reason: str) -> dict[str, str]:
+    command = commands.AnswerChange(call.party.id, change_id, word, reason, call.signed)
+    done = await provider_of(request).run(command, actor=call.party.id)
+    state = next((event.state for event in done.events if isinstance(event, ChangeEnded)), ChangeState.OPEN)
+    return {"change_id": change_id, "state": state.value}
+
+
+def _shown(change: Change) -> dict[str, Any]:
+    return {
+        "change_id": change.change_id,
+        "kind": change.kind.value,
+        "person": change.person,
+        "name": change.name,
+        "roles": sorted(role.value for role in change.roles),
+        "key": "" if change.key is None else thumbprint(change.key),
+        "reason": change.reason,
+        "by": change.by,
+        "state": ChangeState.OPEN.value,
+        "until": change.until_ms // 1_000,
+        "confirmed": sorted(change.confirmed),
+        "declined": sorted(change.declined),
+    }

@@ -1,0 +1,138 @@
+"""Further keys of people, and changes of people, in their tables."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from typing import TYPE_CHECKING, Any, assert_never
+
+import sqlalchemy as sa
+
+from capabilities.keys.keys import thumbprint
+from ztpm_idp.domain.changes import RECOVERY_LIFETIME_MS, Change, ChangeKind, ChangeState, Word
+from ztpm_idp.domain.events import ChangeAnswered, ChangeEnded, ChangeProposed, KeyAdded, RevocationKind
+from ztpm_idp.domain.parties import PersonRole, Standing
+from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+PeopleEvent = KeyAdded | ChangeProposed | ChangeAnswered | ChangeEnded
+
+REVOKED_KEYS = sa.select(t.revocations.c.id).where(t.revocations.c.kind == RevocationKind.KEY.value)
+"""Thumbprints of the keys that have ended."""
+
+
+class People:
+    """Access of one transaction to people's further keys and to changes of people."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    async def keys(self, people: Iterable[str]) -> tuple[dict[str, frozenset[bytes]], frozenset[str]]:
+        """Living further keys by person, and those of these people whose first key has ended."""
+        ids, found = sorted(people), defaultdict[str, set[bytes]](set)
+        if not ids:
+            return {}, frozenset()
+        c, p = t.person_keys.c, t.parties.c
+        living = sa.select(c.person, c.key).where(c.person.in_(ids), c.thumbprint.not_in(REVOKED_KEYS))
+        for person, key in await self._connection.execute(living):
+            found[person].add(bytes(key))
+        ended = await self._connection.execute(sa.select(p.id).where(p.id.in_(ids), p.thumbprint.in_(REVOKED_KEYS)))
+        return {person: frozenset(keys) for person, keys in found.items()}, frozenset(ended.scalars())
+
+    async def owner(self, condition: sa.ColumnElement[bool]) -> str | None:
+        """The person who has the further key that meets this condition, ended or not."""
+        found: str | None = await self._connection.scalar(sa.select(t.person_keys.c.person).where(condition))
+        return found
+
+    async def owners(self, keys: Iterable[bytes]) -> dict[bytes, str]:
+        """The people who have these further keys, ended or not."""
+        c = t.person_keys.c
+        found = await self._connection.execute(sa.select(c.key, c.person).where(c.key.in_(sorted(keys))))
+        return {bytes(key): person for key, person in found}
+
+    async def administrators(self) -> frozenset[str]:
+        """The active administrators."""
+        p = t.parties.c
+        found = await self._connection.execute(
+            sa.select(p.id, t.people.c.roles)
+            .join_from(t.people, t.parties, p.id == t.people.c.id)
+            .where(p.standing == Standing.ACTIVE.value)
+        )
+        return frozenset(id_ for id_, roles in found if PersonRole.ADMIN.value in roles)
+
+    async def change(self, change_id: str) -> Change | None:
+        """The change, when there is one."""
+        found = await self._changes(t.changes.c.change_id == change_id)
+        return found[0] if found else None
+
+    async def open_changes(self, *, at_ms: int) -> tuple[Change, ...]:
+        """Changes that may be open at this time, oldest first."""
+        c = t.changes.c
+        return tuple(await self._changes(sa.and_(c.ended.is_(None), c.proposed_ms > at_ms - RECOVERY_LIFETIME_MS)))
+
+    async def due(self, key: bytes, *, at_ms: int) -> Change | None:
+        """The recovery with this key that takes effect now."""
+        waiting = await self._changes(sa.and_(t.changes.c.key == key, t.changes.c.ended.is_(None)))
+        return next((change for change in waiting if change.due(at_ms)), None)
+
+    async def write(self, event: PeopleEvent, *, at_ms: int) -> None:
+        """The event is in its table."""
+        match event:
+            case KeyAdded(person=person, key=key):
+                statement: Any = sa.insert(t.person_keys).values(
+                    key=key, thumbprint=thumbprint(key), person=person, added_ms=at_ms
+                )
+            case ChangeProposed(change=change):
+                statement = sa.insert(t.changes).values(
+                    change_id=change.change_id,
+                    kind=change.kind.value,
+                    person=change.person,
+                    proposed_by=change.by,
+                    proposed_ms=change.proposed_ms,
+                    name=change.name,
+                    roles=sorted(role.value for role in change.roles),
+                    key=change.key,
+                    reason=change.reason,
+                )
+            case ChangeAnswered(change_id=change_id, by=by, word=word):
+                statement = sa.insert(t.change_words).values(
+                    change_id=change_id, person=by, word=word.value, said_ms=at_ms
+                )  # fmt: skip
+            case ChangeEnded(change_id=change_id, state=state):
+                statement = sa.update(t.changes).where(t.changes.c.change_id == change_id).values(ended=state.value)
+            case _:
+                assert_never(event)
+        await self._connection.execute(statement)
+
+    async def _changes(self, condition: sa.ColumnElement[bool]) -> list[Change]:
+        w = t.change_words.c
+        said: dict[tuple[str, str], set[str]] = defaultdict(set)
+        words = sa.select(w.change_id, w.person, w.word).where(
+            w.change_id.in_(sa.select(t.changes.c.change_id).where(condition))
+        )
+        for change_id, person, word in await self._connection.execute(words):
+            said[change_id, word].add(person)
+        c = t.changes.c
+        found = await self._connection.execute(
+            sa.select(t.changes).where(condition).order_by(c.proposed_ms, c.change_id)
+        )  # fmt: skip
+        return [
+            Change(
+                change_id=row.change_id,
+                kind=ChangeKind(row.kind),
+                person=row.person,
+                by=row.proposed_by,
+                proposed_ms=row.proposed_ms,
+                name=row.name,
+                roles=frozenset(map(PersonRole, row.roles)),
+                key=None if row.key is None else bytes(row.key),
+                reason=row.reason,
+                end=None if row.ended is None else ChangeState(row.ended),
+                confirmed=frozenset(said[row.change_id, Word.CONFIRM.value]),
+                declined=frozenset(said[row.change_id, Word.DECLINE.value]),
+            )
+            for row in found
+        ]
