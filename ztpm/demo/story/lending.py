@@ -359,9 +359,7 @@ def _sponsor(stage: Stage) -> StepObservation:
     poll_refusal(stage, "carrier", child)
     answer = stage.move("carrier", token=child)
     parent = stage.ask("scout", "read_state", {}, token=root)
-    told = (
-        f"carol and alice ended bob: his tree is dead ({parent.status} for the parent, {answer.status} for the child)"
-    )
+    told = f"carol and alice ended bob: his tree died ({parent.status} for the parent, {answer.status} for the child)"
     return StepObservation.answer(told, answer, ok=before == ["PERMIT", "PERMIT"] and parent.reason == "REVOKED")
 
 
