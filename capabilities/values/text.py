@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
+REGISTERED: Final = r"^[a-z0-9][a-z0-9._-]{0,62}$"
+"""Id of a registered party: lower-case ASCII, so that two ids that look alike are alike."""
+OPERATION: Final = r"^[A-Za-z][A-Za-z0-9_.-]{0,62}$"
+"""Name of a registered tool or operation."""
 _HOST: Final = re.compile(r"[a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\]", re.ASCII)
 _PATH: Final = re.compile(r"(/[A-Za-z0-9._~:@+=,%-]+)*", re.ASCII)
 _SCHEME: Final = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)

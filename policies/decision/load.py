@@ -7,13 +7,18 @@ policy check`.
 from __future__ import annotations
 
 import math
+import re
 import tomllib
 from dataclasses import dataclass, fields
 from enum import StrEnum
 from importlib import resources
 from typing import TYPE_CHECKING, Final, TypeVar
 
+from capabilities.values import text as forms
+from capabilities.values.characters import shown
+from capabilities.values.invisible import INVISIBLE
 from capabilities.values.scope import Tier
+from capabilities.values.text import NAME
 from policies.decision.combine import AllOf, Always, AnyOf, Check, Not, Predicate
 from policies.decision.policy import Object, Policy, PolicySet, Subject
 from policies.evidence.model import Effect, Obligation, ObligationKind, Point
@@ -39,6 +44,9 @@ NAME_LIMIT: Final = 128
 SHIPPED: Final = ("paper-default", "strict")
 """The sets that come with the package."""
 
+PARTY: Final = re.compile(forms.REGISTERED, re.ASCII)
+"""Agent or sponsor, as the identity provider registers it."""
+OPERATION: Final = re.compile(forms.OPERATION, re.ASCII)
 ANY: Final = "any"
 NONE: Final = "none"
 V = TypeVar("V", bound=StrEnum)
@@ -122,12 +130,13 @@ class _Table:
             raise PolicyError(PolicyFault.OUT_OF_RANGE, where, f"{low} to {high}")
         return value
 
-    def names(self, key: str) -> frozenset[str] | None:
-        """A set of names, or None for the word `any`."""
-        value, where = self.content[key], self.place(key)
-        if value == ANY:
-            return None
-        return frozenset(_distinct(value, where, _text))
+    def names(self, key: str, form: re.Pattern[str]) -> frozenset[str] | None:
+        """A set of names of a form, or None for the word `any`."""
+        return None if self.content[key] == ANY else self.exactly(key, form)
+
+    def exactly(self, key: str, form: re.Pattern[str]) -> frozenset[str]:
+        """A set of names of a form."""
+        return frozenset(_distinct(self.content[key], self.place(key), lambda value, at: _name(value, at, form)))
 
     def words(self, key: str, kind: type[V]) -> frozenset[V]:
         """A set of members of a closed enum."""
@@ -137,9 +146,18 @@ class _Table:
 def _text(value: object, where: str) -> str:
     if not isinstance(value, str):
         raise PolicyError(PolicyFault.WRONG_TYPE, where, "a text is wanted")
-    if not 0 < len(value) <= NAME_LIMIT or not value.isprintable():
+    if not 0 < len(value) <= NAME_LIMIT or not value.isprintable() or not INVISIBLE.isdisjoint(value):
         raise PolicyError(PolicyFault.OUT_OF_RANGE, where, f"1 to {NAME_LIMIT} printable characters")
     return value
+
+
+def _name(value: object, where: str, form: re.Pattern[str]) -> str:
+    name = _text(value, where)
+    if name == ANY:
+        raise PolicyError(PolicyFault.NAME_MALFORMED, where, f'"{ANY}" stands alone, in no list')
+    if form.fullmatch(name) is None:
+        raise PolicyError(PolicyFault.NAME_MALFORMED, where, f"{shown(name)} is not of the form {form.pattern}")
+    return name
 
 
 def _list(value: object, where: str) -> list[object]:
@@ -197,13 +215,11 @@ def _policy(table: _Table, parameters: Parameters) -> Policy:
     try:
         return Policy(
             id=table.text("id"),
-            subject=Subject(subject.names("agents"), subject.names("sponsors")),
+            subject=Subject(subject.names("agents", PARTY), subject.names("sponsors", PARTY)),
             object=Object(
-                thing.names("ids"),
-                thing.names("operations"),
-                frozenset(_distinct(thing.content["without"], thing.place("without"), _text))
-                if "without" in thing.content
-                else frozenset(),
+                thing.names("ids", NAME),
+                thing.names("operations", OPERATION),
+                thing.exactly("without", OPERATION) if "without" in thing.content else frozenset(),
             ),
             predicate=_predicate(table.content["predicate"], table.place("predicate"), parameters, depth=0),
             points=table.words("ep", Point),

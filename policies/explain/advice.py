@@ -11,7 +11,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING
 
 from policies.decision.combine import Always, checks
-from policies.evidence.model import Effect
+from policies.evidence.model import Effect, Point
 from policies.primitives.catalog import CATALOG, ROWS
 from policies.primitives.propagation import DynamicTrust
 from policies.words.parameters import GATE_PARAMETERS
@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterator
 
     from policies.decision.policy import Object, Policy, PolicySet, Subject
-    from policies.evidence.model import Point
 
 
 class AdviceCode(StrEnum):
     """Subject of a warning."""
 
     CONCERNS_NOTHING = "CONCERNS_NOTHING"
-    """Every operation that the policy names is excepted again, so it never speaks."""
+    """A policy that never speaks: its operations are excepted again, or never asked for at its points."""
     SHADOWED = "SHADOWED"
     """A prohibition that asks for nothing covers everything that the policy concerns."""
     REPEATED = "REPEATED"
@@ -40,6 +39,10 @@ class AdviceCode(StrEnum):
     """The set names an operation that the cell does not have."""
     OBJECT_UNKNOWN = "OBJECT_UNKNOWN"
     """The set names an object that the cell does not have."""
+    AGENT_UNKNOWN = "AGENT_UNKNOWN"
+    """The set names an agent that the registry does not have, or that has ended."""
+    SPONSOR_UNKNOWN = "SPONSOR_UNKNOWN"
+    """The set names a sponsor of no agent of the registry."""
     TRUST_OUT_OF_REACH = "TRUST_OUT_OF_REACH"
     """The set wants more trust than it ever gives: people are asked about every act from tier 2 on."""
     PARAMETER_UNUSED = "PARAMETER_UNUSED"
@@ -80,17 +83,29 @@ class Known:
     moves: bool = False
 
 
-def advise(policies: PolicySet, *, stated: Collection[str], known: Collection[Known]) -> tuple[Advice, ...]:
+@dataclass(frozen=True, slots=True)
+class Registered:
+    """Ids of the agents that may act, and of their sponsors."""
+
+    agents: frozenset[str]
+    sponsors: frozenset[str]
+
+
+def advise(
+    policies: PolicySet, *, stated: Collection[str], known: Collection[Known], registered: Registered | None = None
+) -> tuple[Advice, ...]:
     """Warnings about the set, in the order of its policies, then about the set as a whole.
 
     Args:
         policies: the set.
         stated: names of the parameters that its text states; the others are defaults.
         known: every operation of the cell; empty when nothing is known of it.
+        registered: parties of the cell's registry; None when it was not asked.
     """
     return (
         *_of_policies(policies),
-        *_names(policies, known),
+        *_names(policies, known, registered.agents if registered else frozenset()),
+        *(() if registered is None else _parties(policies, registered)),
         *_operations(policies, known),
         *_trust(policies),
         *_parameters(policies, stated),
@@ -143,17 +158,35 @@ def _includes(one: frozenset[str] | None, other: frozenset[str] | None) -> bool:
     return one is None or (other is not None and other <= one)
 
 
-def _names(policies: PolicySet, known: Collection[Known]) -> Iterator[Advice]:
-    """Names in the set that nothing in the cell has."""
+def _names(policies: PolicySet, known: Collection[Known], delegates: frozenset[str]) -> Iterator[Advice]:
+    """Names in the set that nothing in the cell has, and policies that no request meets.
+
+    The object of a delegation is the delegate.
+    """
     objects, operations = {k.object for k in known}, {k.operation for k in known}
     if not known:
         return
     for policy in policies.policies:
         thing = policy.object
-        for name in sorted((thing.ids or frozenset()) - objects):
+        unknown = (thing.ids or frozenset()) - objects - (delegates if Point.AGENT in policy.points else frozenset())
+        for name in sorted(unknown):
             yield Advice(AdviceCode.OBJECT_UNKNOWN, policy.id, f"no object is called {name!r}")
-        for name in sorted(((thing.operations or frozenset()) | thing.without) - operations):
+        strange = ((thing.operations or frozenset()) | thing.without) - operations
+        for name in sorted(strange):
             yield Advice(AdviceCode.OPERATION_UNKNOWN, policy.id, f"no operation is called {name!r}")
+        excepted = thing.operations is not None and thing.operations <= thing.without
+        if not (unknown or strange or excepted or any(_meant(policy, each) for each in known)):
+            sentence = "nothing that it names is ever asked for at its enforcement points"
+            yield Advice(AdviceCode.CONCERNS_NOTHING, policy.id, sentence)
+
+
+def _parties(policies: PolicySet, registered: Registered) -> Iterator[Advice]:
+    """Agents and sponsors in the set that the registry does not have."""
+    for policy in policies.policies:
+        for name in sorted((policy.subject.agents or frozenset()) - registered.agents):
+            yield Advice(AdviceCode.AGENT_UNKNOWN, policy.id, f"no agent that may act is called {name!r}")
+        for name in sorted((policy.subject.sponsors or frozenset()) - registered.sponsors):
+            yield Advice(AdviceCode.SPONSOR_UNKNOWN, policy.id, f"no agent has a sponsor called {name!r}")
 
 
 def _operations(policies: PolicySet, known: Collection[Known]) -> Iterator[Advice]:

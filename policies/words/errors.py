@@ -23,6 +23,8 @@ class PolicyFault(StrEnum):
     NOT_FINITE = "NOT_FINITE"
     OUT_OF_RANGE = "OUT_OF_RANGE"
     UNKNOWN_VALUE = "UNKNOWN_VALUE"
+    NAME_MALFORMED = "NAME_MALFORMED"
+    """The registry takes no such name, so the policy would never speak of it."""
     EMPTY = "EMPTY"
     DUPLICATE_ID = "DUPLICATE_ID"
     DUPLICATE_VALUE = "DUPLICATE_VALUE"

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, Protocol, cas
 
 import typer
 
+from capabilities.values.text import REGISTERED
 from ztpm.cli.output import DENY, FAILURE, USAGE, fail, plain
 from ztpm.cli.passphrase import ask_passphrase
 
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from ztpm.base.layout import Layout
     from ztpm_idp.client import Operator
 
-NAME: Final = re.compile(r"[a-z0-9][a-z0-9._-]{0,62}", re.ASCII)
+NAME: Final = re.compile(REGISTERED, re.ASCII)
 """The form of a registered id: a safe part of a path."""
 
 CellDirectory = Annotated[Path | None, typer.Option("--data", help="The cell's directory (default: .ztpm).")]

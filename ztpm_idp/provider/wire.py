@@ -57,9 +57,8 @@ def _url(value: str) -> str:
     return value
 
 
-Name = Annotated[str, StringConstraints(pattern=r"^[a-z0-9][a-z0-9._-]{0,62}$")]
-"""An id: lower-case ASCII, so that two ids that look alike are alike."""
-ToolName = Annotated[str, StringConstraints(pattern=r"^[A-Za-z][A-Za-z0-9_.-]{0,62}$")]
+Name = Annotated[str, StringConstraints(pattern=text.REGISTERED)]
+ToolName = Annotated[str, StringConstraints(pattern=text.OPERATION)]
 Text = Annotated[str, Field(min_length=1, max_length=TEXT_BYTES), AfterValidator(_clean)]
 ShortText = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_clean)]
 KeyText = Annotated[str, Field(min_length=43, max_length=44), AfterValidator(_key)]

@@ -2,7 +2,7 @@
 
 import pytest
 from policies.evidence.model import Point
-from policies.explain.advice import AdviceCode, Known, advise
+from policies.explain.advice import AdviceCode, Known, Registered, advise
 from tests.policies.decision.test_load import GOOD, but
 
 from policies import load, load_shipped
@@ -10,6 +10,7 @@ from policies import load, load_shipped
 A = AdviceCode
 ACTING = frozenset({Point.TOOL, Point.ACTUATION})
 KNOWN = (Known("ur3e", "move_joint", ACTING, moves=True), Known("ur3e", "read_state", ACTING))
+PARTIES = Registered(frozenset({"mover"}), frozenset({"alice"}))
 GATED = but('{ all = ["AID-1", "TEA-1"] }', '{ all = ["AID-1", "TEA-1", "TEA-4"] }').replace('"none"', "3")
 
 
@@ -40,6 +41,11 @@ CASES = {
     ),
     "a name with a slip": (GATED.replace(ONE, 'object = { ids = "any", operations = "any", without = ["stpo"] }'), A.OPERATION_UNKNOWN, "one"),
     "an object that the cell does not have": (GATED.replace(ONE, 'object = { ids = ["ur5e"], operations = "any" }'), A.OBJECT_UNKNOWN, "one"),
+    "an operation at a point where nobody asks for it": (
+        more("DENY", '"always"', object='{ ids = "any", operations = ["move_joint"] }', ep='["e2"]'), A.CONCERNS_NOTHING, "two",
+    ),
+    "an agent that nobody is": (GATED.replace('agents = "any"', 'agents = ["moved"]'), A.AGENT_UNKNOWN, "one"),
+    "a sponsor that nobody is": (GATED.replace('sponsors = "any"', 'sponsors = ["alicf"]'), A.SPONSOR_UNKNOWN, "one"),
     "trust that nobody is given": (
         GATED.replace('"TEA-4"', '"TEA-4", "CATP-3"') + "[parameters]\ntrust_theta_permille = 801\n", A.TRUST_OUT_OF_REACH, "one",
     ),
@@ -54,9 +60,8 @@ CASES = {
 def advised(text):
     import tomllib
 
-    return {
-        (a.code, a.where) for a in advise(load(text), stated=tomllib.loads(text).get("parameters", {}), known=KNOWN)
-    }
+    stated = tomllib.loads(text).get("parameters", {})
+    return {(a.code, a.where) for a in advise(load(text), stated=stated, known=KNOWN, registered=PARTIES)}
 
 
 @pytest.mark.parametrize("name", CASES)

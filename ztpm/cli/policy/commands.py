@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import FAILURE, console, plain, say_json
+from ztpm.cli.output import FAILURE, USAGE, console, fail, plain, say_json
+from ztpm.cli.person import CellDirectory, Issuer, KeyFile, operator, refusals
 from ztpm.cli.policy.comparison import diff, simulate
 from ztpm.cli.policy.explanation import explain
 from ztpm.cli.policy.policy_set import about, open_set
 from ztpm.cli.policy.proof import prove
 
 if TYPE_CHECKING:
-    from policies.explain.advice import Advice, Known
+    from policies.explain.advice import Advice, Known, Registered
 
+ENDED: Final = "revoked"
+"""State of an agent that may never act again."""
 app = typer.Typer(no_args_is_help=True, help="Policy sets.")
 app.command("explain")(explain)
 app.command("diff")(diff)
@@ -34,6 +38,13 @@ def check(
     source: Annotated[str, typer.Argument(help="A shipped set's name or a TOML file.")] = "paper-default",
     *,
     strict: Annotated[bool, typer.Option("--strict", help="Warnings are failures.")] = False,
+    registry: Annotated[
+        bool, typer.Option("--registry", help="Also ask the identity provider whom the set names; needs --as.")
+    ] = False,
+    name: Annotated[str, typer.Option("--as", help="Whose key signs.")] = "",
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
     as_json: Annotated[bool, typer.Option("--json")] = False,
 ) -> None:
     """Load a policy set strictly; list its parameters, its primitives, and its probable mistakes."""
@@ -43,7 +54,12 @@ def check(
 
     opened = open_set(source, as_json=as_json)
     loaded = opened.policies
-    warnings = advise(loaded, stated=opened.stated, known=operations())
+    registered = None
+    if registry:
+        registered = _registered(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+    elif name or directory is not None or issuer or key is not None:
+        fail("USAGE", "--as, --data, --issuer and --key belong to --registry", as_json=as_json, status=USAGE)
+    warnings = advise(loaded, stated=opened.stated, known=operations(), registered=registered)
     asked: dict[str, list[str]] = {row.id: [] for row in policies.CATALOG}
     for policy in loaded.policies:
         for primitive in sorted({primitive.id for primitive, _ in checks(policy.predicate)}):
@@ -106,6 +122,20 @@ def schema(
         typer.echo(resources.files("policies").joinpath("cases", "ordinary.json").read_text(encoding="utf-8"), nl=False)
     else:
         typer.echo(json.dumps(made(), indent=2))
+
+
+def _registered(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Registered:
+    """Parties that the identity provider knows and that have not ended."""
+    from policies.explain.advice import Registered
+
+    if not name:
+        fail(
+            "USAGE", "--registry needs --as, too: the identity provider answers a person", as_json=as_json, status=USAGE
+        )
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+    with refusals(as_json=as_json), person:
+        agents = [row for row in person.agents() if row["status"] != ENDED]
+    return Registered(frozenset(row["id"] for row in agents), frozenset(row["sponsor"] for row in agents))
 
 
 def operations() -> tuple[Known, ...]:

@@ -384,3 +384,34 @@ def test_two_sets_are_compared_over_written_cases(run, file):
     assert refused(run, "diff", own, nobody, "--corpus", file("{}\n", "bad.ndjson")) == "MISSING_KEY"
     assert refused(run, "diff", own, nobody, "--corpus", file("x\n", "bad.xz")) == "LINE_MALFORMED"
     assert refused(run, "diff", "none", nobody) == "UNKNOWN_SET"
+
+
+# --- names that nobody has ----------------------------------------------------------------------------------------------
+
+AGENTS = [
+    {"id": "mover", "status": "active", "sponsor": "alice"},
+    {"id": "gone", "status": "revoked", "sponsor": "carol"},
+]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "warned"),
+    [
+        ('agents = "any"', 'agents = ["mover"]', set()),
+        ('agents = "any"', 'agents = ["moverr", "mover"]', {"AGENT_UNKNOWN"}),
+        ('agents = "any"', 'agents = ["gone"]', {"AGENT_UNKNOWN"}),
+        ('sponsors = "any"', 'sponsors = ["alice"]', set()),
+        ('sponsors = "any"', 'sponsors = ["carol"]', {"SPONSOR_UNKNOWN"}),
+    ],
+)
+def test_the_registry_is_asked_whom_a_set_names(run, file, cell, double, old, new, warned):
+    double.answers = {"agents": AGENTS}
+    asked = ("check", file(mine((old, new))), "--registry", "--as", "bob", "--data", cell.root)
+    codes = {warning["code"] for warning in told(run, *asked)["warnings"]}
+    assert codes & {"AGENT_UNKNOWN", "SPONSOR_UNKNOWN"} == warned
+    assert [name for name, *_ in double.asked] == ["agents"]
+
+
+@pytest.mark.parametrize("options", [["--registry"], ["--as", "bob"]])
+def test_the_registry_is_asked_by_a_person(run, options):
+    assert refused(run, "check", *options, status=2) == "USAGE"
