@@ -6,6 +6,7 @@ A service with an unsafe or empty security setting does not start, and says whic
 from __future__ import annotations
 
 import ipaddress
+import logging
 import os
 import stat
 import tomllib
@@ -36,6 +37,8 @@ S = TypeVar("S", bound=BaseModel)
 RootKeyId = Annotated[int, Field(ge=0, lt=2**32)]
 KeyFile = Annotated[str, Field(min_length=1)] | None
 _DRIVER: Final = "sqlite+aiosqlite"
+
+_LOG: Final = logging.getLogger(__name__)
 
 
 class Lifetimes(BaseModel):
@@ -157,7 +160,7 @@ def load_settings(path: Path) -> FileSettings:
         SettingsError: naming the first setting that is refused.
     """
     try:
-        stated = tomllib.loads(path.read_text(encoding="utf-8"))
+        stated = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except OSError:
         raise SettingsError("config", "the file cannot be read") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
@@ -218,7 +221,10 @@ def load_platform(settings: FileSettings, folder: Path, keys: IdpKeys) -> Platfo
         with (folder / settings.platform_jwks_file).open("rb") as file:
             if stat.S_IMODE(os.fstat(file.fileno()).st_mode) & 0o022:
                 raise SettingsError(setting, "others may write the file: who may, may attest any software")
-            platform = Platform(settings.platform_trust_domain, key_set(file.read(KEY_SET_BYTES + 1)))
+            usable, others = key_set(file.read(KEY_SET_BYTES + 1))
+            platform = Platform(settings.platform_trust_domain, usable)
+            for each in others:
+                _LOG.warning("platform_jwks: left out %s", each)
     except OSError:
         raise SettingsError(setting, "the file cannot be read") from None
     except CapabilityError as error:

@@ -120,44 +120,65 @@ class Workload:
 # --- keys ------------------------------------------------------------------------------------------------------------
 
 
-def key_set(raw: bytes) -> dict[str, PlatformKey]:
-    """The keys of a JWKS (RFC 7517), by id.
+class OtherKeyError(BadKeyError):
+    """A key that a set rightly holds, for another use or of another algorithm."""
+
+
+def key_set(raw: bytes) -> tuple[dict[str, PlatformKey], tuple[str, ...]]:
+    """The usable keys of a JWKS (RFC 7517), by id, and the others in words.
+
+    A key for X.509 certificates, or of another type, curve or algorithm, is left out (SPIFFE Trust Domain and Bundle
+    section 4.2).
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` when it is no strict JSON of that shape or too large.
-        BadKeyError: `KEY_MALFORMED` for a key of another type, a private or unknown member, no id or an id twice;
-            `KEY_WRONG_ROLE` for a key that is not for verifying with its one algorithm.
+        BadKeyError: `KEY_MALFORMED` for a private or unknown member, no id or an id twice; `KEY_WRONG_ROLE` for a key
+            that is for signing; `OtherKeyError` when no key is usable.
     """
     if len(raw) > KEY_SET_BYTES:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"at most {KEY_SET_BYTES} bytes")
-    members = strict_json.parse_object(raw)
+    members = strict_json.parse_object(strict_json.without_mark(raw))
     found = members.get("keys")
     if not members.keys() <= {"keys", *_SET_OPTIONAL} or not isinstance(found, list) or not 1 <= len(found) <= KEYS:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"not a set of 1 to {KEYS} keys")
-    by_id = dict(map(_key, found))
-    if len(by_id) != len(found) or len({key.raw for key in by_id.values()}) != len(found):
+    usable: list[tuple[str, PlatformKey]] = []
+    others: list[tuple[FaultCode, str]] = []
+    for place, value in enumerate(found):
+        try:
+            usable.append(_key(value))
+        except OtherKeyError as error:
+            others.append((error.code, f"keys[{place}]: {error.detail}"))
+    by_id = dict(usable)
+    if len(by_id) != len(usable) or len({key.raw for key in by_id.values()}) != len(usable):
         raise BadKeyError(FaultCode.KEY_MALFORMED, "a key or a key id twice")
-    return by_id
+    if not by_id:
+        raise OtherKeyError(others[0][0], f"no usable key; {'; '.join(why for _, why in others)}")
+    return by_id, tuple(why for _, why in others)
 
 
 def _key(value: object) -> tuple[str, PlatformKey]:
     if not isinstance(value, dict):
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key")
+    if not isinstance(value.get("kty"), str) or value["kty"] == "oct" or "d" in value:
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a public key")
+    use = value.get("use", "sig")
+    if isinstance(use, str) and use not in _USES:
+        raise OtherKeyError(FaultCode.KEY_WRONG_ROLE, f"for another use, {use[:16]!r}")
     match value.get("kty"), value.get("crv"):
         case "OKP", "Ed25519":
             algorithm = jws.EDDSA
         case "EC", "P-256":
             algorithm = jws.ES256
         case _:
-            raise BadKeyError(FaultCode.KEY_MALFORMED, "neither Ed25519 nor P-256")
+            kind = " ".join(str(value[each])[:16] for each in ("kty", "crv") if each in value)
+            raise OtherKeyError(FaultCode.KEY_MALFORMED, f"{kind or 'no type'}, neither Ed25519 nor P-256")
     needed = {"kty", "crv", "x", "kid"} | ({"y"} if algorithm == jws.ES256 else set())
     if not needed <= value.keys() <= needed | _JWK_OPTIONAL:
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not the members of a public key")
     kid = value["kid"]
     if not isinstance(kid, str) or not 1 <= len(kid) <= KID_BYTES or not kid.isascii() or not kid.isprintable():
         raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key id")
-    use = value.get("use", "sig")
-    if not isinstance(use, str) or use not in _USES or value.get("key_ops", ["verify"]) != ["verify"]:
+    if not isinstance(use, str) or value.get("key_ops", ["verify"]) != ["verify"]:
         raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "not a key to verify with")
     if value.get("alg", algorithm) != algorithm:
         raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "a key of another algorithm")

@@ -7,6 +7,7 @@ halves of surrogate pairs; and, before the parser runs, more bytes or deeper nes
 
 from __future__ import annotations
 
+import codecs
 import json
 import math
 import re
@@ -57,6 +58,8 @@ def read(raw: bytes, *, limit_bytes: int, limit_depth: int) -> object:
     """
     if len(raw) > limit_bytes:
         raise JsonError(JsonDefect.TOO_LARGE, f"at most {limit_bytes} bytes")
+    if raw.startswith(codecs.BOM_UTF8):
+        raise JsonError(JsonDefect.MALFORMED, "begins with a byte order mark")
     _refuse_deep(raw, limit_depth)
     try:
         spelled = raw.decode("utf-8", errors="strict")
@@ -71,6 +74,11 @@ def read(raw: bytes, *, limit_bytes: int, limit_depth: int) -> object:
     if "\\u" in spelled:
         _refuse_surrogates(value)
     return value
+
+
+def without_mark(raw: bytes) -> bytes:
+    """The content of a file without a byte order mark, which some editors write (RFC 8259 section 8.1)."""
+    return raw.removeprefix(codecs.BOM_UTF8)
 
 
 def canonical(value: object) -> bytes:

@@ -111,7 +111,7 @@ class World:
         self.settings = settings_for(self.folder, **self.settings_changes)
         self.private |= {name: keys.generate() for name in self.ROLES}
         self.platform = workload.Platform(
-            TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))
+            TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))[0]
         )
         first = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), roles) for n, roles in self.ROLES.items()]
         store = self.folder / "idp.sqlite"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import re
 from functools import lru_cache
 from typing import TYPE_CHECKING, Final
 
@@ -33,6 +34,8 @@ MAX_PROGRAM: Final = 512 * 1024  # characters; ur_rtde's script has 42 thousand,
 OPERATIONAL_MODE: Final = 211  # code of the message that tells a change of it, the mode its argument
 STATE_EVERY: Final = 50  # ticks: 10 Hz
 
+_NO_TEXT: Final = re.compile("[\udc80-\udcff]")
+"""Bytes that are no UTF-8, as `surrogateescape` keeps them."""
 KEPT_PROGRAMS: Final = 8  # compiled texts remembered; ur_rtde sends the same 42 kB at every connection
 
 
@@ -94,15 +97,13 @@ class ScriptServer:
             pass
 
     def serve(self, connection: Connection) -> None:
-        """Runs the programs of one client, until it leaves, sends bytes that are no text, or a program without end."""
+        """Runs the programs of one client, until it leaves or sends a program without end."""
         stream = ProgramStream(MAX_PROGRAM)
-        decoder = codecs.getincrementaldecoder("utf-8")()
+        decoder = codecs.getincrementaldecoder("utf-8")("surrogateescape")
         try:
             while received := connection.receive():
                 for program in stream.feed(decoder.decode(received)):
                     self._run(program)
-        except UnicodeDecodeError:
-            return
         except ScriptError as error:
             self._exception(error.line, str(error))
 
@@ -130,6 +131,10 @@ class ScriptServer:
                 self._controller.ask(command)
             else:
                 self._tell(error_message(READ_ONLY))
+            return
+        if (wrong := _NO_TEXT.search(program)) is not None:
+            told = f"byte 0x{ord(wrong[0]) - 0xDC00:02x} is not UTF-8: save the script as UTF-8"
+            self._exception(program.count("\n", 0, wrong.start()) + 1, told)
             return
         try:
             compiled = compile_text(program)

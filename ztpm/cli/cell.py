@@ -36,7 +36,7 @@ def sign(
     from ztpm.cell.cell import PASSPHRASE_VARIABLE
 
     try:
-        stated = survey.draft(draft.read_text("utf-8"), at=int(time.time()), days=days)
+        stated = survey.draft(draft.read_text("utf-8-sig"), at=int(time.time()), days=days)
     except survey.DraftError as error:
         fail(error.code, error.detail, as_json=as_json, status=USAGE)
     except (OSError, UnicodeDecodeError) as error:
@@ -72,7 +72,7 @@ def show(
 
     try:
         trusted = keys.check_raw(keys.unb64u(signer))
-        text = source.read_text("ascii").strip()
+        text = source.read_text("utf-8-sig").strip()
     except BadKeyError as error:
         fail(str(error.code), "--signer is no public key", as_json=as_json, status=USAGE)
     except (OSError, UnicodeDecodeError) as error:

@@ -92,7 +92,7 @@ def delegate(
 def read_token(file: Path, *, as_json: bool) -> str:
     """The text of a token in a file, or the command ends."""
     try:
-        return file.read_text("ascii").strip()
+        return file.read_text("utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
         fail("UNREADABLE", f"{file}: {type(error).__name__}", as_json=as_json, status=USAGE)
 
@@ -110,7 +110,7 @@ def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int, *, 
 
 def _read(path: Path, parse: Callable[[object], T], *, as_json: bool) -> T:
     try:
-        return parse(strict_json.parse_object(path.read_bytes()))
+        return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
     except CapabilityError as error:
         fail(str(error.code), f"{path}: {error.detail}", as_json=as_json, status=USAGE)
     except OSError as error:

@@ -38,7 +38,9 @@ def inspect(
 
     try:
         bundle = TrustBundle.from_json(trust.read_bytes())
-        text = (sys.stdin.read() if source == "-" else Path(source).read_text("utf-8")).strip()
+        text = (
+            sys.stdin.read().removeprefix("\ufeff") if source == "-" else Path(source).read_text("utf-8-sig")
+        ).strip()
     except CapabilityError as error:
         fail(str(error.code), f"{trust}: {error.detail}", as_json=as_json, status=USAGE)
     except (OSError, UnicodeDecodeError) as error:

@@ -168,7 +168,7 @@ def read_cell(config: CellConfig, *, at: float) -> cell.Cell:
             force, or contradicting itself.
     """
     try:
-        text = config.cell_file.read_bytes()[: CAPS.statement_bytes + 1].decode("ascii").strip()
+        text = config.cell_file.read_bytes()[: CAPS.statement_bytes + 1].decode("utf-8-sig").strip()
         stated = cell.open(text, frozenset({keys.unb64u(config.cell_signer_key)}), CAPS)
         surveyed(stated, config.cell)
         read_robot(config, tool=stated.tool)

@@ -155,7 +155,7 @@ def read_text(path: Path) -> str:
         raw = path.read_bytes()
         if len(raw) > CONFIG_BYTES:
             raise ConfigError(PepFault.CONFIG_INVALID, "too large")
-        return raw.decode("utf-8")
+        return raw.decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"{path}: {type(error).__name__}") from error
 
@@ -193,6 +193,6 @@ def read_policies(config: PointConfig) -> PolicySet:
     try:
         if config.policy in SHIPPED:
             return load_shipped(config.policy)
-        return load(Path(config.policy).read_text(encoding="utf-8"))
+        return load(Path(config.policy).read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, PolicyError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error

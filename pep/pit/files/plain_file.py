@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from capabilities.values.strict_json import JsonDefect, JsonError, read
+from capabilities.values.strict_json import JsonDefect, JsonError, read, without_mark
 from pep.pit.base.errors import PitError
 
 if TYPE_CHECKING:
@@ -49,6 +49,7 @@ def value_of(raw: bytes, name: PurePath) -> object:
     """
     if len(raw) > FILE_LIMIT_BYTES:
         raise FileError(REASONS[JsonDefect.TOO_LARGE], name.name, f"at most {FILE_LIMIT_BYTES} bytes")
+    raw = without_mark(raw)
     try:
         spelled = _as_json(raw) if name.suffix == TOML else raw
         return read(spelled, limit_bytes=2 * FILE_LIMIT_BYTES, limit_depth=DEPTH_LIMIT)

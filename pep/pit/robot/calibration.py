@@ -83,6 +83,13 @@ def own_kinematics(model: Model) -> str | None:
     return next((source.sha256 for source in model.derived_from if source.kind == CALIBRATION), None)
 
 
+REMEDY: Final = (
+    "take the file anew from this arm with the vendor's ur_calibration, and check that the arm is of this model, "
+    "lengths are in metres and angles in radians"
+)
+"""Next step after a calibration that cannot be this arm's."""
+
+
 def calibrated(model: Model, calibration: Calibration) -> Model:
     """The model with this arm's own kinematics; all that is derived from it follows.
 
@@ -100,11 +107,13 @@ def calibrated(model: Model, calibration: Calibration) -> Model:
     for joint, own in reversed(list(zip(model.joints, calibration.joints, strict=True))):
         offset, turn = _apart(joint, own)
         if not (offset <= OFFSET_LIMIT_M and turn <= TURN_LIMIT_RAD):
-            raise ModelError("PHYSICS_FAULT", f"{joint.name}: a calibration too far from nominal")
+            found = f"{joint.name}: a calibration {offset:.4f} m and {turn:.4f} rad from nominal"
+            raise ModelError("PHYSICS_FAULT", f"{found}, beyond {OFFSET_LIMIT_M} m or {TURN_LIMIT_RAD} rad; {REMEDY}")
         tip += offset + turn * beyond
         beyond += math.hypot(*own.offset_m)
     if not tip <= TIP_LIMIT_M:
-        raise ModelError("PHYSICS_FAULT", "a calibration that moves the tool point too far from nominal")
+        found = f"a calibration that moves the tool point by up to {tip:.4f} m"
+        raise ModelError("PHYSICS_FAULT", f"{found}, beyond {TIP_LIMIT_M} m; {REMEDY}")
     joints = tuple(
         replace(joint, offset_m=own.offset_m, rpy_rad=own.rpy_rad)
         for joint, own in zip(model.joints, calibration.joints, strict=True)

@@ -45,7 +45,7 @@ def jwks(*members) -> bytes:
     return json.dumps({"keys": list(members)}).encode()
 
 
-PLATFORM = workload.Platform(DOMAIN, workload.key_set(jwks(edwards_jwk(), curve_jwk())))
+PLATFORM = workload.Platform(DOMAIN, workload.key_set(jwks(edwards_jwk(), curve_jwk()))[0])
 CLAIMS = {
     "sub": SAID.id, "aud": ISSUER, "exp": NOW + 300, "iat": NOW, "cnf": {"jkt": AGENT}, "measurement": "02" * 32,
 }  # fmt: skip
@@ -71,7 +71,7 @@ def refused(token, **how) -> FaultCode:
 
 @pytest.mark.clause("WLD-1", "WLD-3")
 def test_what_is_signed_is_what_is_read():
-    ours = workload.Platform(DOMAIN, workload.key_set(workload.jwks(raw_of("platform"))))
+    ours = workload.Platform(DOMAIN, workload.key_set(workload.jwks(raw_of("platform")))[0])
     assert opened(workload.sign(SAID, PLATFORM_KEY), platform=ours) == SAID
     assert opened(made()) == SAID
     assert opened(made(key=CURVE_KEY, alg="ES256")) == SAID
@@ -223,7 +223,20 @@ def test_key_sets():
     assert set(PLATFORM.keys) == {"edwards", "curve"}
     assert PLATFORM.all_keys == {raw_of("platform"), keys.public_raw(CURVE_KEY)}
     spiffe = json.dumps({"keys": [curve_jwk(use="jwt-svid")], "spiffe_sequence": 1, "spiffe_refresh_hint": 60})
-    assert workload.key_set(spiffe.encode())["curve"].algorithm == "ES256"
+    assert workload.key_set(spiffe.encode())[0]["curve"].algorithm == "ES256"
+    rest = [
+        curve_jwk(use="x509-svid", kid="cert"),
+        {"kty": "RSA", "n": "AQAB", "e": "AQAB", "kid": "rsa"},
+        curve_jwk(crv="P-384", kid="large"),
+        curve_jwk(use="enc", kid="enc"),
+    ]
+    for n, other in enumerate(rest):
+        usable, others = workload.key_set(b"\xef\xbb\xbf" + jwks(other, edwards_jwk()))
+        assert set(usable) == {"edwards"} and len(others) == 1 and others[0].startswith("keys[0]: "), n
+    usable, others = workload.key_set(jwks(*rest, edwards_jwk()))
+    assert set(usable) == {"edwards"} and len(others) == len(rest)
+    with pytest.raises(CapabilityError):
+        workload.key_set(jwks(edwards_jwk(), curve_jwk(use="x509-svid", d=b64(bytes(32)))))
     off_curve = curve_jwk()
     off_curve["y"] = b64((CURVE_KEY.public_key().public_numbers().y ^ 1).to_bytes(32, "big"))
     point = b64((1).to_bytes(32, "little"))

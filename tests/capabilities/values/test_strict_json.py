@@ -55,3 +55,12 @@ def test_the_largest_integers_pass():
 def test_what_has_no_utf8_has_no_canonical_form():
     with pytest.raises(StatementError):
         strict_json.canonical({"x": "\ud800"})
+
+
+def test_a_byte_order_mark_is_named_and_taken_from_files_alone():
+    raw = b"\xef\xbb\xbf{}"
+    with pytest.raises(strict_json.JsonError) as caught:
+        strict_json.read(raw, limit_bytes=9, limit_depth=1)
+    assert caught.value.defect is strict_json.JsonDefect.MALFORMED and "mark" in caught.value.detail
+    assert strict_json.read(strict_json.without_mark(raw), limit_bytes=9, limit_depth=1) == {}
+    assert strict_json.without_mark(b"{}") == b"{}"

@@ -137,6 +137,17 @@ def test_each_port_runs_programs_and_the_primary_one_tells_it(cell, port):
         assert observer.told(f.RuntimeException).line == 3
 
 
+@pytest.mark.parametrize(
+    "text", ["def hot():\n # 90 \u00b0\n sync()\nend\n", 'def hot():\n textmsg("90 \u00b0")\nend\n']
+)
+def test_a_script_in_latin_1_is_refused_and_the_connection_stays(cell, text):
+    with Reader(cell, PRIMARY) as client:
+        client.socket.sendall(text.encode("latin-1"))
+        assert client.told(f.RuntimeException).line == 2
+        client.send(text)
+        assert client.told_of("hot") == f.Key(0, 0, "PROGRAM_XXX_STARTED", "hot")
+
+
 def test_the_secondary_port_tells_states_alone(cell):
     with Reader(cell, PRIMARY) as primary, Reader(cell, SECONDARY) as client:
         assert isinstance(client.next().content, f.Version)

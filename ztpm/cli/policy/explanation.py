@@ -67,7 +67,7 @@ def explain(
 
 
 def _case(path: Path, *, as_json: bool) -> RecordedCase:
-    from capabilities.values.strict_json import JsonError, read
+    from capabilities.values.strict_json import JsonError, read, without_mark
     from policies import PolicyError
     from policies.evidence import case_json
     from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
@@ -75,7 +75,7 @@ def _case(path: Path, *, as_json: bool) -> RecordedCase:
     try:
         with path.open("rb") as file:
             raw = file.read(LINE_BYTES + 1)  # a case is at most as large as a line of a ledger
-        return case_json.read(read(raw, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH))
+        return case_json.read(read(without_mark(raw), limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH))
     except JsonError as error:
         fail(str(error.defect), f"{path}: {error.detail}", as_json=as_json)
     except PolicyError as error:

@@ -39,7 +39,7 @@ def open_set(source: str, *, as_json: bool) -> OpenedPolicySet:
                 source, "UNKNOWN_SET", f"neither a shipped set ({', '.join(SHIPPED)}) nor a .toml file", "", as_json
             )
         else:
-            with Path(source).open(encoding="utf-8") as file:
+            with Path(source).open(encoding="utf-8-sig") as file:
                 text = file.read(TEXT_LIMIT + 1)
         policies = load(text)
     except PolicyError as error:

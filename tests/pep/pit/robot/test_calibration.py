@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio
 import pytest
 from pep.pit.proof.proof_document import document
-from pep.pit.robot.calibration import OFFSET_LIMIT_M, TIP_LIMIT_M, TURN_LIMIT_RAD, Calibration, calibrated
+from pep.pit.robot.calibration import OFFSET_LIMIT_M, REMEDY, TIP_LIMIT_M, TURN_LIMIT_RAD, Calibration, calibrated
 from pep.pit.robot.kinematics import layout, link_frames
 from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 
@@ -203,6 +203,13 @@ def test_a_flipped_frame_is_refused():
     """Elbow and wrist turned by half a turn each, as some exports state them: the angles then mean another pose."""
     with pytest.raises(ModelError):
         robot_of(spelled(changed(2, 5, math.pi)))
+
+
+def test_a_calibration_that_is_metres_off_names_its_remedy():
+    """Millimetres for metres: the file of another program."""
+    with pytest.raises(ModelError) as caught:
+        robot_of(spelled(changed(2, 0, 3.0)))
+    assert caught.value.reason == "PHYSICS_FAULT" and str(caught.value).endswith(REMEDY)
 
 
 def test_nobody_calibrates_twice():

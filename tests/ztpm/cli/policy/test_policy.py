@@ -415,3 +415,7 @@ def test_the_registry_is_asked_whom_a_set_names(run, file, cell, double, old, ne
 @pytest.mark.parametrize("options", [["--registry"], ["--as", "bob"]])
 def test_the_registry_is_asked_by_a_person(run, options):
     assert refused(run, "check", *options, status=2) == "USAGE"
+
+
+def test_a_set_that_begins_with_a_byte_order_mark_is_read(run, file):
+    assert told(run, "check", file("\ufeff" + mine()))["name"] == "mine"
