@@ -7,17 +7,15 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from ztpm_idp.app import create_app
     from ztpm_idp.keys.key_files import IdpKeys, SettingsError
-    from ztpm_idp.server import serve
     from ztpm_idp.settings import Settings
 
-__all__ = ["IdpKeys", "Settings", "SettingsError", "create_app", "serve"]
+__all__ = ["IdpKeys", "Settings", "SettingsError", "create_app"]
 
 _HOMES = {
     "IdpKeys": "ztpm_idp.keys.key_files",
     "Settings": "ztpm_idp.settings",
     "SettingsError": "ztpm_idp.keys.key_files",
     "create_app": "ztpm_idp.app",
-    "serve": "ztpm_idp.server",
 }
 
 

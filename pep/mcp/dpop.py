@@ -14,6 +14,7 @@ from urllib.parse import urlsplit
 from capabilities.keys import jws
 from capabilities.proof import mcp_meta
 from capabilities.values.errors import Fault, FaultCode
+from pep.base import caller_place
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (
     CREDENTIALS,
@@ -130,6 +131,10 @@ class DPoPLayer:
             }
             await self._refuse(send, 401, Reason(fault.code), credentials, where)
             return
+        if credentials.holder is None:
+            caller_place.stopping(scope)
+        else:
+            caller_place.proven(scope, credentials.holder)
         scope[CREDENTIALS], scope[HTTP_REQUEST] = credentials, http_request
         await self._app(scope, replayed(body, receive), send)
 

@@ -12,6 +12,7 @@ from urllib.parse import urlsplit
 from capabilities.statements import ticket
 from capabilities.statements.ticket import RequestDigests, Ticket
 from capabilities.values.errors import Fault, FaultCode
+from pep.base import caller_place
 from pep.base.errors import ReplayStoreError
 from pep.mcp.body_screen import BODY_BYTES, Unfit
 from pep.mcp.http_request import (
@@ -111,6 +112,8 @@ class TicketLayer:
             return
         headers = headers_of(scope)
         found = self._ticket(headers, body)
+        if isinstance(found, Ticket):
+            caller_place.proven(scope, f"pep {found.pep}")
         if isinstance(found, Ticket) or self._stops(scope["method"], headers, body):
             await self._app(self._inside(scope), replayed(body, receive), send)
             return

@@ -67,6 +67,11 @@ class Credentials:
             return None
         return NO_TOKEN
 
+    @property
+    def holder(self) -> str | None:
+        """Agent that holds the token, where token and proof hold."""
+        return self.chain.leaf.agent if isinstance(self.chain, Chain) and self.proof is True else None
+
 
 NOBODY: Final = Credentials(None, NO_TOKEN)
 """The caller of a transport that carries no credentials."""

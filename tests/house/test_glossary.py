@@ -22,8 +22,8 @@ NEVER = {"manager", "helper", "util", "handler", "data", "info", "process", "mis
 
 EXCEPTIONS = {
     ("evaluation/decisions/casbin_abac.py", "_enforcer"): "casbin.Enforcer's own name",
-    ("pep/mcp/deadline.py", "data"): "asyncio.Protocol's parameter",
-    ("pep/mcp/deadline.py", "data_received"): "asyncio.Protocol calls it",
+    ("ztpm/edge/connection.py", "data"): "asyncio.Protocol's parameter",
+    ("ztpm/edge/connection.py", "data_received"): "asyncio.Protocol calls it",
     ("pep/rtde/lease/accepted_connection.py", "data"): "asyncio.Protocol's parameter",
     ("pep/rtde/lease/accepted_connection.py", "data_received"): "asyncio.Protocol calls it",
     ("pep/rtde/lease/lease_connection.py", "data"): "asyncio.Protocol's parameter",

@@ -71,7 +71,7 @@ class Process:
 
     def start(self):
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "ztpm_idp", "--config", str(self.folder / "idp.toml")],
+            [sys.executable, "-m", "ztpm.point.provider_server", "--config", str(self.folder / "idp.toml")],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE},
         )  # fmt: skip
         line = self.popen.stdout.readline()
@@ -174,7 +174,7 @@ def test_a_refused_configuration_ends_with_its_name(tmp_path):
     ):
         config.write_text(text)
         ended = subprocess.run(
-            [sys.executable, "-m", "ztpm_idp", "--config", str(config)], env=os.environ | {"ZTPM_PASSPHRASE": env}, capture_output=True, timeout=60,
+            [sys.executable, "-m", "ztpm.point.provider_server", "--config", str(config)], env=os.environ | {"ZTPM_PASSPHRASE": env}, capture_output=True, timeout=60,
         )  # fmt: skip
         assert ended.returncode == 2
         assert f"refused to start: {setting}:".encode() in ended.stderr

@@ -99,7 +99,11 @@ class Cell:
         """Starts the identity provider."""
         self.end("idp")
         self.idp = self.start_child(
-            PROCESSES["idp"], "ztpm_idp", "--config", str(self.layout.idp_config), environment=self._secret
+            PROCESSES["idp"],
+            "ztpm.point.provider_server",
+            "--config",
+            str(self.layout.idp_config),
+            environment=self._secret,
         )
 
     def start_robot(self) -> None:

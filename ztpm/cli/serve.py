@@ -34,7 +34,7 @@ def _become(module: str, *arguments: str) -> NoReturn:
 @idp.command("serve")
 def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay=False)]) -> None:
     """Serve; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
-    _become("ztpm_idp", "--config", str(config))
+    _become("ztpm.point.provider_server", "--config", str(config))
 
 
 def tools(

@@ -11,13 +11,10 @@ import gc
 import json
 import logging
 import os
-import resource
 import signal
 import sys
 import traceback
 from typing import TYPE_CHECKING, Any, Final, TypedDict
-
-import uvicorn
 
 from capabilities.proof.freshness import Memory, earliest_iat_s, retention_ms
 from capabilities.token.verify import Verifier
@@ -26,12 +23,14 @@ from pep.base.clock import HeldClock, SystemClock, TimeMark
 from pep.base.errors import PepError, PepFault
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
-from pep.mcp.deadline import DeadlineProtocol
 from pep.provider.feed import FeedMarkFile, ProviderFollower
 from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import Authority
 from ztpm.base.incidents import Incidents
 from ztpm.base.report_server import serve_reports, view_of
+from ztpm.edge.places import Bounds
+from ztpm.edge.rare_log import tell_rarely
+from ztpm.edge.server import EdgeServer
 from ztpm.point.point_config import read_key, read_policies, read_trust
 from ztpm.point.trust_mark import check_mark
 from ztpm_idp.client import direct_http
@@ -50,12 +49,9 @@ if TYPE_CHECKING:
 FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
 SHUTDOWN_S: Final = 3
-KEEP_ALIVE_S: Final = 5
 SWITCH_S: Final = 0.001
 ACCEPTED: Final = frozenset({"decision", "ticket"})
 """Kinds of records that name a proof which had an effect."""
-CONNECTIONS: Final = 64
-"""Callers at once; a cell has a handful of agents. The next are told 503."""
 
 
 class EnforcementInputs(TypedDict):
@@ -78,7 +74,7 @@ def opened(config: PointConfig) -> EnforcementInputs:
     return EnforcementInputs(trust=trust, key=key, policies=policies, http=direct_http.async_client())
 
 
-class _Server(uvicorn.Server):
+class _Server(EdgeServer):
     """A server that leaves signals to the composition: the arm is stopped before anything else ends."""
 
     @contextlib.contextmanager
@@ -99,9 +95,11 @@ class EnforcementPoint:
     Attributes:
         ended: set it to end the process.
         app: app behind its door; made by the subclass.
+        bounds: most connections of callers.
     """
 
     app: Any
+    bounds = Bounds()
 
     def __init__(self, config: PointConfig, *, trust: TrustBundle, key: PrivateKey, http: httpx2.AsyncClient) -> None:
         self.config = config
@@ -161,18 +159,12 @@ class EnforcementPoint:
         """Serves until told to end, with nothing moving afterwards; `reports`: answers for reports."""
         loop = asyncio.get_running_loop()
         server = _Server(
-            uvicorn.Config(
-                self.app,
-                host=self.config.host,
-                port=self.config.port,
-                log_level="error",
-                access_log=False,
-                h11_max_incomplete_event_size=32_768,
-                http=DeadlineProtocol,
-                timeout_graceful_shutdown=SHUTDOWN_S,
-                timeout_keep_alive=KEEP_ALIVE_S,
-                limit_concurrency=CONNECTIONS,
-            )
+            self.app,
+            host=self.config.host,
+            port=self.config.port,
+            bounds=self.bounds,
+            log_level="error",
+            timeout_graceful_shutdown=SHUTDOWN_S,
         )
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.ended.set)
@@ -265,12 +257,10 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
     """
     # The watch looks every few ms: other threads hand the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
-    # As many sockets as the system allows: a stop may need one while strangers hold theirs idle.
-    most = resource.getrlimit(resource.RLIMIT_NOFILE)[1]
-    resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
     # Before MCPServer does, which would hide our warnings; its own, about strangers' input, stay hidden.
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
     logging.getLogger("mcp").setLevel(logging.ERROR)
+    tell_rarely()
     status = 1
     try:
         asyncio.run(serve())

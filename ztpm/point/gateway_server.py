@@ -52,6 +52,7 @@ from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
+from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
@@ -86,6 +87,8 @@ EQUIPPED_S: Final = 10.0
 VACATING: Final = "lease"
 """Holds the slot while the tools let go of the arm."""
 WARNING: Final = "UNSAFE: no policy is enforced (--unsafe-observe); denied acts happen at the simulated controller\n"
+TOOL_SERVERS: Final = 512
+"""Connections of tool servers, one of which brings the calls of all agents: more than its own door lets in."""
 
 
 class GatewayServer(RobotPoint):
@@ -101,6 +104,8 @@ class GatewayServer(RobotPoint):
         certifier: makes what certifies the values of one stream, given what `CellStream` is given.
         unsafe_observe: the simulated controller, where no policy is enforced; None enforces.
     """
+
+    bounds = Bounds(parties=TOOL_SERVERS, by_party=TOOL_SERVERS)
 
     def __init__(
         self,

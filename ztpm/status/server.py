@@ -13,13 +13,14 @@ import threading
 import time
 from typing import TYPE_CHECKING, Final
 
-import uvicorn
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
 from ztpm.base.peer import owner_of
+from ztpm.edge.places import Bounds
+from ztpm.edge.server import EdgeServer
 from ztpm.status.page import STYLE, render
 
 if TYPE_CHECKING:
@@ -41,7 +42,8 @@ HEADERS: Final = {
 }
 START_S: Final = 10.0
 STOP_S: Final = 3.0
-CONNECTIONS: Final = 16
+BOUNDS: Final = Bounds(strangers=64, by_address=64, stops=1, stops_by_address=1, parties=1, by_party=1)
+"""Nobody proves anything here: a browser of the owner has a few connections, and other users on this machine theirs."""
 ROOT: Final = 0
 
 
@@ -97,7 +99,7 @@ class _OwnersOnly:
         return None
 
 
-class _Server(uvicorn.Server):
+class _Server(EdgeServer):
     """A server in a thread: signals are the main thread's."""
 
     @contextlib.contextmanager
@@ -125,20 +127,13 @@ class StatusServer:
         except OSError as error:
             raise StatusError(f"{host}:{port}: {error.strerror}") from error
         owners = frozenset({os.getuid(), ROOT})
-        config = uvicorn.Config(
+        self._server = _Server(
             status_app(picture, host=host, port=port, owners=owners),
+            bounds=BOUNDS,
             log_level="error",
-            access_log=False,
-            loop="asyncio",
-            http="h11",
-            ws="none",
             lifespan="off",
-            server_header=False,
-            proxy_headers=False,
-            limit_concurrency=CONNECTIONS,
             timeout_graceful_shutdown=1,
         )
-        self._server = _Server(config)
         self._thread = threading.Thread(target=self._server.run, args=([self._socket],), name="status", daemon=True)
 
     def start(self) -> None:

@@ -18,15 +18,25 @@ from ztpm_idp.domain.parties import RegisteredPep, RegisteredPerson
 from ztpm_idp.provider import ask_page, wire
 from ztpm_idp.provider.feed import answers_for
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, nonce_of, provider_of, query_of
+from ztpm_idp.routes.caller import (
+    ASK_BYTES,
+    Call,
+    authenticated,
+    authenticated_within,
+    body_of,
+    nonce_of,
+    provider_of,
+    query_of,
+)
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Asker = Annotated[Call, Depends(authenticated_within(ASK_BYTES))]
 _UNSTORED = {"Cache-Control": "no-store"}
 
 
 @router.post("/approvals", status_code=201, openapi_extra=body_of(wire.AskBody))
-async def take_ask(request: Request, call: Caller) -> JSONResponse:
+async def take_ask(request: Request, call: Asker) -> JSONResponse:
     """An enforcement point's ask is shown to people: 201, or 200 when the very same was taken before."""
     text, provider = call.body(wire.AskBody).ask, provider_of(request)
     done = await provider.run(commands.TakeAsk(call.party.id, text), actor=call.party.id)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from fastapi import Request  # noqa: TC002  the framework reads the annotations
 
@@ -16,17 +16,27 @@ from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import SignedRequest
-from ztpm_idp.provider.body_json import BODY_BYTES, BodyError
+from ztpm_idp.provider.body_json import BodyError
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import Body, parse_body
 
 if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
     from capabilities.proof.proof import Proof
     from ztpm_idp.domain.parties import Party
     from ztpm_idp.provider.feed import Heartbeat
     from ztpm_idp.provider.provider import Provider
 
 B = TypeVar("B", bound=Body)
+SMALL_BYTES: Final = 16_384
+"""Largest body of most routes: a signed statement or two, and some short texts."""
+SCOPE_BYTES: Final = 65_536
+"""Largest body with a whole scope: what a token of 16 KiB can hold, spelled out."""
+ASK_BYTES: Final = 135_168
+"""Largest body with a signed ask: its text and room for its name."""
+PLACE: Final = "dev.ztpm.place"
+"""ASGI extension by which a listener learns whose connection it is, and lets no stranger push it out."""
 _SCHEME = "DPoP "
 _SINCE = re.compile(r"0|[1-9][0-9]{0,15}")
 
@@ -94,17 +104,22 @@ def heartbeat_of(request: Request) -> Heartbeat:
     return heartbeat
 
 
+def authenticated_within(body_bytes: int) -> Callable[[Request], Awaitable[Call]]:
+    """Dependency of a route whose bodies have at most so many bytes: see `authenticated`."""
+
+    async def within(request: Request) -> Call:
+        return await _authenticated(request, await read_body(request, body_bytes=body_bytes))
+
+    return within
+
+
 async def authenticated(request: Request) -> Call:
     """The call, when its proof is by a registered party and for exactly this request.
 
     Raises:
         Problem: 401 with the fault of the proof or token, 403 for a revoked caller, 413 for a body over the cap.
     """
-    proof, call = await _proven(request)
-    provider = provider_of(request)
-    party = await provider.caller(proof)
-    request.state.notice = await provider.notice(party)
-    return Call(party, *call)
+    return await _authenticated(request, await read_body(request, body_bytes=SMALL_BYTES))
 
 
 async def by_root(request: Request) -> RootCall:
@@ -113,7 +128,7 @@ async def by_root(request: Request) -> RootCall:
     Raises:
         Problem: as `authenticated`; `NOT_PERMITTED` for any other key.
     """
-    proof, (key, _, raw, signed) = await _proven(request)
+    proof, (key, _, raw, signed) = _proven(request, await read_body(request, body_bytes=SMALL_BYTES))
     provider = provider_of(request)
     if key != provider.rules.root_key:
         raise Problem(IdpCode.NOT_PERMITTED)
@@ -121,10 +136,20 @@ async def by_root(request: Request) -> RootCall:
     return RootCall(key, raw, signed)
 
 
-async def _proven(request: Request) -> tuple[Proof, tuple[bytes, bytes | None, bytes, SignedRequest]]:
-    """The proof, valid for exactly this request by whose key ever; with it all of the call but its party."""
+async def _authenticated(request: Request, raw: bytes) -> Call:
+    proof, call = _proven(request, raw)
     provider = provider_of(request)
-    raw = await read_body(request)
+    party = await provider.caller(proof)
+    place = (request.scope.get("extensions") or {}).get(PLACE)
+    if place is not None:
+        place.proven(f"{type(party).__name__} {party.id}")
+    request.state.notice = await provider.notice(party)
+    return Call(party, *call)
+
+
+def _proven(request: Request, raw: bytes) -> tuple[Proof, tuple[bytes, bytes | None, bytes, SignedRequest]]:
+    """Proof that is valid for exactly this request, by any key; with it all of the call but its party."""
+    provider = provider_of(request)
     proof_text, token_text = _one_header(request, "dpop"), _token_text(request)
     if proof_text is None:
         raise Problem(FaultCode.PROOF_MISSING)
@@ -153,17 +178,22 @@ def prefix_of(provider: Provider) -> str:
     return "/" + provider.settings.issuer.split("/", 3)[3]
 
 
-async def read_body(request: Request) -> bytes:
-    """The body, never more than the cap in memory.
+async def read_body(request: Request, *, body_bytes: int) -> bytes:
+    """The body, never more than the route's cap in memory, and nothing of one that announces more.
 
     Raises:
         Problem: `BODY_TOO_LARGE`.
     """
+    too_large = Problem(IdpCode.BODY_TOO_LARGE, f"at most {body_bytes} bytes")
+    if any(
+        length.isdecimal() and int(length[:20]) > body_bytes for length in request.headers.getlist("content-length")
+    ):
+        raise too_large
     raw = bytearray()
     async for part in request.stream():
         raw += part
-        if len(raw) > BODY_BYTES:
-            raise Problem(IdpCode.BODY_TOO_LARGE, f"at most {BODY_BYTES} bytes")
+        if len(raw) > body_bytes:
+            raise too_large
     return bytes(raw)
 
 

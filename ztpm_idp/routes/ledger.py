@@ -11,16 +11,18 @@ from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.provider import wire
+from ztpm_idp.provider.body_json import BODY_BYTES
 from ztpm_idp.provider.feed import ledger_export
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of
+from ztpm_idp.routes.caller import Call, authenticated, authenticated_within, body_of, provider_of
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Batch = Annotated[Call, Depends(authenticated_within(BODY_BYTES))]
 
 
 @router.post("/ledger/records", openapi_extra=body_of(wire.RecordsBody))
-async def take_records(request: Request, call: Caller) -> dict[str, int]:
+async def take_records(request: Request, call: Batch) -> dict[str, int]:
     """An enforcement point's records are in the ledger; offering them again changes nothing."""
     records = tuple(call.body(wire.RecordsBody).records)
     await provider_of(request).run(commands.TakeRecords(call.party.id, records), actor=call.party.id)

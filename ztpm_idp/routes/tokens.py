@@ -21,8 +21,10 @@ from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import revocation_index
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
+    SCOPE_BYTES,
     Call,
     authenticated,
+    authenticated_within,
     body_of,
     heartbeat_of,
     nonce_of,
@@ -36,10 +38,11 @@ if TYPE_CHECKING:
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Lender = Annotated[Call, Depends(authenticated_within(SCOPE_BYTES))]
 
 
 @router.post("/tokens", status_code=201, openapi_extra=body_of(wire.IssueBody))
-async def issue(request: Request, call: Caller) -> dict[str, Any]:
+async def issue(request: Request, call: Lender) -> dict[str, Any]:
     """A sponsor lends authority to an agent; the proof is the sponsor's signature over the request."""
     body = call.body(wire.IssueBody)
     try:
@@ -61,7 +64,7 @@ async def issue(request: Request, call: Caller) -> dict[str, Any]:
 
 
 @router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
-async def delegate(request: Request, call: Caller) -> dict[str, Any]:
+async def delegate(request: Request, call: Lender) -> dict[str, Any]:
     """Delegates part of a holder's token; the proof is by the token's holder."""
     body, provider = call.body(wire.DelegateBody), provider_of(request)
     if call.token is None:

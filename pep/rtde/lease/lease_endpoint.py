@@ -26,6 +26,7 @@ from capabilities.proof import session_opening
 from capabilities.proof.key_agreement import KEY_BYTES, NONCE_BYTES
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault
+from pep.base import caller_place
 from pep.base.errors import JournalError
 from pep.gate import records
 from pep.request.authority import PresentedRequest
@@ -104,6 +105,7 @@ class LeaseEndpoint:
         if (fault := credentials.fault) is not None:
             return await self._refuse(401, Reason(fault.code), credentials)
         assert isinstance(credentials.chain, Chain)
+        caller_place.proven(request.scope, credentials.chain.leaf.agent)
         opened = self._opened(body, presented, credentials, credentials.chain)
         if isinstance(opened, Fault):
             return await self._refuse(401, Reason(opened.code), credentials)

@@ -6,12 +6,10 @@ import secrets
 from contextlib import asynccontextmanager
 
 import httpx2
-import uvicorn
 from capabilities.token.verify import Verifier
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
-from pep.mcp.deadline import DeadlineProtocol
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.forward import Forward, client
 from pep.mcp.mapping import ARM_TOOLS
@@ -20,6 +18,7 @@ from pep.request.authority import Authority
 from pep.request.edge import Edge
 from tests.pep.kit import AUDIENCE, HOST, ISSUER, PORT
 from tests.pep.mcp.test_mcp import Cell
+from ztpm.edge.server import EdgeServer
 
 from capabilities.keys import keys
 from capabilities.statements import ticket
@@ -32,17 +31,7 @@ DOOR = "door-1"
 @asynccontextmanager
 async def listening(app, port):
     """The app is served as enforcement points serve theirs."""
-    config = uvicorn.Config(
-        app,
-        host=HOST,
-        port=port,
-        log_level="critical",
-        http=DeadlineProtocol,
-        interface="asgi3",
-        h11_max_incomplete_event_size=32_768,
-        timeout_graceful_shutdown=1,
-    )
-    server = uvicorn.Server(config)
+    server = EdgeServer(app, host=HOST, port=port, log_level="critical", interface="asgi3", timeout_graceful_shutdown=1)
     server.capture_signals = contextlib.nullcontext
     task = asyncio.create_task(server.serve())
     async with asyncio.timeout(10):

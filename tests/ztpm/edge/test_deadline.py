@@ -5,9 +5,9 @@ import contextlib
 import socket
 
 import pytest
-import uvicorn
 
-from pep.mcp import deadline
+from ztpm.edge import connection
+from ztpm.edge.server import EdgeServer
 
 pytestmark = pytest.mark.real_time
 
@@ -32,15 +32,12 @@ async def app(scope, receive, send):
 
 @pytest.fixture
 def late(monkeypatch):
-    monkeypatch.setattr(deadline, "REQUEST_S", LATE_S)
+    monkeypatch.setattr(connection, "REQUEST_S", LATE_S)
 
 
 async def served(play):
     probe = socket.create_server(("127.0.0.1", 0))
-    config = uvicorn.Config(
-        app, http=deadline.DeadlineProtocol, log_level="error", lifespan="off", timeout_keep_alive=60
-    )
-    server = uvicorn.Server(config)
+    server = EdgeServer(app, log_level="error", lifespan="off")
     running = asyncio.create_task(server.serve(sockets=[probe]))
     try:
         async with asyncio.timeout(PATIENCE_S):

@@ -1,0 +1,106 @@
+"""Process of the identity provider, behind the same edge as the enforcement points.
+
+It is composed here, since the edge is `ztpm`'s and the provider knows no other package of the house that serves.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import logging
+import os
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
+from ztpm_idp.keys.key_ring import check_current
+from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+
+if TYPE_CHECKING:
+    import socket
+
+    from capabilities.statements.workload import Platform
+    from policies.decision.policy import PolicySet
+    from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.settings import Settings
+
+USAGE: Final = 2
+"""Exit status for a configuration that is refused."""
+GRACE_S: Final = 5
+"""Seconds that open requests may take to end after SIGTERM."""
+
+
+def serve(
+    settings: Settings, keys: IdpKeys, platform: Platform | None = None, policies: PolicySet | None = None
+) -> None:
+    """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
+
+    Args:
+        settings: checked already.
+        keys: the five private keys.
+        platform: the platform whose workload tokens count, if any.
+        policies: the set that decides on delegations; None: the shipped set that the settings name.
+    """
+    from ztpm.edge.server import EdgeServer
+    from ztpm_idp.app import create_app
+
+    app = create_app(settings, keys, platform=platform, policies=policies)
+
+    class Announcing(EdgeServer):
+        """Says on standard output, in one JSON line, that it listens; lets nobody wait once it is told to end."""
+
+        async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+            await super().startup(sockets)
+            sys.stdout.write(json.dumps({"ready": True, "port": settings.port}) + "\n")
+            sys.stdout.flush()
+
+        async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+            # The application is told of its end only after every request has ended; one that waits must be told before.
+            app.state.provider.epochs.close()  # there is a provider from the start of the application on
+            await super().shutdown(sockets)
+
+    Announcing(
+        app,
+        host=settings.host,
+        port=settings.port,
+        ssl_certfile=settings.tls_certificate_file,
+        ssl_keyfile=settings.tls_key_file,
+        lifespan="on",
+        log_level="warning",
+        timeout_graceful_shutdown=GRACE_S,
+    ).run()
+
+
+def main() -> int:
+    """Serves by the configuration; the exit status."""
+    from ztpm.edge.rare_log import tell_rarely
+
+    parser = argparse.ArgumentParser(
+        prog="python -m ztpm.point.provider_server", description="The ZTPM identity provider."
+    )
+    parser.add_argument("--config", required=True, type=Path, help="idp.toml")
+    config: Path = parser.parse_args().config
+    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    tell_rarely()
+    os.umask(0o077)  # the database is nobody else's
+    try:
+        settings = load_settings(config)
+        # Taken out of the environment, so that no child and no dump of it has it.
+        keys = load_keys(settings, config.parent, os.environ.pop(PASSPHRASE_VARIABLE, ""))
+        check_current(keys, at=time.time())
+        platform = load_platform(settings, config.parent, keys)
+        policies = load_policies(settings, config.parent)
+    except SettingsError as error:
+        sys.stderr.write(f"refused to start: {error.setting}: {error.why}\n")
+        return USAGE
+    # The server hands the signal back when it has ended in order; that is success, not death by signal.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
+    serve(settings.settings(keys), keys, platform, policies)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
