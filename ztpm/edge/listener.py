@@ -106,12 +106,15 @@ class Listener:
     def _admit(self, accepted: socket.socket, address: str) -> None:
         ended = self._places.ended
         place = self._places.take(address, lambda: None)
+        if self._places.ended > ended:
+            _LOG.warning("strangers' connections made room for others, the newest from %s", address)
+        if place is None:
+            accepted.close()
+            return
         task = self._loop.create_task(self._enter(accepted, place))
         place.end = lambda: _cancel(task)
         self._entering.add(task)
         task.add_done_callback(lambda task: self._entered(task, accepted, place))
-        if self._places.ended > ended:
-            _LOG.warning("strangers' connections made room for others, the newest from %s", address)
 
     async def _enter(self, accepted: socket.socket, place: ConnectionPlace) -> None:
         await self._loop.connect_accepted_socket(

@@ -7,6 +7,7 @@ that of the owner who has too many, else that of the owner who has most.
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from enum import Enum
 from ipaddress import ip_address
@@ -17,6 +18,11 @@ if TYPE_CHECKING:
 
 RESERVE: Final = 128
 """Descriptors that are no caller's: files, the database, connections of our own, and some accepted at once."""
+GRACE_S: Final = 0.1
+"""Time that every stranger has to say something, however many of its address follow: those are hung up on meanwhile.
+
+It also bounds what one address can cost: so many connections in that time, and a bare close for each of the others.
+"""
 SITE_BITS: Final = 64  # RFC 6177: one site has at least the whole lower half of an IPv6 address
 
 
@@ -65,16 +71,18 @@ class ConnectionPlace:
     Attributes:
         standing, owner: the owner whose place it is.
         busy: true while a whole request of it is answered; else it is silent.
+        since_s: time since which it is so.
         end: ends the connection at once.
     """
 
-    __slots__ = ("busy", "end", "owner", "standing")
+    __slots__ = ("busy", "end", "owner", "since_s", "standing")
 
-    def __init__(self, standing: Standing, owner: str, end: Callable[[], None]) -> None:
+    def __init__(self, standing: Standing, owner: str, end: Callable[[], None], since_s: float) -> None:
         self.standing = standing
         self.owner = owner
         self.end = end
         self.busy = False
+        self.since_s = since_s
 
 
 class _Owned:
@@ -101,12 +109,14 @@ class Places:
 
     Args:
         bounds: most connections.
+        now: monotonic clock, seconds.
 
     Attributes:
-        ended: connections that had to make room, since the start.
+        ended: connections that had to make room or found none, since the start.
     """
 
-    def __init__(self, bounds: Bounds) -> None:
+    def __init__(self, bounds: Bounds, now: Callable[[], float] = time.monotonic) -> None:
+        self._now = now
         self._bounds = {
             Standing.STRANGER: (bounds.strangers, bounds.by_address),
             Standing.STOP: (bounds.stops, bounds.stops_by_address),
@@ -119,14 +129,23 @@ class Places:
     def __len__(self) -> int:
         return sum(self._counts.values())
 
-    def take(self, address: str, end: Callable[[], None]) -> ConnectionPlace:
+    def take(self, address: str, end: Callable[[], None]) -> ConnectionPlace | None:
         """Place for a connection that begins; the oldest silent one ends for it where there is none left.
+
+        None while its address has all its places, and each for less than `GRACE_S`.
 
         Args:
             address: of the caller.
             end: ends the connection at once; may be replaced in the place.
         """
-        place = ConnectionPlace(Standing.STRANGER, _site(address), end)
+        now_s, site = self._now(), _site(address)
+        own = self._owners[Standing.STRANGER].get(site)
+        if own is not None and len(own) >= self._bounds[Standing.STRANGER][1]:
+            oldest = own.oldest(but=_NOBODY)
+            if oldest is not None and now_s - oldest.since_s < GRACE_S:
+                self.ended += 1
+                return None
+        place = ConnectionPlace(Standing.STRANGER, site, end, now_s)
         self._seat(place)
         return place
 
@@ -142,7 +161,7 @@ class Places:
         if self._has(place):
             owned = self._owners[place.standing][place.owner]
             del owned.row(place)[place]
-            place.busy = busy
+            place.busy, place.since_s = busy, self._now()
             owned.row(place)[place] = None
 
     def leave(self, place: ConnectionPlace) -> None:
@@ -186,7 +205,7 @@ class Places:
         place.end()
 
 
-_NOBODY: Final = ConnectionPlace(Standing.STRANGER, "", lambda: None)
+_NOBODY: Final = ConnectionPlace(Standing.STRANGER, "", lambda: None, 0.0)
 
 
 def _site(address: str) -> str:

@@ -14,11 +14,17 @@ from ztpm.edge.server import EdgeServer
 from ztpm_idp.routes import caller
 
 from pep.base import caller_place
-from ztpm.edge import connection, listener
+from ztpm.edge import connection, listener, places
 
 FEW = Bounds(strangers=8, by_address=4, stops=4, stops_by_address=2, parties=4, by_party=2)
 STRANGER, OTHER = "127.0.0.2", "127.0.0.3"
 PATIENCE_S = 10.0
+
+
+@pytest.fixture(autouse=True)
+def _no_grace(monkeypatch):
+    """A crowd of a few comes within milliseconds; `test_places` has the time that each newcomer has."""
+    monkeypatch.setattr(places, "GRACE_S", 0.0)
 
 
 class App:

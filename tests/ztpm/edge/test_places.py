@@ -1,9 +1,10 @@
 """Places of connections: who goes when there are no more, and who never does."""
 
+import itertools
 import random
 
 import pytest
-from ztpm.edge.places import Bounds, Places, Standing
+from ztpm.edge.places import GRACE_S, Bounds, Places, Standing
 
 FEW = Bounds(strangers=6, by_address=4, stops=3, stops_by_address=2, parties=4, by_party=3)
 HERE, THERE = "10.0.0.1", "10.0.0.2"
@@ -13,9 +14,11 @@ class Hall:
     """Places whose connections note their end."""
 
     def __init__(self, bounds=FEW):
-        self.places, self.gone = Places(bounds), []
+        self.at_s = 0.0
+        self.places, self.gone = Places(bounds, lambda: self.at_s), []
 
     def enter(self, name, address=HERE):
+        self.at_s += GRACE_S
         return self.places.take(address, lambda: self.gone.append(name))
 
     def party(self, name, party, address=HERE):
@@ -32,6 +35,19 @@ def test_the_oldest_silent_connection_of_a_crowded_address_goes_first():
         hall.enter(name)
     assert hall.gone == [0, 1]
     assert len(hall.places) == 4
+
+
+def test_a_newcomer_has_time_to_say_something_however_many_of_its_address_follow():
+    hall = Hall()
+    for name in range(4):
+        hall.enter(name)
+    hall.at_s = GRACE_S * 1.99  # the first came at 1
+    assert all(hall.places.take(HERE, lambda: None) is None for _ in range(1_000))
+    assert hall.gone == []
+    assert hall.enter("other", THERE) is not None
+    hall.at_s = GRACE_S * 2.01
+    assert hall.places.take(HERE, lambda: None) is not None
+    assert hall.gone == [0]
 
 
 def test_another_address_loses_nothing_to_it():
@@ -152,7 +168,7 @@ def test_places_leave_descriptors_for_everything_else(descriptors, most):
 
 @pytest.mark.parametrize("seed", range(20))
 def test_no_bound_is_ever_passed_and_every_place_is_left_once(seed):
-    chance, hall, here, ended = random.Random(seed), Places(FEW), {}, set()
+    chance, hall, here, ended = random.Random(seed), Places(FEW, itertools.count().__next__), {}, set()
     for number in range(2_000):
         match chance.randrange(4):
             case 0 | 1:

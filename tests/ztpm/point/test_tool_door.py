@@ -118,6 +118,8 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
 class Surroundings(House):
     """A guarded gateway, the identity provider on the wire, and the files of a door that is to be started."""
 
+    log = None
+
     def lay_out(self):
         (self.tmp / "state").mkdir()
         self.issuer.peps = tuple(PartyEntry(name, raw) for name, raw in self.peps.items())
@@ -159,7 +161,7 @@ class Surroundings(House):
             pipe = asyncio.subprocess.PIPE
             door = await asyncio.create_subprocess_exec(
                 sys.executable, "-m", "ztpm.point.tool_proxy", "--config", str(self.config), "--reports",
-                stdin=pipe, stdout=pipe, env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE},
+                stdin=pipe, stdout=pipe, stderr=self.log, env={**os.environ, "ZTPM_PASSPHRASE": PASSPHRASE},
             )  # fmt: skip
             try:
                 async with asyncio.timeout(40):
