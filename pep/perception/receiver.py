@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from pep.perception.sensor_frames import Frames
 
 CONNECTIONS: Final = 16
-"""Senders at once; a cell has a handful of sensors."""
+"""Senders at once; a cell has a handful of sensors.
+
+Where there are more, the oldest that has sent no believed frame makes room.
+"""
 FIRST_FRAME_S: Final = 2.0
 """Time for the first believed frame of a sender; one that sends none is no sensor, and makes room."""
 STRANGERS: Final = frozenset(
@@ -46,7 +49,7 @@ class FrameReceiver:
         self._incident = incident
         self._told: dict[tuple[str, str], tuple[int, int]] = {}
         self._server: asyncio.Server | None = None
-        self._writers: set[asyncio.StreamWriter] = set()
+        self._writers: dict[asyncio.StreamWriter, bool] = {}  # true after a believed frame
 
     async def listen(self, host: str, port: int) -> int:
         """Receives frames from now on; the port that was bound."""
@@ -65,22 +68,26 @@ class FrameReceiver:
     async def _serve(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         if len(self._writers) >= CONNECTIONS:
             self._tell(RejectedFrame(FrameFault.TOO_MANY_SENDERS, NOBODY))
-            writer.close()
-            return
-        self._writers.add(writer)
+            stranger = next((each for each, believed in self._writers.items() if not believed), None)
+            if stranger is None:
+                writer.close()
+                return
+            del self._writers[stranger]
+            stranger.transport.abort()
+        self._writers[writer] = False
         try:
             async with asyncio.timeout(FIRST_FRAME_S) as patience:
-                while await self._one(reader, patience):  # noqa: ASYNC110 - not a wait: a turn for the others
+                while await self._one(reader, writer, patience):  # noqa: ASYNC110 - not a wait: a turn for the others
                     # However much a sender sends, the watch over the moving arm has its turn.
                     await asyncio.sleep(0)
         except (ConnectionError, TimeoutError, asyncio.CancelledError):
             # A sender that goes away is a view that grows old; that is judged where views are read.
             return
         finally:
-            self._writers.discard(writer)
+            self._writers.pop(writer, None)
             writer.close()
 
-    async def _one(self, reader: asyncio.StreamReader, patience: asyncio.Timeout) -> bool:
+    async def _one(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, patience: asyncio.Timeout) -> bool:
         """Judges one line; False when the stream ends, or has to."""
         try:
             line = await reader.readuntil(b"\n")
@@ -97,6 +104,8 @@ class FrameReceiver:
             self._tell(verdict)
             return verdict.fault not in STRANGERS
         patience.reschedule(None)
+        if writer in self._writers:
+            self._writers[writer] = True
         odd = self._frames.contradiction(verdict)
         if odd is not None:
             self._tell(odd)

@@ -345,6 +345,23 @@ def test_the_connection_after_the_last_is_hung_up_on_and_the_view_stands(tmp_pat
     played(tmp_path, scenario)
 
 
+def test_silent_strangers_do_not_keep_a_sensor_out(tmp_path):
+    async def scenario(cell):
+        believed = sum(cell.receiver._writers.values())
+        assert believed >= 1, "the sensor's own"
+        free = CONNECTIONS - len(cell.receiver._writers)
+        crowd = [await asyncio.open_connection("127.0.0.1", cell.port) for _ in range(free)]
+        await cell.until(lambda: len(cell.receiver._writers) == CONNECTIONS)
+        await cell.push(cell.frame() + b"\n")
+        await cell.until(lambda: sum(cell.receiver._writers.values()) == believed + 1)
+        assert await crowd[0][0].read() == b"", "the oldest stranger"
+        assert cell.incidents() == [("", "TOO_MANY_SENDERS")]
+        for _, writer in crowd:
+            writer.close()
+
+    played(tmp_path, scenario)
+
+
 def test_two_sensors_that_contradict_each_other_are_on_record_and_nobody_is_lost(tmp_path):
     async def scenario(cell):
         person = observed(standing_adult(-0.62, -0.3, name="person-1"))
