@@ -66,7 +66,7 @@ class Receipt(Form, frozen=True):
 
 def sign(receipt: Receipt, key: PrivateKey) -> str:
     """The receipt, signed by the PEP that admitted."""
-    return statement_form.sign(KIND, plain(receipt), key)
+    return statement_form.seal(KIND, plain(receipt), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A001 - read as admission.open
@@ -76,7 +76,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Receipt:  # noqa: A0
         StatementError: as `sealed.open`; also for one without a source, with names out of order, and one that lives
             longer than `LIFETIME_S` or not at all.
     """
-    receipt = read(Receipt, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Receipt:
+    receipt = read(Receipt, claims)
     ordered(receipt.sources, "a source")
     ordered(receipt.signers, "a signer")
     lasting(receipt.at, receipt.not_after, LIFETIME_S)

@@ -54,7 +54,7 @@ class Answers(Form, frozen=True):
 
 def sign(answers: Answers, key: PrivateKey) -> str:
     """Answers signed by the identity provider's registry key."""
-    return statement_form.sign(KIND, plain(answers), key)
+    return statement_form.seal(KIND, plain(answers), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A001 - read as answers.open
@@ -63,6 +63,10 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Answers:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    answers = read(Answers, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Answers:
+    answers = read(Answers, claims)
     unique(answers.asks, lambda ask: ask.ask_id, "an ask")
     return answers

@@ -131,7 +131,7 @@ NAMES: Final = Ask.__struct_fields__
 
 def sign(ask: Ask, key: PrivateKey) -> str:
     """The ask, signed by the PEP."""
-    return statement_form.sign(KIND, plain(ask), key)
+    return statement_form.seal(KIND, plain(ask), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 - read as ask.open
@@ -141,7 +141,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 -
         StatementError: as `sealed.open`; also for an ask that ends before it begins, gives no reason, or asks fewer
             people than its tier wants.
     """
-    ask = read(Ask, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Ask:
+    ask = read(Ask, claims)
     unique(ask.values, lambda value: value.name, "a parameter")
     unique(ask.reasons, lambda reason: reason, "a reason")
     if len(ask.start_urad) not in (0, JOINTS):

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from msgspec import field
 
+from capabilities.keys import keys as key_forms
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Name, NameOrEmpty, Nonce, Sha256, Thumbprint, Whole, malformed, read
 from capabilities.values.form import Form, plain, whole
@@ -49,7 +50,11 @@ class Evidence(Form, frozen=True):
 def sign(evidence: Evidence, key: PrivateKey) -> str:
     """The signed evidence."""
     digests = {"request": evidence.request_digest.hex(), "measurement": evidence.measurement.hex()}
-    return statement_form.sign(KIND, plain(evidence) | digests, key)
+
+    def reader(claims: dict[str, object]) -> Evidence:
+        return _read(claims, key_forms.thumbprint(key_forms.public_raw(key)))
+
+    return statement_form.seal(KIND, plain(evidence) | digests, key, reader)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A001 - read as attestation.open
@@ -58,7 +63,12 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Evidence:  # noqa: A
     Raises:
         StatementError: as `sealed.open`.
     """
-    evidence = read(Evidence, statement_form.open(KIND, text, keys, caps))
-    if evidence.key_thumbprint != statement_form.signer_thumbprint(text):
+    claims = statement_form.open(KIND, text, keys, caps)
+    return _read(claims, statement_form.signer_thumbprint(text))
+
+
+def _read(claims: dict[str, object], signer: str) -> Evidence:
+    evidence = read(Evidence, claims)
+    if evidence.key_thumbprint != signer:
         raise malformed("key: not the one that signed")
     return evidence

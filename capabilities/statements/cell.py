@@ -120,7 +120,7 @@ class Cell(Form, frozen=True):
 
 def sign(cell: Cell, key: PrivateKey) -> str:
     """The cell file, signed by the person."""
-    return statement_form.sign(KIND, to_claims(cell), key)
+    return statement_form.seal(KIND, to_claims(cell), key, from_claims)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Cell:  # noqa: A001 - read as cell.open

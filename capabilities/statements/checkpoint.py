@@ -35,7 +35,7 @@ class Checkpoint(Form, frozen=True):
 
 def sign(checkpoint: Checkpoint, key: PrivateKey) -> str:
     """The signed checkpoint."""
-    return statement_form.sign(KIND, plain(checkpoint), key)
+    return statement_form.seal(KIND, plain(checkpoint), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa: A001 - read as checkpoint.open
@@ -44,4 +44,8 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Checkpoint:  # noqa:
     Raises:
         StatementError: as `sealed.open`.
     """
-    return read(Checkpoint, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Checkpoint:
+    return read(Checkpoint, claims)

@@ -33,7 +33,7 @@ AgentId = Annotated[str, whole(rf"(?!{text.ROLE_PREFIX}){text.NAME.pattern}"), u
 Id = Annotated[str, whole(ID.pattern)]
 IdOrEmpty = Annotated[str, whole(f"({ID.pattern})?")]
 Nonce = Annotated[str, whole(NONCE.pattern)]
-TokenId = Annotated[str, whole(r"[A-Za-z0-9_-]{1,64}")]
+TokenId = Annotated[str, whole(text.TOKEN_ID.pattern)]
 Thumbprint = Annotated[str, whole(text.THUMBPRINT.pattern)]
 HexDigest = Annotated[str, whole(r"[0-9a-f]{64}")]
 """A SHA-256 as 64 lower-case hex digits."""

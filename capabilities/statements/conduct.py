@@ -97,7 +97,7 @@ class Conduct(Form, frozen=True):
 
 def sign(word: Conduct, key: PrivateKey) -> str:
     """The signed word."""
-    return statement_form.sign(KIND, plain(word), key)
+    return statement_form.seal(KIND, plain(word), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A001 - read as conduct.open
@@ -106,7 +106,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Conduct:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`.
     """
-    word = read(Conduct, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Conduct:
+    word = read(Conduct, claims)
     unique(word.edges, lambda e: (e.delegator, e.delegate), "an edge")
     unique(word.agents, lambda a: a.agent, "an agent")
     for agent in word.agents:

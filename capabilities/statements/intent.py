@@ -55,7 +55,7 @@ def sign(intent: Intent, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    return statement_form.sign(KIND, plain(intent) | {"body": stated(intent.body)}, key)
+    return statement_form.seal(KIND, plain(intent) | {"body": stated(intent.body)}, key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A001 - read as intent.open
@@ -65,7 +65,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Intent:  # noqa: A00
         StatementError: as `sealed.open`; also for a body that is too long, and one that lives longer than
             `LIFETIME_S` or not at all.
     """
-    intent = read(Intent, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Intent:
+    intent = read(Intent, claims)
     lasting(intent.at, intent.not_after, LIFETIME_S)
     return intent
 

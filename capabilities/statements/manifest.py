@@ -94,7 +94,7 @@ def entry_of(id_: str, content: bytes, source: str) -> ManifestEntry:
 
 def sign(manifest: Manifest, key: PrivateKey) -> str:
     """The manifest, signed by its curator."""
-    return statement_form.sign(KIND, plain(manifest), key)
+    return statement_form.seal(KIND, plain(manifest), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A001 - read as manifest.open
@@ -103,7 +103,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Manifest:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins or lives longer than `LIFETIME_S`.
     """
-    manifest = read(Manifest, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Manifest:
+    manifest = read(Manifest, claims)
     ordered(tuple(entry.id for entry in manifest.entries), "an id")
     lasting(manifest.at, manifest.not_after, LIFETIME_S)
     return manifest

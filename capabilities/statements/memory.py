@@ -76,7 +76,7 @@ class Remembered(Form, frozen=True):
 def sign(row: Remembered, key: PrivateKey) -> str:
     """The row, signed by the enforcement point."""
     behind = [{"kind": kind, "id": id_} for kind, id_ in row.behind]
-    return statement_form.sign(KIND, plain(row) | {"behind": behind}, key)
+    return statement_form.seal(KIND, plain(row) | {"behind": behind}, key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa: A001 - read as memory.open
@@ -85,7 +85,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Remembered:  # noqa:
     Raises:
         StatementError: as `sealed.open`; also for one without a source, or with names out of order.
     """
-    row = read(Remembered, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Remembered:
+    row = read(Remembered, claims)
     ordered(row.behind, "a name")
     ordered(row.sources, "a source")
     ordered(row.signers, "a signer")

@@ -77,7 +77,7 @@ def sign(message: Message, key: PrivateKey) -> str:
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the body is no canonical JSON object.
     """
-    return statement_form.sign(KIND, plain(message) | {"body": stated(message.body)}, key)
+    return statement_form.seal(KIND, plain(message) | {"body": stated(message.body)}, key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A001 - read as message.open
@@ -87,7 +87,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Message:  # noqa: A0
         StatementError: as `sealed.open`; also for a message to oneself, a body that is too long,
             and one that lives longer than `LIFETIME_S` or not at all.
     """
-    message = read(Message, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Message:
+    message = read(Message, claims)
     if message.sender == message.addressee:
         raise malformed("a message to oneself")
     lasting(message.at, message.not_after, LIFETIME_S)

@@ -144,7 +144,7 @@ def sign(observation: Observation, key: PrivateKey) -> str:
     members = plain(observation)
     for person in members["people"]:
         person["regions"] = [{"region": region, "shape": shape} for region, shape in person["regions"]]
-    return statement_form.sign(KIND, members, key)
+    return statement_form.seal(KIND, members, key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Observation:  # noqa: A001 - read as observation.open
@@ -153,7 +153,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Observation:  # noqa
     Raises:
         StatementError: as `sealed.open`.
     """
-    frame = read(Observation, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Observation:
+    frame = read(Observation, claims)
     unique(frame.people, lambda person: person.id, "a person")
     unique(frame.objects, lambda thing: thing.id, "an object")
     for thing in frame.objects:

@@ -44,7 +44,7 @@ class Opening(Form, frozen=True):
 
 def sign(opening: Opening, key: PrivateKey) -> str:
     """The opening, signed by the person."""
-    return statement_form.sign(KIND, plain(opening), key)
+    return statement_form.seal(KIND, plain(opening), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A001 - read as opening.open
@@ -53,7 +53,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Opening:  # noqa: A0
     Raises:
         StatementError: as `sealed.open`; also for one that ends before it begins.
     """
-    opening = read(Opening, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Opening:
+    opening = read(Opening, claims)
     if not opening.not_before < opening.not_after:
         raise malformed("it ends before it begins")
     return opening

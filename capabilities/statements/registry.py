@@ -109,7 +109,7 @@ def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
         name: [{**entry, "key": key_forms.b64u(entry["key"])} for entry in members[name]]
         for name in ("sensors", "approvers", "peps")
     }
-    return statement_form.sign(KIND, members | with_keys, key)
+    return statement_form.seal(KIND, members | with_keys, key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  # noqa: A001 - read as registry.open
@@ -118,7 +118,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RegistrySnapshot:  #
     Raises:
         StatementError: as `sealed.open`.
     """
-    snapshot = read(RegistrySnapshot, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> RegistrySnapshot:
+    snapshot = read(RegistrySnapshot, claims)
     unique(snapshot.tools, lambda tool: tool.name, "a tool")
     unique(snapshot.sensors, lambda sensor: sensor.id, "a sensor")
     unique(snapshot.trust, lambda entry: entry.agent, "an agent")

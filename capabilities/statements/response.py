@@ -68,7 +68,7 @@ class Call:
 
 def sign(response: Response, key: PrivateKey) -> str:
     """The response, signed by the enforcement point."""
-    return statement_form.sign(KIND, plain(response), key)
+    return statement_form.seal(KIND, plain(response), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A001 - read as response.open
@@ -77,7 +77,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Response:  # noqa: A
     Raises:
         StatementError: as `sealed.open`; also for one that lives longer than `LIFETIME_S` or not at all.
     """
-    response = read(Response, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Response:
+    response = read(Response, claims)
     lasting(response.at, response.not_after, LIFETIME_S)
     return response
 

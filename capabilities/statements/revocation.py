@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final
 
 from capabilities.keys import keys
 from capabilities.statements import statement_form
-from capabilities.statements.claims import Nonce, Url, Whole, malformed, read
-from capabilities.values.form import Form, plain, upto, whole, words
+from capabilities.statements.claims import AgentId, Id, Name, Nonce, Thumbprint, TokenId, Url, Whole, malformed, read
+from capabilities.values.form import Form, plain, upto, words
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -39,12 +40,25 @@ class Revoked(StrEnum):
     AUDIENCE = "audience"
 
 
+IDS: Final = MappingProxyType(
+    {
+        Revoked.TOKEN: TokenId,
+        Revoked.HOP: Id,
+        Revoked.AGENT: AgentId,
+        Revoked.KEY: Thumbprint,
+        Revoked.SPONSOR: Name,
+        Revoked.AUDIENCE: Url,
+    }
+)
+"""Form of each kind of id: exactly what a token can name, so that what can be meant can be revoked, and no more."""
+
+
 class RevocationEntry(Form, frozen=True):
     """One revocation: since `epoch`, the thing of `kind` with this id (a key's id is its thumbprint) is dead."""
 
     epoch: Whole
     kind: Annotated[str, words(*Revoked)]
-    id: Annotated[str, whole(r"[A-Za-z0-9._:@/|+=~%\[\]-]{1,256}")]
+    id: str
 
 
 class RevocationIndex(Form, frozen=True):
@@ -133,9 +147,18 @@ def _names(chain: Chain) -> list[tuple[str, str]]:
     return names
 
 
+def check_id(kind: str, id_: str) -> None:
+    """Checks that an id has the form of its kind.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` otherwise.
+    """
+    read(IDS[Revoked(kind)], id_)
+
+
 def sign(index: RevocationIndex, key: PrivateKey) -> str:
     """The signed index."""
-    return statement_form.sign(KIND, plain(index), key)
+    return statement_form.seal(KIND, plain(index), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # noqa: A001 - read as revocation.open
@@ -144,7 +167,13 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # 
     Raises:
         StatementError: as `sealed.open`.
     """
-    index = read(RevocationIndex, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> RevocationIndex:
+    index = read(RevocationIndex, claims)
+    for entry in index.entries:
+        check_id(entry.kind, entry.id)
     epochs = [index.since, *(entry.epoch for entry in index.entries)]
     if epochs != sorted(epochs) or any(epoch <= index.since for epoch in epochs[1:]) or epochs[-1] > index.epoch:
         raise malformed("entries out of order, or outside what was asked")

@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import jws, keys
 from capabilities.values import strict_json
+from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Callable, Collection
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.values.caps import Caps
@@ -28,8 +29,35 @@ def type_of(kind: str) -> str:
     return f"ztpm-{kind}+jwt"
 
 
+def seal(
+    kind: str,
+    claims: dict[str, object],
+    key: PrivateKey,
+    reader: Callable[[dict[str, object]], object],
+    *,
+    most_bytes: int = DEFAULT.statement_bytes,
+) -> str:
+    """The statement of these claims, signed once its own reader has taken them ([STM-13]).
+
+    Args:
+        kind: the kind.
+        claims: the claims.
+        key: the key that signs.
+        reader: what `open` of the kind calls with the claims, once the signature holds.
+        most_bytes: longest text that `open` takes.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for a statement that its reader would refuse, so that none is ever sent.
+    """
+    reader(strict_json.parse_object(strict_json.canonical(claims)))
+    text = sign(kind, claims, key)
+    if len(text) > most_bytes:
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {most_bytes} bytes")
+    return text
+
+
 def sign(kind: str, claims: dict[str, object], key: PrivateKey) -> str:
-    """The statement of these claims, signed.
+    """The statement of these claims, signed unread: of a kind of its own, or for a test. Kinds of ours are sealed.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the claims hold anything but texts, 53-bit integers, booleans, None,

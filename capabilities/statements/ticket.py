@@ -114,7 +114,7 @@ def sign(ticket: Ticket, key: PrivateKey) -> str:
     """The ticket, signed."""
     said, carried = ticket, ticket.carried
     claims = _Claims(said.id, said.pep, said.audience, said.url, carried.token, carried.proof, carried.body, said.at_ms)
-    return statement_form.sign(KIND, plain(claims), key)
+    return statement_form.seal(KIND, plain(claims), key, _read, most_bytes=BYTES)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A001 - read as ticket.open
@@ -125,7 +125,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Ticket:  # noqa: A00
     """
     if len(text) > BYTES:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, f"over {BYTES} bytes")
-    said = read(_Claims, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Ticket:
+    said = read(_Claims, claims)
     return Ticket(
         said.id, said.pep, said.audience, said.url, RequestDigests(said.token, said.proof, said.body), said.at_ms
     )

@@ -20,7 +20,7 @@ KIND: Final = "trust"
 
 def sign(bundle: TrustBundle, key: PrivateKey) -> str:
     """The bundle, signed by a registry key of the bundle before it."""
-    return statement_form.sign(KIND, bundle.to_members(), key)
+    return statement_form.seal(KIND, bundle.to_members(), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> TrustBundle:  # noqa: A001 - read as trust.open
@@ -29,7 +29,10 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> TrustBundle:  # noqa
     Raises:
         StatementError: as `sealed.open`; `STATEMENT_MALFORMED` also for a bundle that cannot be.
     """
-    members = statement_form.open(KIND, text, keys, caps)
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(members: dict[str, object]) -> TrustBundle:
     try:
         bundle = TrustBundle.from_members(members)
     except BadKeyError as error:

@@ -51,7 +51,7 @@ NAMES: Final = Vote.__struct_fields__
 
 def sign(vote: Vote, key: PrivateKey) -> str:
     """The vote, signed by the person."""
-    return statement_form.sign(KIND, plain(vote), key)
+    return statement_form.seal(KIND, plain(vote), key, _read)
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 - read as vote.open
@@ -60,7 +60,11 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Vote:  # noqa: A001 
     Raises:
         StatementError: as `sealed.open`.
     """
-    return read(Vote, statement_form.open(KIND, text, keys, caps))
+    return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def _read(claims: dict[str, object]) -> Vote:
+    return read(Vote, claims)
 
 
 def digest_of(text: str) -> str:

@@ -214,7 +214,10 @@ def sign(workload: Workload, key: keys.PrivateKey) -> str:
         "measurement": workload.measurement.hex(),
     }
     header: dict[str, object] = {"typ": "JWT", "kid": keys.thumbprint(keys.public_raw(key))}
-    return jws.sign(header, strict_json.canonical(claims), key)
+    payload, domain = strict_json.canonical(claims), workload.id.removeprefix("spiffe://").partition("/")[0]
+    usable, _ = key_set(jwks(keys.public_raw(key)))
+    _claims(payload, Platform(domain, usable))  # [STM-13]
+    return jws.sign(header, payload, key)
 
 
 def open(token: str, platform: Platform, *, audience: str, at: float, caps: Caps) -> Workload:  # noqa: A001 - read as workload.open

@@ -8,7 +8,6 @@ rest. Nothing is stated twice.
 from __future__ import annotations
 
 import functools
-import re
 from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 
 import msgspec
@@ -33,7 +32,6 @@ _T = TypeVar("_T")
 
 _DIGEST_BYTES: Final = 32
 _ID_BYTES: Final = 16
-_TOKEN_ID: Final = re.compile(r"[A-Za-z0-9_-]{21}[AQgw]", re.ASCII)
 """16 bytes in the one spelling of base64url: of the last character two bits count, the spare ones are zero."""
 
 
@@ -324,7 +322,7 @@ def well_formed(block: AuthorityBlock | HopBlock, caps: Caps) -> None:
 
 def _well_formed_first(block: AuthorityBlock, caps: Caps) -> None:
     """Checks a block that was read: see `_well_formed_hop`."""
-    if _TOKEN_ID.fullmatch(block.token_id) is None:
+    if text.TOKEN_ID.fullmatch(block.token_id) is None:
         raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
     sponsor, most = block.sponsor, caps.text_bytes
     text.url(sponsor.issuer, most_bytes=most)

@@ -36,8 +36,10 @@ _WORKLOAD_ID: Final = re.compile(r"spiffe://[a-z0-9._-]{1,255}(/(?!\.{1,2}(/|\Z)
 """SPIFFE ID section 2: trust domain, then at least one segment, none of them `.` or `..`."""
 WORKLOAD_BYTES: Final = 256
 """Longest workload id (as `Caps.text_bytes`; SPIFFE ID section 2.3 allows 2048)."""
-THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{43}", re.ASCII)
-"""A SHA-256 in base64url, as RFC 7638 writes it."""
+THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{42}[AEIMQUYcgkosw048]", re.ASCII)
+"""A SHA-256 in base64url, as RFC 7638 writes it: the last character has four bits."""
+TOKEN_ID: Final = re.compile(r"[A-Za-z0-9_-]{21}[AQgw]", re.ASCII)
+"""16 bytes in base64url: the last character has two bits."""
 
 ROLE_PREFIX: Final = "role:"
 """Starts a delegate entry that names a role; no agent id may start so."""

@@ -18,7 +18,7 @@ from capabilities.statements import memory
 from capabilities.statements.claims import TEXT_BYTES
 from capabilities.statements.revocation import named
 from capabilities.values import text
-from capabilities.values.errors import CapabilityError
+from capabilities.values.errors import CapabilityError, StatementError
 from capabilities.values.scope import Tier
 from pep.base.errors import PepError, PepFault
 from pep.context import json_value as values
@@ -148,7 +148,10 @@ class Memory:
             writer, history = chain.leaf.agent, self._history
             if history.head.version >= ROWS or history.written.get(writer, 0) >= ROWS_OF_A_WRITER:
                 return MemoryFault.FULL
-            signed = memory.sign(self._row_of(name, value, label=label, chain=chain, at=at), self._owner.key)
+            try:
+                signed = memory.sign(self._row_of(name, value, label=label, chain=chain, at=at), self._owner.key)
+            except StatementError:
+                return MemoryFault.NOT_WRITABLE
             head = HighWaterMark(history.head.version + 1, digest_of(signed))
             row = MemoryRow(head.version, signed, value.raw)
             if isinstance(self._owner.authentic(row), MemoryFault):

@@ -10,6 +10,7 @@ from pathlib import Path
 from urllib.parse import parse_qs, urlsplit
 
 import httpx2
+from tests.unread import unread
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.proof.proof import Proof, check_proof, prove
@@ -330,7 +331,7 @@ class Person:
             "not_after": int(at) + 120,
             "at": int(at),
         }
-        return vote_statement.sign(vote_statement.Vote(**{**fields, **changes}), key or self.key)
+        return unread(vote_statement, vote_statement.Vote(**{**fields, **changes}), key or self.key)
 
     def opening(self, *, at, key=None, **changes):
         fields = {
@@ -345,7 +346,7 @@ class Person:
             "not_before": int(at) - 1,
             "not_after": int(at) + 600,
         }
-        return opening_statement.sign(opening_statement.Opening(**{**fields, **changes}), key or self.key)
+        return unread(opening_statement, opening_statement.Opening(**{**fields, **changes}), key or self.key)
 
 
 def Claimed(text):
@@ -569,7 +570,7 @@ class FakeIssuer:
             "registry_version": self.registry_version,
             "entries": tuple(e for e in self.entries if e.epoch > since)[: revocation.ENTRIES],
         }
-        return revocation.sign(revocation.RevocationIndex(**{**fields, **self.lie}), self.signer)
+        return unread(revocation, revocation.RevocationIndex(**{**fields, **self.lie}), self.signer)
 
     def conduct(self, *, since, nonce):
         since, told = int(since), (*self.edges, *self.agents)
@@ -583,10 +584,11 @@ class FakeIssuer:
             "edges": tuple(e for e in told if isinstance(e, conduct_statement.EdgeEntry) and e.version > since),
             "agents": tuple(a for a in told if isinstance(a, conduct_statement.AgentEntry) and a.version > since),
         }
-        return conduct_statement.sign(conduct_statement.Conduct(**{**fields, **self.conduct_lie}), self.signer)
+        return unread(conduct_statement, conduct_statement.Conduct(**{**fields, **self.conduct_lie}), self.signer)
 
     def snapshot(self, *, audience):
-        return registry_statement.sign(
+        return unread(
+            registry_statement,
             registry_statement.RegistrySnapshot(
                 issuer=ISSUER,
                 version=self.registry_version,
@@ -644,7 +646,7 @@ class FakeIssuer:
             "openings": tuple(self.openings),
         }
         lie = self.answers_lie
-        text = answers_statement.sign(answers_statement.Answers(**{**fields, **lie}), self.answers_signer)
+        text = unread(answers_statement, answers_statement.Answers(**{**fields, **lie}), self.answers_signer)
         return text if self.spoil is None else self.spoil(text)
 
     def cast(self, ask_id, *votes):

@@ -6,6 +6,7 @@ import json
 import secrets
 
 import httpx2
+from tests.unread import unread
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
@@ -47,7 +48,7 @@ class Cell:
             audience=AUDIENCE,
             issuer=ISSUER,
             sponsor="alice",
-            token_id="T" * 22,
+            token_id="g" * 22,
             agent=agent,
             agent_key=keys.thumbprint(keys.public_raw(key)),
             object="ur3e",
@@ -76,7 +77,7 @@ class Cell:
         return ask.Ask(**(stated | changes))
 
     def text(self, *, key: str = PEP, **changes) -> str:
-        return ask.sign(self.ask(**changes), self.world.private[key])
+        return unread(ask, self.ask(**changes), self.world.private[key])
 
     def post(self, who: str, path: str, body: object) -> httpx2.Response:
         content = body if isinstance(body, bytes) else json.dumps(body).encode()
@@ -109,7 +110,7 @@ class Cell:
             not_after=self.now + 120,
             at=self.now,
         )
-        return vote.sign(structs.replace(stated, **changes), self.world.private[key or approver])
+        return unread(vote, structs.replace(stated, **changes), self.world.private[key or approver])
 
     def opening(self, opener: str = "carol", *, key: str | None = None, **changes) -> str:
         stated = opening.Opening(
@@ -124,7 +125,7 @@ class Cell:
             not_before=self.now,
             not_after=self.now + 600,
         )
-        return opening.sign(structs.replace(stated, **changes), self.world.private[key or opener])
+        return unread(opening, structs.replace(stated, **changes), self.world.private[key or opener])
 
     def answers(self, audience: str = AUDIENCE, nonce: str = "n" * 32) -> answers.Answers:
         response = self.get(PEP, f"/approvals/answers?audience={audience}&nonce={nonce}")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 
+from tests.unread import unread
 import pytest
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.verify import token_from_text, verify
@@ -182,7 +183,7 @@ def forged(world, agent: Agent, **changes) -> str:
     signer = changes.pop("signer", world.private[agent.id])
     stated |= changes
     stated["nonce"] = stated["nonce"] or agent.nonce()
-    return attestation.sign(attestation.Evidence(**stated), signer)
+    return unread(attestation, attestation.Evidence(**stated), signer)
 
 
 def test_each_way_in_which_evidence_can_be_wrong(world):

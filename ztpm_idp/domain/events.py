@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING
+
+from capabilities.statements import revocation
 
 if TYPE_CHECKING:
     from capabilities.values.chain import Chain, EvidenceKind, HopGrant, Sponsor
@@ -17,15 +18,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party, RegisteredTool
 
 
-class RevocationKind(StrEnum):
-    """Kind of subject that a revocation names."""
-
-    TOKEN = "token"  # noqa: S105  a word, not a secret
-    HOP = "hop"
-    AGENT = "agent"
-    KEY = "key"
-    SPONSOR = "sponsor"
-    AUDIENCE = "audience"
+RevocationKind = revocation.Revoked
+"""Kind of subject that a revocation names."""
 
 
 @dataclass(frozen=True, slots=True)

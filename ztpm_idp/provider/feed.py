@@ -10,12 +10,24 @@ from capabilities.statements import answers, checkpoint, conduct, registry, revo
 from capabilities.values.scope import Tier
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import (
+    AgentRestored,
+    AskTaken,
+    ConductObserved,
+    OpeningMade,
+    PartyRegistered,
+    Revoked,
+    ToolRegistered,
+    TrustStated,
+    VoteCast,
+)
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredAgent,
     RegisteredPep,
     RegisteredPerson,
     RegisteredSensor,
+    RegisteredTool,
     Standing,
 )
 from ztpm_idp.provider.problems import Problem
@@ -23,8 +35,10 @@ from ztpm_idp.provider.problems import Problem
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
+    from ztpm_idp.domain.events import Event
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.store.conduct import Told
+    from ztpm_idp.store.transaction import Counters, Transaction
 
 INDEX_BYTES: Final = 150_000
 """Most bytes of the entries of one index, as JSON.
@@ -44,6 +58,8 @@ ANSWERS_BYTES: Final = 190_000
 """Texts of one `answers` statement, as JSON: in base64 and with the rest they stay below its size (256 KiB)."""
 _ASK_BYTES: Final = 90
 """An ask of an `answers` statement without its votes, as JSON, at most."""
+_NO_NONCE: Final = "0" * 16
+"""Nonce of a statement that is read back and sent to nobody."""
 _QUOTES_BYTES: Final = 3
 """Bytes of JSON that a text costs beside itself."""
 
@@ -91,8 +107,12 @@ async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: i
     as_of_ms = provider.now_ms()
     await heartbeat.beat()
     async with provider.store.read() as view:
-        counters = await view.counters()
-        found = await view.revocations_since(since, INDEX_ENTRIES)
+        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
+
+
+async def _index(provider: Provider, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+    counters = await view.counters()
+    found = await view.revocations_since(since, INDEX_ENTRIES)
     if since > counters.epoch:
         # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
         raise Problem(IdpCode.EPOCH_AHEAD)
@@ -130,8 +150,12 @@ async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, 
     as_of_ms = provider.now_ms()
     await heartbeat.beat()
     async with provider.store.read() as view:
-        newest = (await view.counters()).conduct_version
-        told = await view.conduct.told(since=since, most=conduct.ENTRIES)
+        return await _conduct(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
+
+
+async def _conduct(provider: Provider, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+    newest = (await view.counters()).conduct_version
+    told = await view.conduct.told(since=since, most=conduct.ENTRIES)
     if since > newest:
         raise Problem(IdpCode.EPOCH_AHEAD)
     # A kind that was cut ends at its last row; newer rows of the other kind are told with the next word.
@@ -169,12 +193,16 @@ async def registry_snapshot(provider: Provider, *, audience: str) -> str:
     """The signed registry of `audience`."""
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
-        counters = await view.counters()
-        tools = await view.tools(audience)
-        sensors = [s for s in await view.all_parties("sensor") if isinstance(s, RegisteredSensor)]
-        agents = [a for a in await view.all_parties("agent") if isinstance(a, RegisteredAgent)]
-        people = [p for p in await view.all_parties("person") if isinstance(p, RegisteredPerson)]
-        peps = [p for p in await view.all_parties("pep") if isinstance(p, RegisteredPep)]
+        return await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
+
+
+async def _registry(provider: Provider, view: Transaction, *, audience: str, as_of_ms: int) -> str:
+    counters = await view.counters()
+    tools = await view.tools(audience)
+    sensors = [s for s in await view.all_parties("sensor") if isinstance(s, RegisteredSensor)]
+    agents = [a for a in await view.all_parties("agent") if isinstance(a, RegisteredAgent)]
+    people = [p for p in await view.all_parties("person") if isinstance(p, RegisteredPerson)]
+    peps = [p for p in await view.all_parties("pep") if isinstance(p, RegisteredPep)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,
@@ -217,10 +245,14 @@ async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
         StoreUnavailableError: the store cannot be read.
     """
     as_of_ms = provider.now_ms()
-    since_s = as_of_ms // 1_000 - ANSWERED_MEMORY_S
     async with provider.store.read() as view:
-        found = await view.approvals.not_long_over(since_s=since_s, audience=audience)
-        openings = await view.approvals.openings(since_s=as_of_ms // 1_000, audience=audience)
+        return await _answers(provider, view, audience=audience, nonce=nonce, as_of_ms=as_of_ms)
+
+
+async def _answers(provider: Provider, view: Transaction, *, audience: str, nonce: str, as_of_ms: int) -> str:
+    since_s = as_of_ms // 1_000 - ANSWERED_MEMORY_S
+    found = await view.approvals.not_long_over(since_s=since_s, audience=audience)
+    openings = await view.approvals.openings(since_s=as_of_ms // 1_000, audience=audience)
     latest = found[::-1]
     # Stable: within each half the latest ask stays first.
     ranked = sorted(latest, key=lambda asked: asked.state(as_of_ms) not in {AskState.OPEN, AskState.GRANTED})
@@ -240,6 +272,60 @@ async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
         openings=opened,
     )
     return answers.sign(statement, provider.keys.registry)
+
+
+async def read_back(
+    provider: Provider, view: Transaction, events: tuple[Event, ...], *, before: Counters, at_ms: int
+) -> None:
+    """Signs every statement that these events change, so that its own reader takes it before they are committed.
+
+    Args:
+        provider: of the keys.
+        view: the transaction in which the events are written already.
+        events: those events.
+        before: the counters as they were.
+        at_ms: now.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for an event that no enforcement point could be told.
+    """
+    if any(isinstance(event, Revoked) for event in events):
+        await _index(provider, view, since=before.epoch, nonce=_NO_NONCE, as_of_ms=at_ms)
+    if any(isinstance(event, ConductObserved | AgentRestored) for event in events):
+        await _conduct(provider, view, since=before.conduct_version, nonce=_NO_NONCE, as_of_ms=at_ms)
+    for audience in sorted(frozenset[str]().union(*map(_registries, events))):
+        await _registry(provider, view, audience=audience or provider.settings.issuer, as_of_ms=at_ms)
+    asked = frozenset(event.ask_id for event in events if isinstance(event, VoteCast))
+    voted = [one.ask.audience for one in [await view.approvals.asked(id_) for id_ in sorted(asked)] if one is not None]
+    for audience in sorted({*voted, *(found for event in events if (found := _answered(event)))}):
+        await _answers(provider, view, audience=audience, nonce=_NO_NONCE, as_of_ms=at_ms)
+
+
+def _registries(event: Event) -> frozenset[str]:
+    """Audiences whose registry an event changes; "" for one that changes all alike."""
+    match event:
+        case PartyRegistered(party=RegisteredPep(audiences=audiences)):
+            return audiences
+        case (
+            PartyRegistered(party=RegisteredSensor(audience=audience))
+            | ToolRegistered(tool=RegisteredTool(audience=audience))
+        ):
+            return frozenset({audience})
+        case PartyRegistered(party=RegisteredPerson()) | TrustStated():
+            return frozenset({""})
+        case _:
+            return frozenset()
+
+
+def _answered(event: Event) -> str:
+    """The audience that an event is an answer to, or ""."""
+    match event:
+        case AskTaken(ask=ask):
+            return ask.audience
+        case OpeningMade(opening=opening):
+            return opening.audience
+        case _:
+            return ""
 
 
 async def ledger_export(provider: Provider) -> AsyncIterator[bytes]:

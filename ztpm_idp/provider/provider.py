@@ -23,6 +23,7 @@ from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.provider.epoch_wait import EpochWait
+from ztpm_idp.provider.feed import read_back
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import ConflictError, OnceOnlyError
 
@@ -172,15 +173,17 @@ class Provider:
         young_ms = at_ms - self.rules.nonce_age_s * 1_000
         try:
             async with self.store.write() as transaction:
+                before = await transaction.counters()
                 state = await transaction.load(wanted(command), young_ms=young_ms)
                 outcome = decide(self.rules, state, command, at_ms)
                 if isinstance(outcome, Refusal):
-                    if outcome.recorded:
-                        await transaction.append(outcome.recorded, actor=actor, at_ms=at_ms)
-                    done = None
+                    written, done = outcome.recorded, None
+                    if written:
+                        await transaction.append(written, actor=actor, at_ms=at_ms)
                 else:
-                    token = self._make_token(command, outcome)
+                    written, token = outcome, self._make_token(command, outcome)
                     done = Done(outcome, await transaction.append(outcome, actor=actor, at_ms=at_ms), token)
+                await read_back(self, transaction, written, before=before, at_ms=at_ms)
         except OnceOnlyError:
             raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce is spent") from None
         except ConflictError:

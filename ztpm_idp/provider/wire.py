@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from typing import Annotated, Any, Final, TypeVar
+from typing import Annotated, Any, Final, Self, TypeVar
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstraints, ValidationError, model_validator
 
 from capabilities.keys.keys import check_raw, unb64u
+from capabilities.statements import revocation
 from capabilities.values import text
-from capabilities.values.errors import BadKeyError, ScopeError
+from capabilities.values.errors import BadKeyError, ScopeError, StatementError
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole
@@ -212,11 +212,19 @@ class DelegateBody(Body):
 
 
 class RevocationBody(Body):
-    """Subject of a revocation."""
+    """Subject of a revocation: an id that the signed index can tell, as enforcement points read it."""
 
     kind: Annotated[RevocationKind, Field(strict=False)]
     id: Annotated[str, Field(min_length=1, max_length=256)]
     reason: Text
+
+    @model_validator(mode="after")
+    def _is_told(self) -> Self:
+        try:
+            revocation.check_id(self.kind, self.id)
+        except StatementError as error:
+            raise ValueError(error.detail) from None
+        return self
 
 
 class RecordsBody(Body):
@@ -242,16 +250,6 @@ class OpeningBody(Body):
 
     opening: Statement
 
-
-REVOCATION_IDS: Final[dict[RevocationKind, re.Pattern[str]]] = {
-    RevocationKind.TOKEN: re.compile(r"[A-Za-z0-9_-]{22}"),
-    RevocationKind.HOP: re.compile(r"[0-9a-f]{32}"),
-    RevocationKind.AGENT: re.compile(r"[a-z0-9][a-z0-9._-]{0,62}"),
-    RevocationKind.KEY: re.compile(r"[A-Za-z0-9_-]{43}"),
-    RevocationKind.SPONSOR: re.compile(r"[a-z0-9][a-z0-9._-]{0,62}"),
-    RevocationKind.AUDIENCE: re.compile(r"https?://[^\s]{1,250}"),
-}
-"""The only form of each id: a revocation that could match nothing must not be acknowledged."""
 
 _FIELDS: Final = frozenset(name for model in Body.__subclasses__() for name in model.model_fields)
 """Names of our own fields: a name that a stranger invented is not repeated to any caller."""

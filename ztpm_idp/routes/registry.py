@@ -9,8 +9,9 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
 from capabilities.keys.keys import unb64u
+from capabilities.statements import revocation
 from capabilities.values import text
-from capabilities.values.errors import ScopeError
+from capabilities.values.errors import ScopeError, StatementError
 from capabilities.values.scope import Tier
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
@@ -151,7 +152,9 @@ async def registry(request: Request) -> PlainTextResponse:
 async def end(request: Request, call: Call, kind: RevocationKind, id_: str) -> dict[str, int]:
     """The party is dead, for ever; the epoch."""
     reason = call.body(wire.ReasonBody).reason
-    if not wire.REVOCATION_IDS[kind].fullmatch(id_):
-        raise Problem(IdpCode.NOT_FOUND)
+    try:
+        revocation.check_id(kind, id_)
+    except StatementError:
+        raise Problem(IdpCode.NOT_FOUND) from None
     done = await provider_of(request).run(commands.Revoke(call.party.id, kind, id_, reason), actor=call.party.id)
     return {"epoch": done.epoch}

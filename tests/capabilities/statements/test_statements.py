@@ -9,7 +9,7 @@ import json
 import pytest
 from capabilities.statements.body import BODY_BYTES
 from capabilities.values.caps import DEFAULT
-from capabilities.values.errors import FaultCode, StatementError
+from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT, Quantity, Unit
 from msgspec import structs
@@ -102,7 +102,7 @@ ASKED = ask.Ask(
     audience=CELL,
     issuer=ISSUER,
     sponsor="alice",
-    token_id="t" * 22,
+    token_id="g" * 22,
     agent="robotic",
     agent_key=keys.thumbprint(raw_of("robotic")),
     object="ur3e",
@@ -157,7 +157,7 @@ SURVEY = cell.Cell(
 SAID = message.Message(
     sender="orchestrator",
     addressee="robotic",
-    token_id="t" * 22,
+    token_id="g" * 22,
     hop_id="0d" * 16,
     conversation="c" * 22,
     sequence=3,
@@ -235,7 +235,7 @@ ROW = memory.Remembered(
     value="cd" * 32,
     writer="robotic",
     hop_id="0d" * 16,
-    token_id="t" * 22,
+    token_id="g" * 22,
     behind=(("agent", "robotic"), ("hop", "0d" * 16), ("key", "-" + "k" * 42), ("sponsor", "alice")),
     sources=("agent", "retrieval"),
     signers=("*", "dora", "robotic"),
@@ -470,6 +470,27 @@ def test_every_member_has_its_form(module):
     assert refused > 25
 
 
+@pytest.mark.clause("STM-13")
+@each
+def test_nothing_is_signed_that_its_own_reader_refuses(module):
+    """Each member of the value replaced by each wrong one: `sign` refuses it, or `open` takes what was signed."""
+    value, refused = KINDS[module], 0
+    fields = getattr(value, "__struct_fields__", None) or [field.name for field in dataclasses.fields(value)]
+    for name in fields:
+        for wrong in WRONG:
+            changed = copy.copy(value)
+            object.__setattr__(changed, name, wrong) if dataclasses.is_dataclass(value) else structs.force_setattr(
+                changed, name, wrong
+            )
+            try:
+                text = module.sign(changed, SIGNER)
+            except (CapabilityError, TypeError, AttributeError, ValueError, KeyError):
+                refused += 1
+            else:
+                module.open(text, TRUSTED, DEFAULT)
+    assert refused > 10
+
+
 def sealed_text(module, claims: object) -> str | None:
     if not isinstance(claims, dict):
         header = {"typ": statement_form.type_of(module.KIND), "kid": keys.thumbprint(raw_of("signer"))}
@@ -631,10 +652,10 @@ def test_the_largest_message_fits():
     assert message.open(message.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 
 
-PLACE = message.ExpectedMessage("orchestrator", "robotic", "t" * 22, "0d" * 16, "c" * 22, 2)
+PLACE = message.ExpectedMessage("orchestrator", "robotic", "g" * 22, "0d" * 16, "c" * 22, 2)
 MISPLACED = {
     "another sender": ({"sender": "vision"}, FaultCode.STATEMENT_UNTRUSTED),
-    "under another token": ({"token_id": "u" * 22}, FaultCode.STATEMENT_UNTRUSTED),
+    "under another token": ({"token_id": "w" * 22}, FaultCode.STATEMENT_UNTRUSTED),
     "under another hop": ({"hop_id": "0e" * 16}, FaultCode.STATEMENT_UNTRUSTED),
     "to another": ({"addressee": "gripper"}, FaultCode.WRONG_AUDIENCE),
     "in another conversation": ({"conversation": "d" * 22}, FaultCode.WRONG_AUDIENCE),

@@ -16,12 +16,12 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode
 from msgspec import structs
 from tests.capabilities.keys.test_keys import curve_of
-from tests.capabilities.statements.test_statements import EVIDENCE, KINDS, SAID, VOTED, code_of
+from tests.capabilities.statements.test_statements import EVIDENCE, KINDS, SAID, VOTED, claims_of, code_of
 from tests.capabilities.world import key_of
 
 from capabilities import statements
 from capabilities.keys import keys
-from capabilities.statements import attestation, message, vote
+from capabilities.statements import attestation, message, statement_form, vote
 
 pytestmark = pytest.mark.clause("STM-3")
 
@@ -89,8 +89,8 @@ def test_no_text_is_read_as_another_kind(kind, role):
 def test_an_agent_cannot_attest_for_another():
     """A message's key signs messages and its own attestation: not one that names another key, nor under another's."""
     mallory, other = curve_of("mallory"), keys.public_raw(key_of("other"))
-    evidence = structs.replace(EVIDENCE, agent="robotic", key_thumbprint=keys.thumbprint(other))
-    text = attestation.sign(evidence, mallory)
+    claims = claims_of(attestation) | {"agent": "robotic", "key": keys.thumbprint(other)}
+    text = statement_form.sign(attestation.KIND, claims, mallory)
     assert code_of(attestation, text, {keys.public_raw(mallory), other}) is FaultCode.STATEMENT_MALFORMED
     assert code_of(attestation, text, {other}) is FaultCode.STATEMENT_UNTRUSTED
     assert code_of(message, message.sign(SAID, mallory), {other}) is FaultCode.STATEMENT_UNTRUSTED

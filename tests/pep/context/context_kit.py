@@ -8,6 +8,7 @@ import json
 from dataclasses import dataclass, field
 
 import rfc8785
+from tests.unread import unread
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.units import Quantity, Unit
 from pep.base.errors import JournalError, PepFault
@@ -85,7 +86,7 @@ def wanted(body: object = None, *, key=None, raw: bytes | None = None, **other) 
         "at": NOW,
         "not_after": NOW + 600,
     }
-    return intent_statement.sign(intent_statement.Intent(**{**fields, **other}), key or key_of("alice"))
+    return unread(intent_statement, intent_statement.Intent(**{**fields, **other}), key or key_of("alice"))
 
 
 def lent(purpose: str = "sort the red parts", **other):
@@ -120,7 +121,7 @@ def said(chain, body: object = None, *, hop: int = 0, key=None, **other) -> str:
         "at": NOW,
         "not_after": NOW + 60,
     }
-    return message_statement.sign(message_statement.Message(**{**fields, **other}), key or key_of(sender.agent))
+    return unread(message_statement, message_statement.Message(**{**fields, **other}), key or key_of(sender.agent))
 
 
 class Journal:

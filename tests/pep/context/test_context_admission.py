@@ -89,7 +89,7 @@ def test_an_intent_is_carried_out_once_under_each_token():
     point = Point(LENT)
     assert isinstance(instructed(point), Admitted)
     assert refused_for(instructed(point)) is Reason.REPLAYED
-    renewed = dataclasses.replace(LENT, token_id="y" * 22)
+    renewed = dataclasses.replace(LENT, token_id="g" * 22)
     assert isinstance(instructed(point, chain=renewed), Admitted)
 
 

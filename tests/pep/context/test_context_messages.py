@@ -88,7 +88,7 @@ JUDGED = {
         {"by_holder": False, "in_delegation": False},
     ),
     "said for another sender": ({"sender": "vision"}, {"sender": "vision", "by_holder": False, "in_delegation": False}),
-    "said under another token": ({"token_id": "x" * 22}, {"by_holder": False, "in_delegation": False}),
+    "said under another token": ({"token_id": "w" * 22}, {"by_holder": False, "in_delegation": False}),
     "to another agent": ({"addressee": "vision"}, {"addressee": "vision", "addressed": False}),
     "of a form that nobody knows": ({"schema": "task/9"}, {"in_schema": False, "in_delegation": False}),
     "of an instruction's form": ({"schema": "sort/1"}, {"in_schema": False, "in_delegation": False}),

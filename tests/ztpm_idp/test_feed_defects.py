@@ -1,0 +1,137 @@
+"""Faults of the feed that were found from outside, each as a test that fails without its mend."""
+
+from __future__ import annotations
+
+import sqlite3
+from contextlib import closing
+from dataclasses import replace
+
+import pytest
+from capabilities.values import text
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import FaultCode, ScopeError
+from capabilities.values.scope import Tier
+from tests.ztpm_idp.test_revoking import index
+from tests.ztpm_idp.world import AUDIENCE, World
+from ztpm_idp.domain import commands
+from ztpm_idp.domain.events import PartyRegistered, RevocationKind, ToolRegistered
+from ztpm_idp.domain.parties import RegisteredSensor, RegisteredTool, Standing
+from ztpm_idp.provider import provider as at_work
+from ztpm_idp.provider.problems import Problem
+
+from capabilities.keys import keys
+from ztpm_idp.client import ClientError
+
+BASE = "http://h.example/mcp"
+SIGNS = [chr(number) for number in range(0x21, 0x7F)] + ["é", "\u2028", "\U0001f600", "%2F", "//", "/..", ":80"]
+
+
+def is_url(value):
+    try:
+        text.url(value, most_bytes=DEFAULT.text_bytes)
+    except ScopeError:
+        return False
+    return True
+
+
+def test_no_revoked_audience_bricks_the_feed(world):
+    """Every spelling is either refused, or told to enforcement points as it was meant; the feed is read after each."""
+    dan, told = world.people["dan"], set()
+    for sign in SIGNS:
+        named = f"{BASE}{sign}arm"
+        try:
+            dan.revoke("audience", named, "r")
+        except ClientError as error:
+            assert (error.code, error.status) == ("BODY_MALFORMED", 400), sign
+            assert not is_url(named), sign
+        else:
+            told.add(named)
+    assert f"{BASE},arm" in told, "a comma stands in a canonical URL, so a token can name it"
+    assert not told & {f"{BASE}{sign}arm" for sign in "?#(é"}
+    found = {entry.id for entry in index(world).entries}
+    assert found == told
+    world.stop()
+    world.start()
+    assert {entry.id for entry in index(world).entries} == told
+    dan.revoke("audience", AUDIENCE, "after it all")
+    assert AUDIENCE in {entry.id for entry in index(world).entries}
+
+
+@pytest.mark.parametrize(
+    ("kind", "id_"),
+    [
+        ("token", "A" * 21 + "B"),
+        ("token", "A" * 64),
+        ("hop", "a" * 31 + "\u0664"),
+        ("hop", "a" * 33),
+        ("key", "A" * 42 + "B"),
+        ("agent", "role:mover"),
+        ("agent", "m\u043ever"),
+        ("agent", "mover,"),
+        ("sponsor", "bob\n"),
+        ("sponsor", ""),
+        ("audience", "HTTP://h.example/mcp"),
+        ("audience", "http://h.example:80/mcp"),
+        ("audience", "http://h.example/mcp/"),
+    ],
+)
+def test_an_id_has_the_grammar_of_what_a_token_names(world, kind, id_):
+    with pytest.raises(ClientError) as caught:
+        world.people["dan"].revoke(kind, id_, "r")
+    assert caught.value.code == "BODY_MALFORMED"
+    assert index(world).entries == ()
+
+
+def test_a_revocation_that_no_reader_takes_is_not_committed(world):
+    """Past the edge, too: what cannot be told is refused before the commit, and the next one is told."""
+    command = commands.Revoke("dan", RevocationKind.AUDIENCE, "http://h.example/mcp?x", "r")
+    with pytest.raises(Problem) as caught:
+        world.on_loop(world.provider.run(command, actor="dan"))
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+    assert (index(world).epoch, index(world).entries) == (0, ())
+    assert world.people["dan"].revoke("audience", AUDIENCE, "r") == 1
+
+
+SENSOR = RegisteredSensor(
+    "camera", keys.public_raw(keys.generate()), "A" * 43, Standing.ACTIVE, bytes(32), 20, AUDIENCE
+)
+
+
+@pytest.mark.parametrize(
+    "event",
+    [
+        PartyRegistered(replace(SENSOR, id="cam era")),
+        PartyRegistered(replace(SENSOR, transit_ms=10_001)),
+        ToolRegistered(RegisteredTool(AUDIENCE, "mo ve", bytes(32), "move", Tier(1))),
+        ToolRegistered(RegisteredTool(AUDIENCE + "?", "move", bytes(32), "move", Tier(1))),
+    ],
+)
+def test_a_registry_that_no_reader_takes_is_not_committed(world, monkeypatch, event):
+    """Whatever the domain lets through, the registry is read before the commit that changes it."""
+    monkeypatch.setattr(at_work, "decide", lambda *_: (event,))
+    with pytest.raises(Problem) as caught:
+        world.on_loop(world.provider.run(commands.GiveNonce("dan", "n" * 32), actor="dan"))
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+    assert index(world).registry_version == START_VERSION
+
+
+START_VERSION = 2
+"""Two approvers are registered first."""
+
+
+def test_a_feed_that_was_bricked_is_read_again(tmp_path):
+    """A database in which an earlier release acknowledged an audience that nobody can read."""
+    with World(tmp_path) as world:
+        dan = world.people["dan"]
+        dan.revoke("audience", AUDIENCE, "r")
+        dan.revoke("hop", "a" * 32, "r")
+        world.stop()
+        with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
+            base.execute("UPDATE revocations SET id = 'http://h.example/mcp?x' WHERE epoch = 1")
+            base.execute("UPDATE alembic_version SET version_num = 'v0004'")
+        world.start()
+        first, second = index(world).entries
+        assert (first.epoch, first.kind, second.id) == (1, "audience", "a" * 32)
+        assert first.id.startswith("http://unreadable.invalid/")
+        assert dan.revoke("audience", AUDIENCE, "again") == 3
+        assert index(world, since=2).entries[0].id == AUDIENCE
