@@ -152,7 +152,7 @@ def test_the_command_keeps_all(tree: Path) -> None:
 
 
 def test_the_command_breaks_what_the_graph_breaks(tree: Path) -> None:
-    """A line in a file, a room that no contract names, and a library: the command reads of them what is added above."""
+    """Imports in a file, in an unnamed room and of a library break the same contracts in both."""
     added = {
         "pep/base/ports.py": "import ztpm_idp",
         "capabilities/attic/__init__.py": "import json",

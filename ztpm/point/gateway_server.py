@@ -286,7 +286,7 @@ class GatewayServer(RobotPoint):
         return robot.robot_mode == RUNNING and robot.safety_mode in SAFE_MODES and robot.remote_control is True
 
     def _vacated(self) -> bool:
-        """Whether the tools have let go of the arm: they are moving nothing, and are about to move nothing."""
+        """True once the tools have let go of the arm: no motion of theirs runs, or is about to begin."""
         if not self.tools.reserve(VACATING):
             return False
         try:

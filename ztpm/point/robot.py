@@ -85,9 +85,9 @@ def confirm_kinematics(readiness: RobotReadiness) -> None:
 
 
 async def committed(physics: CellPhysics, lines: OwnLines, holding: CommittedGrip, grip: GripResult) -> None:
-    """What the gripper holds after a grip is committed, and the controller reckons with it, whoever waits for that.
+    """Commits the outcome of a grip, and sets the controller's payload by it, also when the caller is cancelled.
 
-    A controller that does not take the new payload contradicts what is committed, and TEA-5 denies every motion.
+    A controller that does not take the new payload contradicts the committed grip, and TEA-5 denies every motion.
     """
 
     async def commit() -> None:

@@ -1,4 +1,4 @@
-"""What is done with a permit for a leased program's command: spend it, forward the command, and watch the arm."""
+"""Execution of a permitted command of a leased program: spend the permit, forward the command, watch the arm."""
 
 from __future__ import annotations
 
@@ -40,14 +40,14 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 BATCH_S: Final = 1.0
-"""How often the digest of a stream's values goes on record."""
+"""Time between two records of the digest of a stream's values."""
 
 
 class AssessedMotions(Protocol):
-    """What the effects ask of the physics: `pep.world.world.CellPhysics`."""
+    """Assessed motions, as the physics knows them: `pep.world.world.CellPhysics`."""
 
     def arrived(self, request_id: str, q_rad: tuple[float, ...]) -> bool:
-        """Whether an arm there is where that request leads."""
+        """True where an arm at these joint angles, rad, is at the target of that request."""
         ...
 
 
@@ -165,7 +165,7 @@ class LeasedEffects:
         fitted: ToolSetup,
         permit: Permit,
     ) -> EffectResult:
-        """The command was forwarded, and what it began has ended. The effect of a gate's run.
+        """Forwards the command and follows its motion to the end: the effect of a gate's run.
 
         Args:
             case: the command; from when it was sent, it says so.
@@ -217,7 +217,7 @@ class LeasedEffects:
         permit: Permit,
         arm: NewestState,
     ) -> LeasedStream | None:
-        """The stream that this opens, its first value certified; None for what is none."""
+        """Stream that the command opens, with its first value certified; None for any other command."""
         if not asked.stream:
             return None
         if prepared is None:
@@ -240,7 +240,7 @@ class LeasedEffects:
     def _send(
         self, case: ActiveCommand, asked: CommandedOperation, permit: Permit, stream: LeasedStream | None
     ) -> None:
-        """The permit is spent and the command sent: nothing comes in between, both are on the event loop."""
+        """Spends the permit and sends the command. Both are on the event loop, and nothing comes in between."""
         if case.withdrawn:
             # A cancelled task may go on: what it waited for was there at the same moment.
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
@@ -261,7 +261,7 @@ class LeasedEffects:
         return TargetProgress(lambda q_rad: self._acts.arrived(request_id, q_rad))
 
     async def _kept(self, stream: LeasedStream | None, held: PendingCommand) -> None:
-        """The values of the stream are on record; without a record there are no more of them."""
+        """Records the new values of the stream; without a record the stream is stopped."""
         batch = None if stream is None else stream.batch()
         if batch is None:
             return
@@ -271,5 +271,5 @@ class LeasedEffects:
             held.stop(Reason.RECORD_FAILED, told(Reason.RECORD_FAILED))
 
     def close(self) -> None:
-        """Nothing is carried out any more."""
+        """Ends its thread; nothing is carried out any more."""
         self._looks.shutdown(wait=False, cancel_futures=True)

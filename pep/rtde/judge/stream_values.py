@@ -1,7 +1,7 @@
-"""The values of a leased stream after its first: each is inside what was granted, and certified before it is sent.
+"""Values of a leased stream after its first, each inside the grant and certified before it is sent.
 
-What moves is still under the watch (`pep.watch.watch`), which looks at authority, view and arm; `left` is what it asks
-about the value that stands. Values come on the event loop, looks on the watch's thread.
+The arm stays under the watch (`pep.watch.watch`), which looks at authority, view and arm, and asks `left` about the
+value that stands. Values come on the event loop, looks on the watch's thread.
 """
 
 from __future__ import annotations
@@ -41,11 +41,14 @@ if TYPE_CHECKING:
     from policies.words.parameters import Parameters
 
 LASTS_MS: Final = 300_000
-"""Ours: a stream is decided anew after five minutes, whatever it does: what no watch looks at is asked again then."""
+"""Ours: longest stream of one decision. The next decision asks again about all that no watch looks at."""
 LATE_MS: Final = 100
-"""Ours: a program may be so late to end its speeds, or to give them anew; physics has patience for thrice that."""
+"""Ours: longest delay of a program in ending or renewing its speeds; physics has patience for thrice that."""
 SLOW_MS: Final = 50
-"""Ours: an answer that took longer is about an arm that is elsewhere by now. As the lifetime of a verdict."""
+"""Ours: longest time for the answer about a value, as the lifetime of a verdict.
+
+The arm is elsewhere by the time of a later answer.
+"""
 OLD_MS: Final = 100
 """A joint state older than this is none (`pep.rtde.robot.state_receiver`)."""
 FREE_MILLI: Final = 2_000
@@ -57,27 +60,27 @@ _NO_VALUE: Final = (0.0,) * _SIX
 
 
 class Certifying(Protocol):
-    """What certifies the values of one stream: `pep.world.cell_stream.CellStream`."""
+    """Certifier of the values of one stream: `pep.world.cell_stream.CellStream`."""
 
     def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
-        """From the next value on, the newest view is the one."""
+        """Takes the newest view as the one from the next value on; `q_rad` are six measured angles."""
         ...
 
     def judge(self, value: Value, state: JointState, *, authorised_milli: int, seed: bytes) -> Judged | ImpactFault:
-        """What a value lets follow."""
+        """Judges all motion that a value allows until the arm stands."""
         ...
 
 
 class LeasedStream:
-    """One stream under its permit: `pep.rtde.robot.judge_port.Steps`, and what its watch asks.
+    """One stream under its permit: `pep.rtde.robot.judge_port.Steps` for its line, `RemainingImpact` for its watch.
 
     Args:
-        certifying: of this stream; it has been shown a view.
+        certifying: of this stream; has been shown a view.
         permit: of the request that opens it.
         bounds: of every value.
         parameters: of the policies: what an approval binds.
         fitted: as for the first value.
-        arm: what the robot says, to whoever follows the stream.
+        arm: newest state of the robot, heard by the follower of the stream.
         stopper: knows of stops.
         clock: the monotonic one counts.
     """
@@ -181,24 +184,24 @@ class LeasedStream:
         )
 
     def _state(self) -> JointState | None:
-        """What the robot says of itself now; None where it is silent, or nobody looks at it any more."""
+        """Newest state of the robot; None where it is silent, or nobody looks at it any more."""
         return self._arm.state if self._arm.silent_ms <= OLD_MS else None
 
     # -- the watch's side, on its threads
 
     @property
     def ended_ms(self) -> int | None:
-        """When its program or the line has ended it."""
+        """Monotonic time at which the program or the line ended the stream; None before."""
         return self._ended_ms
 
     @property
     def lost(self) -> Reason | None:
-        """Why a value was not taken."""
+        """Reason for which a value was not taken; None while each was."""
         return self._lost
 
     @property
     def over(self) -> bool:
-        """Whether its time is over, or that of the value that stands."""
+        """True once the time of the stream is over, or that of the value that stands."""
         return self._over_at(self._clock.monotonic_ms())
 
     def _over_at(self, now_ms: int) -> bool:
@@ -215,7 +218,7 @@ class LeasedStream:
         touch: frozenset[str],  # noqa: ARG002 - it was given when the stream began
         running: float | None,  # noqa: ARG002 - nothing slows a stream down
     ) -> RemainingVerdict:
-        """Whether the value that stands may go on standing, on the newest view: `pep.base.ports.Remaining`."""
+        """Verdict on the value that stands, by the newest view: `pep.base.ports.RemainingImpact`."""
         shown = self._certifying.see(state_q_rad)
         if isinstance(shown, ImpactFault):
             return RemainingVerdict(
@@ -283,7 +286,7 @@ class StreamProgress:
 
 
 def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:
-    """What every value of a stream has to be inside of, as plain JSON; the decision about its opening has the index."""
+    """Envelope of a stream as plain JSON: the limits of every value. The decision about its opening has the index."""
     return {
         "request_id": request.request_id,
         "object": request.object,
@@ -298,12 +301,12 @@ def envelope(request: Request, chain: Chain, grant: Grant) -> dict[str, object]:
 
 @dataclass(frozen=True, slots=True)
 class _Form:
-    """What is the same of a command and of those that follow it.
+    """Common part of a stream's first command and all that follow it.
 
     Attributes:
-        rest: its parameters after the six angles or speeds.
-        value: what it is to physics with those six.
-        stands_ms: for how long; None for ever: a servo target ends by itself.
+        rest: parameters after the six angles or speeds.
+        value: makes the value for physics from those six.
+        stands_ms: time for which a value stands; None for ever: a servo target ends by itself.
     """
 
     rest: tuple[float, ...]

@@ -21,9 +21,9 @@ if TYPE_CHECKING:
     from pep.rtde.script.control_script import Upload
 
 REWRITE_MS: Final = 20
-"""How often the watchdog hears us; it waits for 125 ms."""
+"""Time after which the last package is written again, for the watchdog; it waits for 125 ms."""
 PAUSED: Final = (3, 4, 5)
-"""`runtime_state` of a program that somebody may let go on."""
+"""Values of `runtime_state` of a program that a person may let go on."""
 
 
 class CommandLine(Protocol):
@@ -110,20 +110,20 @@ class ActiveLease:
 
     @property
     def stopping(self) -> bool:
-        """Whether its control script has a stop to carry out."""
+        """True while its control script has a stop to carry out."""
         return (
             self.control is not None and self.control.line.commands is not None and self.control.line.commands.stopping
         )
 
     def claim(self, port: CommandPort) -> bool:
-        """Whether that line is the one that commands."""
+        """Makes that line the one that commands; False where another is, or the lease is over."""
         if self._over or (self.control is not None and self.control is not port):
             return False
         self.control = port
         return True
 
     def uploaded(self, port: UploadPort, upload: Upload) -> InputRefusal | None:
-        """The program's control script came on that line; why it goes no further, if it does not."""
+        """Begins to send the control script that came on that line; returns its refusal, or None."""
         commands = None if self.control is None else self.control.line.commands
         if commands is None or commands.offset != upload.script.offset:
             return InputRefusal(Reason.NOT_GRANTED, "a control script without its registers")
@@ -137,19 +137,19 @@ class ActiveLease:
         return None
 
     def left(self, port: UploadPort) -> None:
-        """That line is gone."""
+        """Forgets that line, which is gone."""
         if self._sender is port:
             self._sender = None
 
     def script_over(self, reason: Reason) -> None:
-        """The control script runs no longer, or will not for long."""
+        """Notes that the control script runs no longer, or will not for long."""
         self.program.end()
         if self.control is not None and self.control.line.commands is not None:
             self.control.line.commands.end(reason)
             self._show()
 
     def end(self, ending: LeaseEnding) -> None:
-        """The lease is over, or its control line gone: the arm is being stopped."""
+        """Ends the lease and begins to stop the arm; a second call changes nothing."""
         if self._over:
             return
         self._over = True
@@ -162,7 +162,7 @@ class ActiveLease:
             self.program.end()
 
     def lost(self, ending: LeaseEnding) -> None:
-        """The control line is gone, and with it the lease."""
+        """Ends the lease after the loss of its control line."""
         if not self._over:
             try:
                 self.end(ending)
@@ -170,12 +170,12 @@ class ActiveLease:
                 self.ports.closed(self.lease, ending)
 
     def note(self, refused: InputRefusal, what: str) -> None:
-        """What a line of it has refused by itself goes on record; it is refused either way."""
+        """Records a refusal of one of its lines, which holds also without a record."""
         with contextlib.suppress(Exception):
             self.ports.judge.refused(self.lease, refused, what)
 
     def heard(self, sample: Sample, at_ms: int) -> None:
-        """The controller said something."""
+        """Takes in a package of the controller."""
         control = self.control
         if control is None or control.line.commands is None:
             return
@@ -188,7 +188,7 @@ class ActiveLease:
         control.settle()
 
     def look(self, at_ms: int) -> None:
-        """Time has passed."""
+        """Acts on the passing of time."""
         if (newest := self.ports.feed.newest) is not None:
             self._turn(self.program.late(at_ms=at_ms), newest)
         for line in tuple(self.lines):

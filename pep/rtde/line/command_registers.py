@@ -1,9 +1,9 @@
-"""The command registers of a program that has the lease: which of its commands reach the control script, and when.
+"""Command registers of a program with the lease: its commands on their way to the control script.
 
-The program writes into an image of its own; what the controller has is another one, and only this module writes it.
-Questions, ends of modes and stops pass; everything else waits for the judge, and what was judged is written out whole.
-A stop is raised to the cell's, and stays until the script has carried it out, whatever the program writes meanwhile.
-Pure: packages, the controller's word, the judge's answers and the time are arguments; what follows is a list of acts.
+The program writes into an image of its own; the controller has another one, and only this module writes it. Questions,
+ends of modes and stops pass; everything else waits for the judge, and a permitted command is written out whole. A stop
+is raised to the cell's, and stays until the script has carried it out, also when the program writes meanwhile. Pure:
+packages, the controller's word, the judge's answers and the time are arguments; the result is a list of acts.
 """
 
 from __future__ import annotations
@@ -48,19 +48,19 @@ if TYPE_CHECKING:
     from pep.rtde.wire.recipes import Offset, WritableVariables
 
 READY, DONE = 1, 2
-"""What the control script says in its output register 0."""
+"""States of the control script, as told in its output register 0."""
 TAKEN_MS: Final = 50
-"""Within so long the control script begins with a stop, when it can hear it at all."""
+"""Longest time until the control script begins with a stop, when it can hear it at all."""
 WATCHDOG_HZ: Final = 8.0
 """Ours: the controller ends the program 125 ms after our last write."""
 
 
 class LeasedCommands:
-    """One control connection's commands.
+    """Commands of one control connection.
 
     Args:
-        profile: what it may write.
-        claimed: the variables that it has from the controller.
+        profile: variables that it may write.
+        claimed: variables that it has from the controller.
         stop_deceleration_rad_s2: of the cell's stop model.
 
     Attributes:
@@ -97,27 +97,27 @@ class LeasedCommands:
         self.stands: Command | None = None
 
     def take(self) -> list[Act]:
-        """What follows from all that was said since the last time, in order."""
+        """Acts that follow from all input since the last call, in order."""
         acts, self._acts = self._acts, []
         return acts
 
     @property
     def offset(self) -> Offset:
-        """Where its registers begin."""
+        """Offset at which its registers begin."""
         return self._blank.profile.offset
 
     # ---- the control script
 
     def arm(self) -> None:
-        """Our control script has just started: its watchdog is set, before anything else is said to it."""
+        """Sets the watchdog of our control script, which has just started, before any other command."""
         self._write(v.SetWatchdog(WATCHDOG_HZ))
 
     def disarm(self) -> None:
-        """No command stands."""
+        """Clears the command register."""
         self._blanked()
 
     def begin(self, path: tuple[Waypoint, ...]) -> None:
-        """Our control script runs, with that path in it, and listens to us alone."""
+        """Notes that our control script runs, with that path in it, and listens to us alone."""
         self._running, self._path = True, path
         self._sent, self._once, self._inside, self.stands = 0, None, False, None
         self._echo = RegisterEcho()
@@ -128,7 +128,7 @@ class LeasedCommands:
             self._acts.append(Refresh())
 
     def end(self, reason: Reason) -> None:
-        """It runs no longer, or is about to be replaced: nothing is sent but zeros."""
+        """Notes that the script runs no longer, or is about to be replaced: nothing is sent but zeros."""
         waited = self._held is not None
         self._over()
         if waited:
@@ -146,7 +146,7 @@ class LeasedCommands:
         self._wanted_ms = None
 
     def leave(self, ending: LeaseEnding = LeaseEnding.LEFT) -> None:
-        """The program has gone, or its lease is over so: what goes on is stopped, and nothing is asked any more.
+        """Ends the commands with their program or its lease: stops a motion under way, and asks nothing any more.
 
         A program that is still there hears that its command has failed: without its connection it would wait for that.
         """
@@ -161,7 +161,7 @@ class LeasedCommands:
     # ---- the program
 
     def package(self, values: Mapping[str, Value], *, at_ms: int) -> None:
-        """The program wrote these variables."""
+        """Takes in these variables, as the program wrote them."""
         if self._left:
             return
         self.stands = None
@@ -188,14 +188,14 @@ class LeasedCommands:
                 self._misread(refused, at_ms)
 
     def follow(self, six: v.Six, *, at_ms: int) -> bool:
-        """The program wrote a value that follows the one that `stands`: its first six doubles are others.
+        """Takes in the value that follows the one that `stands`: only its first six doubles are others.
 
         Args:
             six: those doubles.
             at_ms: monotonic time.
 
         Returns:
-            Whether it is to be written now, as that one was; else the stream has ended with it.
+            True where it is to be written now, as that one was; False where the stream has ended with it.
         """
         assert self.stands is not None
         self._later = six
@@ -203,7 +203,7 @@ class LeasedCommands:
         return self._certain(self.stands, six)
 
     def _merged(self, values: Mapping[str, Value]) -> RegisterImage:
-        """What the client has written until now."""
+        """Image of all that the client has written, these values included."""
         six, self._later = self._later, None
         if six is not None:
             values = {**dict(zip(DOUBLE[self.offset :], six, strict=False)), **values}
@@ -216,7 +216,7 @@ class LeasedCommands:
         return after
 
     def _again(self, image: RegisterImage) -> None:
-        """The program says the same once more: a stream goes on, and whoever judges its values hears that."""
+        """Steps a stream whose value the program repeats: it goes on, and its judge hears that."""
         if self._stream is None or self._stream[1] is None or self._held is not None or self.denied:
             return
         command = decode(image)
@@ -282,7 +282,7 @@ class LeasedCommands:
             self.stands = command
 
     def _certain(self, command: Command, six: v.Six | None = None) -> bool:
-        """Whether the stream goes on with this value, or with these six doubles in it; otherwise it has ended."""
+        """True where the stream goes on with this value, or these six doubles in it; else it has ended."""
         assert self._stream is not None
         steps = self._stream[1]
         if steps is None:
@@ -299,14 +299,14 @@ class LeasedCommands:
         return reason is None
 
     def _refuse(self, refused: InputRefusal, what: str) -> None:
-        """What the program says is not taken, and that goes on record: nobody else was asked."""
+        """Refuses input of the program and records that, since nobody else was asked."""
         self._break_off()
         if not self.denied:
             self._acts.append(Note(refused, what))
         self._deny(refused.reason, f"{what}: {refused.place}")
 
     def _break_off(self) -> None:
-        """Nothing waits, and a stream has ended: what the program says is not what was permitted any more."""
+        """Withdraws the waiting command and stops the stream: the program's input is no longer as permitted."""
         self._withdraw()
         if self._stream is not None:
             self._brake()
@@ -314,7 +314,7 @@ class LeasedCommands:
     # ---- the judge
 
     def forward(self, question: CommandQuestion, steps: Steps | None, *, at_ms: int) -> bool:
-        """Whether it was written."""
+        """True once the permitted command is written; False where it waits no longer, or no script takes it."""
         if question is not self._held:
             return False
         self._held = None
@@ -339,13 +339,16 @@ class LeasedCommands:
         return True
 
     def deny(self, question: CommandQuestion, reason: Reason, told: str) -> None:
-        """The program is told that it failed."""
+        """Tells the program that its waiting command has failed."""
         if question is self._held:
             self._held = None
             self._deny(reason, told)
 
     def defer(self, question: CommandQuestion, told: str) -> None:
-        """The program is told that it waits. One that would not wait, but go on as if it moved, has failed instead."""
+        """Tells the program that its command waits.
+
+        A command for which the program would not wait, but go on as if it moved, fails instead.
+        """
         if question is not self._held:
             return
         assert isinstance(question.command, v.Command)
@@ -356,7 +359,7 @@ class LeasedCommands:
             self._acts.append(Tell(told, INFORMATION))
 
     def stop(self, question: CommandQuestion, reason: Reason, told: str) -> None:
-        """What was forwarded last is stopped, and the program told why."""
+        """Stops the command that was forwarded last, and tells the program why."""
         if question is self._last and self._running:
             self._brake()
             self._deny(reason, told)
@@ -364,7 +367,7 @@ class LeasedCommands:
     # ---- the controller
 
     def robot(self, command: int, said: int, *, still: bool) -> None:
-        """What the controller has in the command register, what the script says and whether the arm stands, at once."""
+        """Takes in one report: id in the command register, state of the script, standstill of the arm."""
         self._echo.told(command)
         idle, newest = command == 0 and said == READY, self._echo.newest
         # A move goes on when the program clears it; a stop is not cleared before it is over.
@@ -384,7 +387,7 @@ class LeasedCommands:
                 self._acts.append(StopWritten())
 
     def look(self, *, at_ms: int) -> None:
-        """What time alone brings about."""
+        """Acts on the passing of time alone."""
         if self._held is not None and at_ms - self._held_ms > PATIENCE_MS:
             self._withdraw()
             self._deny(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
@@ -400,12 +403,12 @@ class LeasedCommands:
 
     @property
     def stopping(self) -> bool:
-        """Whether the script is in a stop, or about to be."""
+        """True while the script is in a stop, or about to be."""
         return self._stop_next is not None or (self._inside and self._once in STOPS)
 
     @property
     def _busy(self) -> bool:
-        """Whether the script is in a move or a stop, or about to stop: it reads no register."""
+        """True while the script reads no register: it is in a move or a stop, or about to stop."""
         return self._stop_next is not None or self._inside
 
     def _stop(self, stop: Stop, at_ms: int) -> None:
@@ -428,7 +431,7 @@ class LeasedCommands:
             self._blanked()
 
     def _brake(self) -> None:
-        """Our own stop of whatever was forwarded."""
+        """Stops all forwarded motion, by our own decision."""
         self._end_stream()
         ends = {MODES[mode] for mode in self._modes}
         if self._stop_next is not None or (self._inside and self._once in STOPS):
@@ -447,7 +450,7 @@ class LeasedCommands:
     # ---- inside
 
     def _write(self, command: Command) -> None:
-        """The whole image with that command in it, from our own copy."""
+        """Writes the whole image with that command in it, from our own copy."""
         row = row_of(command)
         self._sent, self.stands = row.id, None
         self._echo.wrote(row.id)
@@ -469,7 +472,7 @@ class LeasedCommands:
         self._fail(said(reason, told))
 
     def _fail(self, text: str) -> None:
-        """The program sees that its command has failed, and is told why, once."""
+        """Shows the program that its command has failed, and tells it why, once."""
         self.stands = None
         if not self.denied:
             self.denied = True
@@ -491,7 +494,7 @@ _FOLLOWS: Final = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "no other value may 
 
 
 def brake_registers(offset: Offset) -> tuple[str, ...]:
-    """The variables that stops and the watchdog are written with: without one of them it would be a stale one's."""
+    """Variables of stops and the watchdog: one that is not written would keep its stale value."""
     stops = (v.StopJ(0.0, asynchronous=False), v.SpeedStop(0.0), v.ServoStop(0.0), v.SetWatchdog(WATCHDOG_HZ))
     return tuple(dict.fromkeys(name for command in stops for name in encode(command, offset)))
 

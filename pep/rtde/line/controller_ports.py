@@ -1,7 +1,7 @@
-"""The controller's ports as the holder of the lease has them, and the one who writes to the controller for it.
+"""Ports of the controller for the holder of the lease, with the one writer behind them.
 
-An unmodified ur_rtde program works when the judge permits its commands, and moves nothing when it does not. Whoever
-has no lease is served as `StatePorts` does.
+An unmodified ur_rtde program works when the judge permits its commands, and moves nothing when it does not. A client
+without a lease is served by `StatePorts`.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ MAJOR: Final = 5
 BEGINS_S: Final = 10.0
 """Longest wait for the controller at the beginning."""
 LOOK_S: Final = 0.02
-"""How often time alone is looked at."""
+"""Pause between two looks at the clock, beside those at each package."""
 
 
 class LeasedPorts:
-    """What the gateway opens.
+    """Ports that the gateway opens: one lease at a time, and clients without a lease.
 
     Args:
         robot: host of the controller.
@@ -56,7 +56,7 @@ class LeasedPorts:
         closed: is told of a lease whose control connection has ended, and why; the arm is being stopped then.
 
     Attributes:
-        stopped_ms: monotonic time of the newest stop, whoever asked for it; None while there was none.
+        stopped_ms: monotonic time of the newest stop, of any sender; None while there was none.
     """
 
     def __init__(
@@ -88,7 +88,7 @@ class LeasedPorts:
         )
 
     async def begin(self) -> None:
-        """The controller is listened to from now on; returns once it has said something.
+        """Listens to the controller from now on; returns once it has said something.
 
         Raises:
             RobotError: `ROBOT_UNREACHABLE` when it has not within `BEGINS_S`.
@@ -103,20 +103,20 @@ class LeasedPorts:
         self._do(self._keep_looking())
 
     def undisturbed(self) -> bool:
-        """Whether what the controller runs is the control script that we sent for the lease, and nothing hides that."""
+        """True while the controller runs the control script that we sent for the lease, and nothing hides that."""
         running = self._tenant is not None and self._tenant.program.phase is Phase.RUNNING
         return running and self._primary.hears
 
     @property
     def scripts(self) -> Sequence[ControlScript]:
-        """What may be uploaded to this controller: nothing while it has not said what it is, or is none of ours."""
+        """Control scripts that may be uploaded to this controller; none while its version is unknown or not `MAJOR`."""
         version = self.feed.version
         if version is None or version.major != MAJOR:
             return ()
         return scripts_for(version.minor, self._all_scripts)
 
     def close(self) -> None:
-        """Nobody is served any more."""
+        """Ends the lease, and serves nobody any more."""
         if self._tenant is not None:
             self._tenant.end(LeaseEnding.GATEWAY)
         self.feed.close()
@@ -127,7 +127,7 @@ class LeasedPorts:
     async def open(
         self, lease: ProgramOwner | None, port: int, back: ReplyChannel
     ) -> connections.ProgramConnection | Reason:
-        """A connection to that port."""
+        """Connection to that port, or the reason why there is none."""
         if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
             return await self._anybody.open(lease, port, back)
         tenant = self.taken(lease)
@@ -146,7 +146,7 @@ class LeasedPorts:
         return refused or line
 
     def taken(self, lease: ProgramOwner) -> ActiveLease | Reason:
-        """That lease at the controller, whose other lease is over then; or why it has none there."""
+        """Lease at the controller, which ends any other one there; or the reason why there is none."""
         if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
             return Reason.ROBOT_NOT_RUNNING
         if lease is self._past:
@@ -158,7 +158,7 @@ class LeasedPorts:
         return self._tenant
 
     def over(self, lease: ProgramOwner, ending: LeaseEnding) -> None:
-        """The lease is over: the arm is being stopped when this returns, and it opens nothing any more."""
+        """Ends the lease, which opens nothing any more; the arm is being stopped when this returns."""
         self._past = lease
         tenant = self._tenant
         if tenant is not None and tenant.lease is lease:
@@ -168,11 +168,11 @@ class LeasedPorts:
     # ---- stopping
 
     def counted(self) -> None:
-        """A stop was asked for: every permit of an earlier request is void from now on. From any thread."""
+        """Counts a stop: every permit of an earlier request is void from now on. From any thread."""
         self.stopped_ms = self.clock.monotonic_ms()
 
     def stop(self, rung: StopMeans) -> None:
-        """The arm is being stopped, this way or a harder one."""
+        """Begins to stop the arm, this way or a harder one."""
         self.counted()
         newest, tenant = self.feed.newest, self._tenant
         known = newest is not None and self.feed.silent_ms() <= FRESH_MS
@@ -185,7 +185,7 @@ class LeasedPorts:
             self._take(rung)
 
     def note(self, rung: StopMeans) -> None:
-        """Somebody has sent such a stop past us: it counts, and a harder one follows where it does not help."""
+        """Counts a stop that was sent past the ladder; a harder one follows where it does not help."""
         self.counted()
         self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.clock.monotonic_ms())
 

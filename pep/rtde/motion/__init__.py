@@ -1,1 +1,1 @@
-"""Motions of the arm, whoever began them: followed to their end, slowed, and stopped at any time."""
+"""Motions of the arm, of tools and programs alike: followed to their end, slowed, and stopped at any time."""

@@ -25,7 +25,7 @@ class Brake:
         self._given: Future[None] | None = None
 
     def take(self) -> Future[None]:
-        """Gives the stop, or has it given next; the future of its end."""
+        """Gives the stop, unless it is being given; returns the future of its end."""
         with self._lock:
             if self._given is None or self._given.done():
                 self._given = Future()

@@ -1,4 +1,4 @@
-"""A move under a governor: how slow it may get, and the speed slider back where it was once the arm stands."""
+"""Move under a governor: its least speed, and the speed slider put back once the arm stands."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ ARRIVED_RAD: Final = 1e-3
 FASTER_THAN_STILL: Final = 2.0
 """A slowed arm goes at least this many times as fast as one that counts as standing."""
 PUT_BACK_MS: Final = 500
-"""Longest wait for the slider to be seen where it was before the motion; it takes two packages of the controller."""
+"""Longest wait for the slider to be seen at its old place; it takes two packages of the controller."""
 PAUSE_S: Final = 0.004
 """Pause between two looks at the slider: two packages of the controller."""
 
 
 @dataclass(frozen=True, slots=True)
 class SpeedControl:
-    """What slows a motion down.
+    """Means to slow a motion down.
 
     Attributes:
         slider: of the controller.
@@ -40,13 +40,13 @@ class SpeedControl:
     pacing: Pacing
 
     def governor(self, arm: NewestState, *, least: float, clock: Clock) -> Governor:
-        """Of a motion that is about to begin; `least` is the fraction of its speed below which it is stopped."""
+        """Governor of a motion that is about to begin; below the fraction `least` of its speed it is stopped."""
         now = clock.monotonic_ms()
         return Governor(self.slider, pacing=self.pacing, least=least, speeds=arm.speeds, now_ms=now)
 
 
 def least_fraction(speed_rad_s: float, acceleration_rad_s2: float) -> float:
-    """The fraction of its speed at which a move can still be told from standstill, all the way to its target.
+    """Least fraction of its speed at which a move differs from standstill all the way to its target.
 
     While it brakes it counts as standing once it is slower than `STILL_RAD_S`; by then it has to have arrived.
     """
@@ -57,7 +57,7 @@ def least_fraction(speed_rad_s: float, acceleration_rad_s2: float) -> float:
 
 
 def put_back(governor: Governor, arm: NewestState, *, clock: Clock, pause: Callable[[float], None]) -> None:
-    """The speed slider is where it was, unless the arm may still move or the robot does not say so."""
+    """Puts the speed slider back where it was, unless the robot is silent or its arm may still move."""
     arm.look()
     if arm.silent_ms > SILENCE_MS or not arm.state.still:
         return

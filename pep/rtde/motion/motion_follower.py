@@ -1,6 +1,7 @@
-"""The follower of a motion, whoever began it: looks at the arm until it stands, and stops it where it has to.
+"""Follower of a motion: looks at the arm until it stands, and stops it where it has to.
 
-The controller carries the motion out; here it is watched, slowed where that suffices, and stopped. Time is a port.
+The controller carries the motion of a tool or program out; here it is watched, slowed where that suffices, and
+stopped. Time is a port.
 """
 
 from __future__ import annotations
@@ -34,17 +35,20 @@ if TYPE_CHECKING:
 BEGINS_MS: Final = 1_000
 """A motion that has not begun by then will not begin."""
 RESTS_MS: Final = 300
-"""An arm that has stood for so long on its way will not go on: between the legs of a path it stands for some cycles."""
+"""Longest standstill on the way of a motion; an arm that stands for longer will not go on.
+
+Between the legs of a path the arm stands for some cycles.
+"""
 SLACK: Final = 1.5
 SLACK_MS: Final = 3_000
-"""A motion may last its computed time by half, and three seconds. Time slowed down counts less."""
+"""Allowance beyond the computed time of a motion: half of it, and three seconds. Time slowed down counts less."""
 
 
 class Looking(Protocol):
     """The watch over a motion: `pep.watch.watch.Watch`."""
 
     def look(self, q_rad: tuple[float, ...], speeds: ReportedSpeeds | None = None) -> Alarm | None:
-        """The first thing that is not as it was authorised, or None."""
+        """First difference from the authorised state as an alarm, or None."""
         ...
 
 
@@ -66,12 +70,12 @@ class MotionProgress(Protocol):
     """Progress of something that was sent."""
 
     def look(self, state: JointState) -> Over | None:
-        """How it is over, the arm being there; None while it goes on."""
+        """End of the motion, as this state of the arm shows it; None while it goes on."""
         ...
 
     @property
     def stands(self) -> bool:
-        """Whether an arm that stands on its way may stand there for as long as it likes."""
+        """True where the arm may stand on its way for any time."""
         ...
 
 
@@ -90,7 +94,7 @@ class TargetProgress:
         self._late = late
 
     def look(self, state: JointState) -> Over | None:
-        """Reached, once it stands there."""
+        """End as reached, once the arm stands at its target; as failed, once it is late."""
         if state.still and self._arrived(state.q_rad):
             return Over(MotionOutcome.REACHED)
         return Over(MotionOutcome.ROBOT_FAILED, Reason.EFFECT_FAILED, "too slow") if self._late() else None
@@ -112,7 +116,7 @@ class TimeLimit:
         self._looked_ms = clock.monotonic_ms()
 
     def late(self) -> bool:
-        """Whether it is over."""
+        """True once the time is over; each call counts the time since the one before."""
         now_ms = self._clock.monotonic_ms()
         self._left_ms -= (now_ms - self._looked_ms) * (FULL if self._governor is None else self._governor.ordered)
         self._looked_ms = now_ms
@@ -136,13 +140,13 @@ class TimedProgress:
         self._lock = threading.Lock()
 
     def prolong(self, until_ms: int) -> bool:
-        """Whether it goes on until then at least: its end has not been told."""
+        """Prolongs the motion to that monotonic time at least; False where its end has been told."""
         with self._lock:
             self._until_ms = max(self._until_ms, until_ms)
             return not self._over
 
     def look(self, state: JointState) -> Over | None:  # noqa: ARG002 - the port's own form
-        """Ended, once the time is over."""
+        """End, once the time is over."""
         with self._lock:
             self._over = self._over or self._clock.monotonic_ms() >= self._until_ms
             return Over(MotionOutcome.ENDED, Reason.VERDICT_EXPIRED) if self._over else None
@@ -163,7 +167,7 @@ class HandOver:
         self._stopped = stopped
 
     def look(self, state: JointState) -> Over | None:  # noqa: ARG002 - the port's own form
-        """Reached, once it was taken."""
+        """End as reached, once the leg is taken; as failed, where it was not and no stop is the cause."""
         if not self._taken.done():
             return None
         if self._taken.result():
@@ -173,18 +177,18 @@ class HandOver:
 
 
 class MotionFollower:
-    """Follows one motion. `follow` blocks: on a thread of its own.
+    """Follower of one motion. `follow` blocks: on a thread of its own.
 
     Args:
-        arm: heard since before it was sent.
-        watch: over it.
-        permit: of it; its record is told what the watch saw.
-        brake: stops what was sent, and tells whoever sent it why. Waits for nothing.
-        stopper: stops the arm where that does not help, and knows of everybody's stops.
-        newest: what the robot says.
+        arm: newest state, heard since before the motion was sent.
+        watch: over the motion.
+        permit: of the motion; its record gets the findings of the watch.
+        brake: stops the motion, and tells its sender why. Waits for nothing.
+        stopper: stops the arm where the brake does not help, and knows of all stops.
+        newest: newest package of the robot.
         clock: the monotonic one counts.
         pause: lets so many seconds pass.
-        governor: of its speed; its slider is put back in the end.
+        governor: of the speed; its slider is put back in the end.
     """
 
     def __init__(
@@ -213,20 +217,20 @@ class MotionFollower:
         self._looked_ms: int | None = None
 
     def leave(self) -> None:
-        """Nobody waits for the end any more: the arm is stopped."""
+        """Has the arm stopped, since nobody waits for the end any more."""
         self._gone.set()
 
     @property
     def unseen_ms(self) -> int:
-        """For how many milliseconds nobody has looked at the motion; 0 before and after it."""
+        """Milliseconds since the last look at the motion; 0 before and after it."""
         looked_ms = self._looked_ms
         return 0 if looked_ms is None else self._clock.monotonic_ms() - looked_ms
 
     def follow(self, courses: Iterable[MotionProgress]) -> MotionEnd:
-        """How the motion has ended; the arm stands, or is past our stopping it.
+        """Follows the motion to its end: the arm stands, or is past our stopping it.
 
         Args:
-            courses: of its legs, one after the other; each is asked for when the one before was reached.
+            courses: progress of its legs, in order; each is asked for once the one before was reached.
         """
         end: MotionEnd | None = None
         try:
@@ -280,7 +284,7 @@ class MotionFollower:
             self._pause(PAUSE_S)
 
     def _until_still(self, since_ms: int) -> MotionEnd:
-        """Somebody else has stopped the arm: it stands soon, or we stop it too."""
+        """Waits for standstill after a stop from elsewhere, and stops the arm too where that is late."""
         while self._clock.monotonic_ms() - since_ms <= ESCALATE_MS:
             state = self._newest().state
             if state is not None and state.still:
@@ -289,7 +293,7 @@ class MotionFollower:
         return self._stand(Reason.VERDICT_EXPIRED)
 
     def _stand(self, reason: Reason) -> MotionEnd:
-        """The arm stands; or nobody saw it do so."""
+        """Stops the arm; the end tells whether standstill was seen."""
         return self._until_stands(reason, self._brake)
 
     def _until_stands(self, reason: Reason, brake: Callable[[Reason], None] = lambda _: None) -> MotionEnd:
@@ -307,7 +311,7 @@ class MotionFollower:
         return MotionEnd(alarm.end, end.q_rad, alarm.reason) if end.end is MotionOutcome.STOPPED else end
 
     def _put_back(self, end: MotionEnd | None) -> None:
-        """The speed slider is where it was, and the record knows of every change."""
+        """Puts the speed slider back where it was, and records every change of the speed."""
         governor = self._governor
         if governor is None or not governor.changes:
             return

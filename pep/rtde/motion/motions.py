@@ -1,7 +1,7 @@
 """Motions of one arm, of its tools and of leased programs: begun where they were assessed, followed to their end.
 
-What moves is looked at from a thread of its own: neither the event loop with its callers nor whoever reads the state
-can delay a look. An event loop that hangs writes nothing, and the controller's watchdog ends the program.
+A thread of its own looks at a moving arm: neither the event loop with its callers nor a reader of the state can delay
+a look. An event loop that hangs writes nothing, and the controller's watchdog ends the program.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ if TYPE_CHECKING:
     from pep.watch.governor import Governor
 
 UNSEEN_MS: Final = 200
-"""A motion that nobody has looked at for this long is stopped by whoever waits for it."""
+"""Longest time without a look at a motion; after it, the task that waits for the end stops the arm."""
 LOOK_S: Final = 0.05
-"""How often that is asked."""
+"""Pause between two checks of that time."""
 
 
 class Hurry(Protocol):
     """A source of frames and feeds that can be told to be quick."""
 
     def __call__(self, *, moving: bool) -> None:
-        """Something moves from now on, or nothing does. Does not wait."""
+        """Notes that something moves from now on, or that nothing does. Does not wait."""
         ...
 
 
@@ -45,7 +45,7 @@ class AssessedStarts(Protocol):
     """Starts of what was assessed: `pep.world.world.CellPhysics`."""
 
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
-        """The joint angles from which that request was assessed."""
+        """Joint angles from which that request was assessed, rad."""
         ...
 
 
@@ -84,19 +84,19 @@ class Motions:
         self._watch = ThreadPoolExecutor(1, "watch", initializer=goes_first)
 
     async def heard(self) -> NewestState:
-        """What the robot has said last, from now on.
+        """Newest state of the robot, heard from now on.
 
         Raises:
-            RobotError: it says nothing.
+            RobotError: the robot says nothing.
         """
         return await asyncio.get_running_loop().run_in_executor(self._looks, NewestState, self.state, self._clock)
 
     async def begins(self, permit: Permit) -> NewestState:
-        """The same, of an arm that stands where the permitted motion was assessed.
+        """Newest state of an arm that stands where the permitted motion was assessed.
 
         Raises:
-            ActuationRefusedError: it stands elsewhere.
-            RobotError: it says nothing.
+            ActuationRefusedError: the arm stands elsewhere.
+            RobotError: the robot says nothing.
         """
         arm = await self.heard()
         permit.begins(assessed_rad=self._starts.start_of(permit.request_id), at_rad=arm.state.q_rad)
@@ -112,15 +112,15 @@ class Motions:
         brake: Callable[[Reason], None],
         governor: Governor | None = None,
     ) -> MotionEnd:
-        """How what was sent has ended. Whoever waits for that and goes leaves the arm standing.
+        """Follows a sent motion to its end. A cancelled caller goes on only once the arm stands.
 
         Args:
-            courses: of its legs, as of `MotionFollower.follow`.
-            arm: as of `MotionFollower`.
-            watch: likewise.
-            permit: likewise.
-            brake: likewise; also told when nobody has looked for too long.
-            governor: likewise.
+            courses: progress of its legs, as of `MotionFollower.follow`.
+            arm: newest state, heard since before the motion was sent.
+            watch: over the motion.
+            permit: of the motion.
+            brake: stops the motion, and tells its sender why; also used `UNSEEN_MS` after the last look.
+            governor: of the speed.
         """
         follower = MotionFollower(
             arm,
@@ -149,13 +149,13 @@ class Motions:
             self._hurry(moving=False)
 
     def close(self) -> None:
-        """Nothing is followed any more."""
+        """Ends both threads; nothing is followed any more."""
         for pool in (self._looks, self._watch):
             pool.shutdown(wait=False, cancel_futures=True)
 
 
 async def finished(ending: asyncio.Future[MotionEnd]) -> None:
-    """It has ended, also when the task that asks is being cancelled; how is for somebody else."""
+    """Waits until the motion has ended, also while the waiting task is cancelled. Its result is for others."""
     while not ending.done():
         with contextlib.suppress(asyncio.CancelledError, Exception):
             await asyncio.shield(ending)

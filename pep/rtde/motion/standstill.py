@@ -1,6 +1,6 @@
-"""Standstill of an arm that has been told to stop: looked for until it is seen, with a harder stop when it is late.
+"""Standstill of an arm that was told to stop, with a harder stop when it is late.
 
-Which stops there are, and in which order, is `pep.rtde.line.lease_stop`.
+The kinds of stops and their order are in `pep.rtde.line.lease_stop`.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class MotionEnd:
 
 
 class Standstill:
-    """One stop under way, to be looked at until the arm stands. One thread looks. Made before the stop is given.
+    """One stop under way, looked at by one thread until the arm stands. Made before the stop is given.
 
     Args:
         escalate: the harder stop; told once, when the given one does not help.

@@ -26,14 +26,14 @@ class ToolCommands(LeasedCommands):
     ready = False
 
     def give(self, command: Command) -> bool:
-        """Whether the command was written: not while the script does something else. Not for a stop."""
+        """True once the command is written; False while the script does something else. Stops go through `brake`."""
         if not self.ready:
             return False
         self._write(on_grid(command))
         return True
 
     def brake(self, *, at_ms: int) -> None:
-        """Stop whatever moves the arm, as the cell's stop model says."""
+        """Begins to stop all motion of the arm, as the cell's stop model says."""
         self._stop(v.StopJ(self._deceleration, asynchronous=False), at_ms)
 
     def robot(self, command: int, said: int, *, still: bool) -> None:

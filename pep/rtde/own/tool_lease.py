@@ -34,7 +34,7 @@ STARTS_S: Final = 6.5
 AGAIN_S: Final = 0.5
 """Pause before the lines are tried again."""
 LOOK_S: Final = 0.05
-"""How often it is looked whether the lines may be there."""
+"""Pause between two checks that the line may be there."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +43,7 @@ class OwnLease:
 
     @property
     def credentials(self) -> Credentials:
-        """Nobody's."""
+        """Credentials of nobody."""
         return NOBODY
 
 
@@ -80,7 +80,7 @@ class OwnLines:
     # ---- up and down
 
     async def keep(self) -> None:
-        """The line is there whenever it may be. Runs until it is cancelled."""
+        """Keeps the line up whenever it may be. Runs until it is cancelled."""
         while True:
             if self._lease is None and not self._over and self._free() and self._able():
                 try:
@@ -94,7 +94,7 @@ class OwnLines:
             await asyncio.sleep(LOOK_S)
 
     def give_way(self) -> None:
-        """What our line moved is being stopped, and it is gone."""
+        """Begins to stop the motion of our line, and closes it."""
         lease, line = self._lease, self._line
         self._lease, self._line, self._up = None, None, False
         if lease is not None:
@@ -103,13 +103,13 @@ class OwnLines:
             line.close()
 
     def end(self) -> None:
-        """As `give_way`, and for good."""
+        """Gives way for good, as `give_way`."""
         self._over = True
         self.give_way()
 
     @property
     def up(self) -> bool:
-        """Whether the tools have the arm: our control script runs, and the controller has our tool and payload."""
+        """True while the tools have the arm: the control script runs, and the controller has our tool and payload."""
         return self._up and self._line is not None and self._line.up
 
     def undisturbed(self) -> bool:
@@ -139,30 +139,30 @@ class OwnLines:
         self._up = True
 
     async def _done(self, line: ToolLine, command: Command) -> bool:
-        """Whether the control script has carried it out."""
+        """Gives the command; True once the control script has carried it out."""
         return await line.ready() and line.give(command) and await line.ready()
 
     # ---- what is said
 
     async def ready(self) -> bool:
-        """Whether the control script waits for a command of the tools, at once or soon."""
+        """True once the control script waits for a command of the tools; False where it does not soon."""
         return self._line is not None and self.up and await self._line.ready()
 
     def give(self, command: Command) -> bool:
-        """Whether the command was written. It is carried out, or seen not to be."""
+        """True once the command is written. Its follower sees whether it is carried out."""
         return self._line is not None and self.up and self._line.give(command)
 
     async def equip(self, mass_kg: float, centre_m: v.Three) -> bool:
-        """Whether the controller reckons with this payload from now on."""
+        """True once the controller reckons with a payload of that mass in kg and centre in m."""
         line = self._line
         return line is not None and self.up and await self._done(line, v.SetPayload(mass_kg, centre_m))
 
     def switch(self, command: IoCommand) -> bool:
-        """Whether the outputs or the slider were written."""
+        """True once the outputs or the speed slider are written."""
         return self._line is not None and self._up and self._line.switch(command)
 
     def stop(self) -> None:
-        """Whatever moves the arm is being stopped, a program's motion too. From any thread; never waits."""
+        """Begins to stop all motion of the arm, a program's too. From any thread; never waits."""
         self._ports.counted()
         self._loop.call_soon_threadsafe(self._stop)
 

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 
 OFFSET: Final = OFFSETS[0]
 RATE_HZ: Final = 50.0
-"""How often the controller writes to these connections; only that they are there is read."""
+"""Rate of the controller's packages on these connections; they are read as signs of life alone."""
 BEGINS_S: Final = 2.0
 """Longest wait for the controller's first package."""
 READY_S: Final = 2.0
@@ -74,7 +74,7 @@ class Inputs:
         self.robot = Upstream(self._heard, self._lost)
 
     async def reach(self, host: str) -> None:
-        """What is written is taken.
+        """Reaches the controller, which takes all writes from then on.
 
         Raises:
             RobotError: `ROBOT_UNREACHABLE`.
@@ -88,17 +88,17 @@ class Inputs:
             raise RobotError(PepFault.ROBOT_UNREACHABLE, "no line of our own")
 
     def close(self) -> None:
-        """Nothing more is written."""
+        """Closes the connection; nothing more is written."""
         self.robot.close()
         self._there.set()
 
     def write(self, values: Mapping[str, Value]) -> None:
-        """These are set, and all others of the connection to zero."""
+        """Sets these variables, and all others of the connection to zero."""
         self._frame = self._subscription.write({**self._zeros, **values})
         self.robot.send(self._frame)
 
     def rewrite(self) -> None:
-        """The newest is written again."""
+        """Writes the newest values again."""
         if self._frame is not None:
             self.robot.send(self._frame)
 
@@ -120,7 +120,7 @@ class Inputs:
 
 
 class _ScriptPort:
-    """The connection on which our control script goes to the controller; what comes back there is for nobody."""
+    """Connection on which our control script goes to the controller; answers are dropped."""
 
     def __init__(self) -> None:
         self.robot = Upstream(lambda _: None, lambda: None)
@@ -140,7 +140,7 @@ class ToolLine:
         self.running = False
         self.wrote_ms = 0
         self.gone = False
-        """Whether the lease is over, or the controller has closed a connection."""
+        """True once the lease is over, or the controller has closed a connection."""
         self._registers = Inputs(_REGISTERS, self._lost)
         self._switches = Inputs(_SWITCHES, self._lost)
         self._script = _ScriptPort()
@@ -148,7 +148,7 @@ class ToolLine:
         tenant.lines.add(self)
 
     async def reach(self, host: str, script: ControlScript) -> InputRefusal | None:
-        """The control script is on its way; or why it is not.
+        """Begins the upload of the control script; returns its refusal, or None.
 
         Args:
             host: of the controller.
@@ -171,7 +171,7 @@ class ToolLine:
         return self._tenant.uploaded(self._script, Upload(script, ()))
 
     def close(self) -> None:
-        """Nothing more is written."""
+        """Closes all connections; nothing more is written."""
         self.gone = True
         self._tenant.lines.discard(self)
         for connection in (self._registers, self._switches, self._script.robot):
@@ -182,26 +182,26 @@ class ToolLine:
 
     @property
     def up(self) -> bool:
-        """Whether the control script runs and listens to it."""
+        """True while the control script runs and listens to this line."""
         return self.running and not self.gone
 
     async def ready(self) -> bool:
-        """Whether the control script waits for a command, at once or soon."""
+        """True once the control script waits for a command; False where it does not within `READY_S`."""
         return await self.until(lambda: self.commands.ready, within_s=READY_S)
 
     def give(self, command: Command) -> bool:
-        """Whether the command was written; a script that does not wait for one is told none."""
+        """True once the command is written; a script that waits for none is given none."""
         given = self.up and self.commands.give(command)
         self.settle()
         return given
 
     def brake(self) -> None:
-        """Whatever our lines move is being stopped."""
+        """Begins to stop the motion of our line."""
         self.commands.brake(at_ms=self._now())
         self.settle()
 
     def switch(self, command: IoCommand) -> bool:
-        """Whether it was written, and nothing else set by that."""
+        """True once the command is written; it sets nothing else."""
         if self.gone:
             return False
         masks: dict[str, Value] = {name: 0 for name in MASKS if name in _SWITCHES}
@@ -209,7 +209,7 @@ class ToolLine:
         return True
 
     async def until(self, seen: Callable[[], bool], *, within_s: float) -> bool:
-        """Whether that was seen before the line was gone."""
+        """True once `seen` holds on a line that is there; False where it does not in time."""
         if not seen() and not self.gone:
             waiting: asyncio.Future[None] = asyncio.get_running_loop().create_future()
             self._waiting[waiting] = seen
@@ -222,22 +222,22 @@ class ToolLine:
 
     @property
     def line(self) -> ToolLine:
-        """Itself: no program is behind it."""
+        """This line itself: no program is behind it."""
         return self
 
     def rewrite(self) -> None:
-        """The watchdog hears the newest registers again."""
+        """Writes the newest registers again, for the watchdog."""
         self._registers.rewrite()
         self.wrote_ms = self._now()
 
     def refresh(self) -> None:
-        """Nobody is shown a package."""
+        """Does nothing: no program is shown a package."""
 
     def tell(self, text: str) -> None:
-        """Nobody is told: an outcome is on record for each permit."""
+        """Does nothing: each permit has its outcome on record."""
 
     def settle(self) -> None:
-        """What has come together is written, and stops are on their way."""
+        """Carries out the acts that have come together: writes registers, begins stops."""
         for act in self.commands.take():
             match act:
                 case Write(values):
@@ -252,18 +252,18 @@ class ToolLine:
         self._look()
 
     def look(self, at_ms: int) -> None:
-        """Time has passed."""
+        """Acts on the passing of time."""
         self.commands.look(at_ms=at_ms)
         self.settle()
 
     def leave(self, ending: LeaseEnding) -> None:
-        """The lease is over: what it moves is stopped, and nothing of it goes further."""
+        """Ends the line with its lease: its motion is stopped, and nothing further is passed on."""
         self.commands.leave(ending)
         self.settle()
         self.close()
 
     def lose(self, ending: LeaseEnding) -> None:
-        """It cannot go on, nor can the lease."""
+        """Ends the lease after a failure of the line."""
         self._tenant.lost(ending)
 
     def _lost(self) -> None:

@@ -1,4 +1,4 @@
-"""Motions and switches of the cell's tools under their permits, and the slot in which one of them acts at a time.
+"""Motions and switches of the cell's tools under their permits, one at a time by a slot.
 
 permit ─▶ the arm stands where it was assessed ─▶ watch ─▶ permit spent, command written ─▶ followed to its end
 """
@@ -41,22 +41,22 @@ if TYPE_CHECKING:
     from policies.evidence.model import Request
 
 EARLIER_PERIOD_MS: Final = 40
-"""How often the authority of the permits before the newest is asked again: well inside the 150 ms to a stop."""
+"""Time between checks of the authority of all earlier permits: well inside the 150 ms to a stop."""
 
 
 class Gripper(Protocol):
-    """What the tools need of a gripper."""
+    """Gripper, as the tools use it."""
 
     def move(self, *, width_um: int, speed_um_s: int, force_mn: int, stopped: Callable[[], bool]) -> GripResult:
-        """The fingers have moved; from when `stopped` says so, they do not move."""
+        """Moves the fingers to their end; once `stopped` is true, they do not move."""
         ...
 
     def activate(self, *, stopped: Callable[[], bool]) -> GripResult:
-        """The gripper is ready; from when `stopped` says so, the fingers do not move."""
+        """Makes the gripper ready; once `stopped` is true, the fingers do not move."""
         ...
 
     def halt(self) -> None:
-        """The fingers stop where they are."""
+        """Stops the fingers in place."""
         ...
 
 
@@ -81,7 +81,7 @@ class FingersProgress:
         self._sending = sending
 
     def look(self, state: JointState) -> Over | None:  # noqa: ARG002 - the port's own form
-        """Reached, once they stand."""
+        """End as reached, once the gripper has ended the move."""
         return Over(MotionOutcome.REACHED) if self._sending.done() else None
 
 
@@ -192,11 +192,11 @@ class ToolMotions:
         return self._slot.reserve(request_id)
 
     def release(self, request_id: str) -> None:
-        """The slot is free again, if it was this request's."""
+        """Frees the slot, if it was this request's."""
         self._slot.release(request_id)
 
     def joins(self, request: Request, *, agent: str) -> bool:
-        """Whether the request, of that agent, only prolongs the stream that holds the slot."""
+        """True for a request by that agent which only prolongs the stream that holds the slot."""
         speeds = self._speeds
         return (
             speeds is not None
@@ -226,17 +226,17 @@ class ToolMotions:
                 raise ActuationRefusedError(Reason.NOT_GRANTED, f"no tool sends {operation.name}")
 
     def _spend(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> None:
-        """The last check. What it allows is written before anybody else has the event loop."""
+        """Spends the permit, the last check. The caller writes its command before it yields the event loop."""
         digest = digest_of(operation, tuple(numbers), audience=self._audience)
         permit.spend(digest=digest, stopped_ms=self._motions.stopper.stopped_ms)
 
     def _stopped(self, permit: Permit) -> bool:
-        """Whether a stop has come since the request of a permit that was spent."""
+        """True once a stop has come since the request of that permit."""
         stopped_ms = self._motions.stopper.stopped_ms
         return stopped_ms is not None and stopped_ms >= permit.since_ms
 
     async def _begins(self, permit: Permit) -> NewestState:
-        """The arm may begin: the control script waits for a command, and it stands where it was assessed."""
+        """Arm that may begin: its control script waits for a command, and it stands where it was assessed."""
         if not await self._lines.ready():
             raise ActuationRefusedError(Reason.EFFECT_FAILED, "the controller does not take commands")
         return await self._motions.begins(permit)
@@ -247,7 +247,10 @@ class ToolMotions:
             raise ActuationRefusedError(Reason.EFFECT_FAILED, "the controller did not take the command")
 
     async def _move(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> MotionEnd:
-        """Straight in joint space, at rest at each target. Legs are sent one by one: a path is another program."""
+        """Moves straight in joint space, at rest at each target.
+
+        Legs are sent one by one: a path of the controller would need another program.
+        """
         targets, (speed, acceleration) = targets_of(operation, tuple(numbers)), numbers[-2:]
         arm = await self._begins(permit)
         governor: Governor | None = None
@@ -264,7 +267,7 @@ class ToolMotions:
     def _legs(
         self, commands: list[v.MoveJ], arm: NewestState, permit: Permit, governor: Governor | None
     ) -> Iterator[MotionProgress]:
-        """Each leg, followed once the controller has it. On the watch's thread."""
+        """Progress of each leg, which begins once the controller has it. On the watch's thread."""
         start = arm.state.q_rad
         for leg, command in enumerate(commands):
             if leg:
@@ -277,11 +280,11 @@ class ToolMotions:
             start = command.q_rad
 
     async def _next(self, command: v.MoveJ, permit: Permit) -> bool:
-        """Whether the next leg was written: no stop has come since the first."""
+        """True once the next leg is written; False after a stop, or where the controller does not take it."""
         return await self._lines.ready() and not self._stopped(permit) and self._lines.give(command)
 
     async def _at_speeds(self, numbers: Sequence[float], permit: Permit) -> MotionEnd:
-        """At joint speeds for a time. Who prolongs a stream waits for its end too."""
+        """Moves at joint speeds for a time. A call that prolongs the stream waits for its end too."""
         try:
             values = tuple(parse(n, p.unit) for n, p in zip(numbers, SPEED_JOINT.parameters, strict=True))
         except (QuantityError, ValueError) as error:
@@ -326,7 +329,7 @@ class ToolMotions:
         return end
 
     async def _grip(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> GripResult:
-        """The fingers, which move by a connection of their own; the resting arm's angles place them."""
+        """Moves the fingers, by a connection of their own; the resting arm's angles place them."""
         arm = await self._motions.heard()
         watch = self._watching(permit)
         self._spend(operation, numbers, permit)
@@ -362,12 +365,12 @@ class ToolMotions:
     # -- stopping
 
     def _brake(self, reason: Reason) -> None:  # noqa: ARG002 - the outcome on record tells it
-        """Arm and fingers are being stopped, and earlier requests are void. From any thread; never waits."""
+        """Begins to stop arm and fingers; earlier requests are void. From any thread; never waits."""
         self._lines.stop()
         self._halt.take()
 
     async def stop(self) -> MotionEnd:
-        """The arm stands still, and the fingers; nothing that was asked for before will move them any more."""
+        """Stops arm and fingers, and waits for the standstill. No earlier request moves them any more."""
         escalate = self._motions.stopper.stop
         stop = Standstill(
             lambda: escalate(Reason.VERDICT_EXPIRED), newest=self._motions.state.newest, clock=self._clock
@@ -380,15 +383,15 @@ class ToolMotions:
     # -- looking
 
     async def read_state(self) -> JointState:
-        """The robot's state now.
+        """State of the robot now.
 
         Raises:
-            RobotError: when it says nothing.
+            RobotError: the robot says nothing.
         """
         return await self._loop.run_in_executor(self._reads, self._motions.state.read)
 
     async def close(self) -> None:
-        """Everything stands still, and nothing can be sent any more."""
+        """Stops arm and fingers; nothing can be sent any more."""
         await finished(asyncio.ensure_future(self.stop()))
         self._lines.end()
         for pool in (self._fingers, self._reads):

@@ -1,4 +1,4 @@
-"""The controller's speed slider: set on the event loop of its line, so that no look at the arm waits for it."""
+"""Speed slider of the controller, set on its line's event loop: no look at the arm waits for it."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class SpeedSlider:
     """The `Slider` port over the line of the cell's tools. Made on its event loop, used from other threads.
 
     Args:
-        switch: writes it; whether it was written. On that event loop.
+        switch: writes the setting; true once it is written. On that event loop.
     """
 
     def __init__(self, switch: Callable[[IoCommand], bool]) -> None:
@@ -27,12 +27,12 @@ class SpeedSlider:
         self._newest: Future[bool] | None = None
 
     def set(self, fraction: float) -> None:
-        """It is being set, after what was asked for before; whether the robot has it, only the robot can say."""
+        """Sets the slider after all earlier settings, without waiting; only the robot can say whether it has it."""
         self._newest = asyncio.run_coroutine_threadsafe(self._set(fraction), self._loop)
 
     @property
     def failed(self) -> bool:
-        """Whether the controller did not take the newest setting."""
+        """True where the controller did not take the newest setting."""
         newest = self._newest
         if newest is None or not newest.done():
             return False

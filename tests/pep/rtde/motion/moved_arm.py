@@ -1,4 +1,4 @@
-"""An arm whose first joint moves, on a clock that goes on only when somebody looks, and all that is asked about it."""
+"""Arm whose first joint moves, on a clock that goes on only at looks, with its permits and watch."""
 
 import threading
 from concurrent.futures import Future
@@ -42,7 +42,7 @@ class Arm:
                     self.target = None
 
     def take(self, command):
-        """The controller has this command."""
+        """Takes the command, as the controller does."""
         with self.lock:
             self.go_on()
             if isinstance(command, v.MoveJ):
@@ -95,7 +95,7 @@ class Arm:
 
 
 class Scene:
-    """What a motion is permitted by and watched with. What happens on the way is in `events`: when, and what."""
+    """Permits and watch of a motion. `events` on its way are pairs of a condition and an act."""
 
     def __init__(self):
         self.clock = ManualClock()
@@ -107,7 +107,7 @@ class Scene:
         self.starts = HERE
 
     def when(self, condition, event):
-        """Once that holds, that happens. Both are looked at in each pause of the follower."""
+        """Adds an event that happens once its condition holds; each pause of the follower looks."""
         self.events.append((condition, event))
 
     def past(self, q, event):

@@ -195,7 +195,7 @@ def test_after_a_protective_stop_nothing_is_taken_up_again(controller, rig):
 @pytest.mark.parametrize("stop", [2.0, 8.0])
 @pytest.mark.parametrize("moving", [False, True])
 def test_the_assessed_move_is_never_slower_than_the_stream(stop, moving):
-    """At every joint angle that a stream passes, whenever it ends, the move that is assessed is at least as fast there."""
+    """The assessed move is at least as fast at every angle of the stream, however late the stream ends."""
     cell = CellParameters(stop_deceleration_rad_s2=stop)
     state = JointState(HOME, QD if moving else (0.0,) * 6, 7, 1)
     for acceleration in (0.5, 2.0, 20.0):

@@ -1,4 +1,4 @@
-"""The one follower of motions: how each ends, that it is slowed where that suffices, and that a stop ends everything."""
+"""Follower of motions: each kind of end, slower motion where that suffices, and stops that end everything."""
 
 from concurrent.futures import Future
 from dataclasses import replace

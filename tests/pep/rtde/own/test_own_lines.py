@@ -46,7 +46,7 @@ class Program:
 
 
 class Served:
-    """Ports of a controller and our own line there, on a loop in a thread; also the judge of the ports."""
+    """Ports of a controller with our own line, on a loop in a thread; also their judge."""
 
     def __init__(self, host, fitted=FITTED):
         self.fitted = fitted

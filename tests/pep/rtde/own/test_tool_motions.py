@@ -1,4 +1,4 @@
-"""Motions of the tools: exactly what was decided is sent, once, from where it was assessed, and one thing acts at a time."""
+"""Motions of the tools: each is sent as decided, once, from its assessed start, and one at a time."""
 
 import asyncio
 import math
@@ -586,7 +586,7 @@ def test_a_stop_between_the_permit_and_the_fingers_is_not_lost(world):
 
 
 def test_a_gripper_that_does_not_answer_is_stopped(world):
-    """What was handed over and not acknowledged may yet begin."""
+    """A move of the fingers without an acknowledgement may yet begin, so they are stopped."""
     world.fingers.raises = RobotError(PepFault.GRIPPER_UNREACHABLE, "as tested")
 
     async def scenario(tools):
