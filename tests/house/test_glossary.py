@@ -11,8 +11,8 @@ from tests.house import pages
 PAGE = (pages.TOP / "docs" / "glossary.md").read_text("utf-8")
 PRODUCT = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 WORD = re.compile(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
-PACKAGES = ("capabilities", "policies", "ztpm_idp", "evaluation", "ursim")
-"""Packages whose docstrings are plain."""
+APPROVED_TEXTS = {"pep/mcp/arm_server.py": "docstrings are tool descriptions, which people approve by their digest"}
+"""Module whose docstrings are not held to the rule, with the reason."""
 QUESTION = re.compile(r"(?:What|Whether|Who|How|Why|Where|When|Which)\b")
 NOBODY = re.compile(r"\b(?:whoever|whatever|somebody|someone|anybody)\b", re.IGNORECASE)
 OPENING_WORDS = 20
@@ -92,16 +92,21 @@ def fault(text: str) -> str | None:
     return None
 
 
-@pytest.mark.parametrize("folder", [*PACKAGES, "tests"])
+@pytest.mark.parametrize("folder", [*PRODUCT, "tests"])
 def test_docstrings_begin_with_the_thing_that_they_describe(folder: str) -> None:
-    wrong, seen = [], 0
+    wrong, excepted, seen = [], set(), 0
     for path in sorted((pages.TOP / folder).rglob("*.py")):
+        name = path.relative_to(pages.TOP).as_posix()
         for text, line in docstrings(ast.parse(path.read_text("utf-8"))):
             seen += 1
             if found := fault(text):
-                wrong.append(f"{path.relative_to(pages.TOP).as_posix()}:{line}: {found}")
+                if name in APPROVED_TEXTS:
+                    excepted.add(name)
+                else:
+                    wrong.append(f"{name}:{line}: {found}")
     assert seen > 300
     assert wrong == []
+    assert excepted == {name for name in APPROVED_TEXTS if name.startswith(f"{folder}/")}, "an exception of no use"
 
 
 def test_every_kind_of_docstring_is_seen() -> None:
