@@ -23,7 +23,20 @@ DEPTH_LIMIT: Final = 16
 """Deepest nesting of arrays and objects in a statement; ours need seven."""
 _DIGITS: Final = len(str(-INT_LIMIT))
 """Longest spelling of an integer: converting a very long run of digits is quadratic, so the length is asked first."""
-_STRUCTURE: Final = re.compile(rb'["\\\[\]{}]')
+_STRING: Final = re.compile(rb'"(?:[^"\\]++|\\.)*+"?', re.DOTALL)
+"""A text, or the beginning of one that does not end; possessive, so that no text is read twice."""
+_NO_BRACKET: Final = bytes(set(range(256)) - set(b"[]{}"))
+_NO_SIGN: Final = bytes(set(_NO_BRACKET) - set(b'"'))
+_OPENING: Final = frozenset(b"[{")
+_ENCODER: Final = json.JSONEncoder(ensure_ascii=False, allow_nan=False, sort_keys=True, separators=(",", ":"))
+_APART: Final = re.compile(rb"[0-9]e[+-][0-9]|\.0[,}\]]")
+"""Signs of a text on which `_ENCODER` and RFC 8785 may differ though it is what `_ENCODER` writes.
+
+They are floats with an exponent or an empty fraction, and characters beyond the basic plane (`_BEYOND`), by which
+names are ordered differently. Some may stand inside of a text too: then the slower encoder is asked for nothing.
+"""
+_BEYOND: Final = bytes(range(0xF0, 0x100))
+_SIGNS: Final = (b"e-", b"e+", b".0,", b".0}", b".0]")
 
 
 class JsonDefect(StrEnum):
@@ -66,9 +79,7 @@ def read(raw: bytes, *, limit_bytes: int, limit_depth: int) -> object:
     except UnicodeDecodeError:
         raise JsonError(JsonDefect.MALFORMED, "not UTF-8") from None
     try:
-        value = json.loads(
-            spelled, object_pairs_hook=_unique, parse_constant=_constant, parse_float=_finite, parse_int=_whole
-        )
+        value = _DECODER.decode(spelled)
     except (json.JSONDecodeError, RecursionError):
         raise JsonError(JsonDefect.MALFORMED, "not JSON") from None
     if "\\u" in spelled:
@@ -91,6 +102,21 @@ def canonical(value: object) -> bytes:
         return rfc8785.dumps(value)  # type: ignore[arg-type]  # the except is for wrong types
     except (rfc8785.CanonicalizationError, UnicodeEncodeError, RecursionError):
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "no canonical form") from None
+
+
+def is_canonical(raw: bytes, value: object) -> bool:
+    """True where these bytes are the RFC 8785 form of the value that `read` found in them.
+
+    It says so many times faster than by writing that form, wherever the standard library writes the same.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for a value that has no such form.
+    """
+    numbers = any(sign in raw for sign in _SIGNS) and _APART.search(raw) is not None
+    beyond = not raw.isascii() and len(raw.translate(None, _BEYOND)) != len(raw)
+    if not numbers and not beyond and _ENCODER.encode(value).encode("utf-8", errors="replace") == raw:
+        return True
+    return canonical(value) == raw
 
 
 def parse(raw: bytes) -> object:
@@ -122,24 +148,15 @@ def parse_object(raw: bytes) -> dict[str, object]:
 
 def _refuse_deep(raw: bytes, limit: int) -> None:
     """Bounds the nesting before the parser recurses; brackets inside strings do not count."""
-    depth, inside, escaped_at = 0, False, -1
-    for match in _STRUCTURE.finditer(raw):
-        sign, at = match.group(), match.start()
-        if inside:
-            if at == escaped_at:
-                continue
-            if sign == b"\\":
-                escaped_at = at + 1
-            elif sign == b'"':
-                inside = False
-        elif sign == b'"':
-            inside = True
-        elif sign in b"[{":
-            depth += 1
-            if depth > limit:
-                raise JsonError(JsonDefect.MALFORMED, f"nested deeper than {limit}")
-        elif sign in b"]}":
-            depth -= 1
+    depth = 0
+    if (
+        b"\\" not in raw
+    ):  # nothing is escaped: what is neither quote nor bracket counts for nothing, nor a text without one
+        raw = raw.translate(None, _NO_SIGN).replace(b'""', b"")
+    for sign in _STRING.sub(b"", raw).translate(None, _NO_BRACKET):
+        depth += 1 if sign in _OPENING else -1
+        if depth > limit:
+            raise JsonError(JsonDefect.MALFORMED, f"nested deeper than {limit}")
 
 
 def _unique(pairs: list[tuple[str, object]]) -> dict[str, object]:
@@ -162,9 +179,14 @@ def _finite(digits: str) -> float:
 
 
 def _whole(digits: str) -> int:
-    if len(digits) > _DIGITS or not -INT_LIMIT <= int(digits) <= INT_LIMIT:
+    if len(digits) > _DIGITS or not -INT_LIMIT <= (value := int(digits)) <= INT_LIMIT:
         raise JsonError(JsonDefect.OUT_OF_RANGE, "an integer beyond 2^53 - 1")
-    return int(digits)
+    return value
+
+
+_DECODER: Final = json.JSONDecoder(
+    object_pairs_hook=_unique, parse_constant=_constant, parse_float=_finite, parse_int=_whole
+)
 
 
 def _refuse_surrogates(value: object) -> None:
