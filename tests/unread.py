@@ -8,7 +8,7 @@ from capabilities.statements import statement_form
 
 
 def unread(module, value, key) -> str:
-    """The statement of a module's kind, signed whatever its own reader thinks of it."""
+    """Statement of a module's kind, signed without a check by its own reader."""
     with patch.object(
         statement_form, "seal", lambda kind, claims, key, reader, **_: statement_form.sign(kind, claims, key)
     ):

@@ -96,7 +96,7 @@ class Asked:
 
     @property
     def moves(self) -> bool:
-        """Whether it is a motion of the arm, of whose answer there is a proof document."""
+        """True for a motion of the arm, whose answer has a proof document."""
         return not isinstance(self.motion, GripperMove | OutputSet)
 
     @property

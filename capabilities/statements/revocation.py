@@ -50,7 +50,7 @@ IDS: Final = MappingProxyType(
         Revoked.AUDIENCE: Url,
     }
 )
-"""Form of each kind of id: exactly what a token can name, so that what can be meant can be revoked, and no more."""
+"""Form of each kind of id: every id that a token can name can be revoked, and no other."""
 
 
 class RevocationEntry(Form, frozen=True):

@@ -57,7 +57,7 @@ def seal(
 
 
 def sign(kind: str, claims: dict[str, object], key: PrivateKey) -> str:
-    """The statement of these claims, signed unread: of a kind of its own, or for a test. Kinds of ours are sealed.
+    """Statement of these claims, signed unread: for a foreign kind or a test. Kinds of ours are sealed.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` when the claims hold anything but texts, 53-bit integers, booleans, None,

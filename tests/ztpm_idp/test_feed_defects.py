@@ -107,7 +107,7 @@ SENSOR = RegisteredSensor(
     ],
 )
 def test_a_registry_that_no_reader_takes_is_not_committed(world, monkeypatch, event):
-    """Whatever the domain lets through, the registry is read before the commit that changes it."""
+    """The registry is read before the commit that changes it, for all input that the domain lets through."""
     monkeypatch.setattr(at_work, "decide", lambda *_: (event,))
     with pytest.raises(Problem) as caught:
         world.on_loop(world.provider.run(commands.GiveNonce("dan", "n" * 32), actor="dan"))

@@ -48,11 +48,11 @@ def micro(metres: float) -> int:
 
 
 class Certificate(ABC):
-    """Why an answer holds: the rows of a search, the legs of a path, or the question itself. No answer is without."""
+    """Ground of an answer, which each has: rows of a search, legs of a path, or the question itself."""
 
     @abstractmethod
     def proves(self, index: float) -> bool:
-        """Whether it shows that nothing of the motion, from its start to its end, has a higher index."""
+        """True where it shows that no part of the motion, from start to end, has a higher index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,7 +73,7 @@ class Evident(Certificate):
 
 @dataclass(frozen=True, eq=False)
 class RowsCertificate(Certificate):
-    """The rows of a search: per row a pair, an interval of the path in 1 / GRID, and the index proven there.
+    """Rows of a search: a pair, an interval of the path in 1 / GRID, and the index proven there.
 
     For every pair that is no retreat the intervals cover the whole path, so a checker that recomputes each row confirms
     the index without any search. `pep.pit.proof.proof_document` writes the whole proof down, and `pep.pit.checker`
@@ -110,7 +110,7 @@ class RowsCertificate(Certificate):
 
 
 class SearchCertificate(RowsCertificate):
-    """The rows of a search on a straight path, which are only put together when somebody asks for them."""
+    """Rows of a search on a straight path, put together once they are asked for."""
 
     def __init__(self, certified: Certified, asked: NDArray[np.intp]) -> None:
         """Nothing is put together yet."""

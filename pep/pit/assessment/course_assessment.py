@@ -43,7 +43,7 @@ SLOWEST_SHARE: Final = 0.02  # of the commanded speed; slower than this is of no
 
 @dataclass(frozen=True, eq=False)
 class CourseCertificate(RowsCertificate):
-    """The proof of a course, with its nodes: whoever checks it needs no inverse kinematics.
+    """Proof of a course, with its nodes: a check of it needs no inverse kinematics.
 
     Attributes:
         key: places of the nodes, in 1 / GRID, (n,).

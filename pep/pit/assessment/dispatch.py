@@ -72,7 +72,7 @@ class PathQuestion:
         self.seed, self.check_time = seed, check_time
 
     def answer(self, motion: Paths) -> Assessment | ImpactFault:
-        """The answer for the whole path; what comes after a leg that goes beyond a joint's limit is not looked at."""
+        """Answer for the whole path, up to the first leg that goes beyond a joint's limit."""
         match motion:
             case JointPath():
                 legs = self._joint_legs(motion)
@@ -129,7 +129,7 @@ def joint_moves(path: JointPath) -> Iterator[MoveJ]:
 
 
 def line_drives(robot: Robot, path: LinePath, *, check_time: Callable[[], None]) -> Iterator[tuple[Joints, Drive]]:
-    """Where each leg starts, and the leg; none after one that goes beyond a joint's limit.
+    """Start of each leg, with the leg; none after one that goes beyond a joint's limit.
 
     Raises:
         UnprovenError: as `line_drive` says.

@@ -147,7 +147,7 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
 def _leg_proven(
     asked: CheckerQuestion, start: Six, motion: CheckerRun | Curved, answer: CheckerAnswer, value: Any
 ) -> tuple[int, Six | None]:
-    """How many rows were recomputed, and where the leg ends; None when it goes beyond a joint's limit."""
+    """Number of recomputed rows, and the end of the leg; None when it goes beyond a joint's limit."""
     if isinstance(motion, CheckerRun):
         return _straight_proven(asked, motion, answer, value), motion.target
     proof = table(value, "proof", (*NO_ROWS, "course"))
@@ -234,7 +234,7 @@ def _straight_torque(asked: CheckerQuestion, run: CheckerRun, timing: Timing) ->
 
 
 def _driven(asked: CheckerQuestion, drive: CheckerTimedCourse) -> CheckerLeg:
-    """A leg on a course: joint speeds are proven piece by piece, the rest is looked at in the middles (PHY-11)."""
+    """Leg on a course: joint speeds are proven piece by piece, the rest is sampled in the middles (PHY-11)."""
     robot, timing = asked.robot, drive.timing
     fast = accelerated = peak = 0.0
     places: list[TorquePlace] = []

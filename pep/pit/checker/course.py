@@ -22,7 +22,7 @@ QUARTER: Final = 4  # the next of an interval's three nodes is at most a quarter
 
 @dataclass(frozen=True, slots=True)
 class Tail:
-    """How a course goes on after its last traced place: straight in the joints.
+    """Continuation of a course after its last traced place: straight in the joints.
 
     Attributes:
         since: its beginning, in 1 / GRID.

@@ -27,7 +27,7 @@ GROWTH: Final = 8.0  # a bound so many times the derivatives in the middle helps
 
 
 def meets_limit(robot: CheckerRobot, twist: CheckerTwist, here: CheckerStance, low: int, high: int) -> bool:
-    """Whether a joint may be beyond its limit between `low`, with the arm as `here`, and `high`, in 1 / GRID."""
+    """True where a joint may pass its limit from `low`, with the arm as `here`, to `high` (1 / GRID)."""
     lever, r = Lever(robot.tcp.levers), 0.5 * (high - low) / GRID
     rate = here.rates(twist.rate)
     near = tuple(q + r * d for q, d in zip(here.q, rate, strict=True))

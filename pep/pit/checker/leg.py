@@ -43,7 +43,7 @@ class CheckerQuestion:
 
 @dataclass(frozen=True, slots=True)
 class CheckerAnswer:
-    """What is claimed of one leg."""
+    """Claim about one leg."""
 
     index: float
     violations: list[str]

@@ -72,7 +72,7 @@ def torque_ratio(
 
 
 def _torques(robot: CheckerRobot, masses: tuple[CheckerMass, ...], place: TorquePlace) -> tuple[Six, Six, Six]:
-    """What holds the arm, what s'' asks of each joint, and what s' squared asks, Nm."""
+    """Torques of each joint that hold the arm, that s'' asks, and that s' squared asks, Nm."""
     turns, origins = frames(robot, place.q)
     axes = [transposed(turn)[2] for turn in turns[1:]]
     arm = _Arm(origins, axes, [_Placed.of(each, turns, origins) for each in masses])

@@ -126,7 +126,7 @@ def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[
 
 
 def past_limit(robot: Robot, start: Joints, shown: TimedCourse | None, motion: Driven | LineLeg) -> dict[str, Any]:
-    """The record of a motion that goes beyond a joint's limit, with the piece of its line on which it does.
+    """Record of a motion beyond a joint's limit, with the piece of its line that shows it.
 
     Raises:
         ProofError: no piece shows it.
@@ -142,7 +142,7 @@ def past_limit(robot: Robot, start: Joints, shown: TimedCourse | None, motion: D
 
 
 def _piece_at_limit(robot: Robot, twist: Twist, q: Floats, since: int) -> int:
-    """Where the piece of a line ends that begins at `since`, with these joint angles, and meets a joint's limit."""
+    """End of the piece of a line that begins at `since`, with these joint angles, and meets a joint's limit."""
     for width in (
         FINEST,
         FINEST // 2,

@@ -94,7 +94,7 @@ def search_starts() -> Floats:
 
 
 def reaches(robot: Robot, position: Floats, rotation: Floats) -> bool:
-    """Whether joint angles were found for this pose, in any configuration of the arm."""
+    """True where joint angles were found for this pose, in any configuration of the arm."""
     return not bool(np.isnan(reaching(robot, position[None], rotation[None])).any())
 
 

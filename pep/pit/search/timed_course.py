@@ -82,7 +82,7 @@ class Nowhere:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PastLimit:
-    """A motion that goes beyond a joint's limit, or comes from there; it is refused whatever is authorised.
+    """Motion that goes beyond a joint's limit, or comes from there; no authority permits it.
 
     Attributes:
         shown: the motion up to the limit, for a proof; None where it begins beyond one, or all of it may be there.
@@ -155,7 +155,7 @@ def _traced(robot: Robot, twist: Twist, start: Floats, profile: Profile, check_t
 
 
 def ended(robot: Robot, twist: Twist, profile: Profile, found: CutShort, push: float) -> PastLimit:
-    """The joint limit that a line meets before its end, with the line up to there and straight on in the joints.
+    """Joint limit that a line meets before its end, with the line to there, then straight in the joints.
 
     Raises:
         UnprovenError: it is something else that ends it.

@@ -103,7 +103,7 @@ def _in_one(parts: Sequence[Floats]) -> Floats:
 
 
 def _request() -> Any:
-    """How coal measures: from the same guess each time, where pinocchio's own requests keep that of the last question.
+    """Request to coal with the same first guess each time; pinocchio's own keep that of the last question.
 
     With it an answer would depend on what was asked before.
     """

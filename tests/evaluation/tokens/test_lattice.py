@@ -45,7 +45,7 @@ STATED = {
 
 
 def one_dimension_at_a_time(claim, monkeypatch):
-    """The cases of a law, with any numbers in one dimension of what it compares, or of what narrows any scope."""
+    """Cases of a law, with any numbers in one dimension of its operands, or of a narrower of any scope."""
     every, restriction = lattice._DIMENSIONS, lattice._fewer_numbers
     assert STATED.keys() == set(every)
     for dimension in every:

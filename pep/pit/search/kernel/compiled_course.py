@@ -74,7 +74,7 @@ def trace(
     fastest: Floats,
     check_time: Check,
 ) -> LineTrace | CutShort:
-    """The joints' path under `twist` between `since` and `until`, in 1 / GRID, or as much of it as can be proven.
+    """Provable part of the joints' path under `twist` between `since` and `until`, in 1 / GRID.
 
     Args:
         robot: the arm.

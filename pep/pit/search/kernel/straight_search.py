@@ -298,7 +298,7 @@ def _hides(row: int, whole: Whole, numbers: Floats, laws: Floats, kinds: Whole, 
 
 @lent
 def _any_hides(rows: SearchRows, field: Field, violated: Floats) -> bool:
-    """Whether a row that cannot be halved any more may hide a violation of a kind that was not met."""
+    """True where a row that cannot be halved any more may hide a violation of an unmet kind."""
     whole, numbers, laws, kinds = rows.whole, rows.numbers, field.numbers, field.whole
     for row in range(rows.used[0]):
         if whole[row, STAGE] == FINAL and _hides(row, whole, numbers, laws, kinds, violated):

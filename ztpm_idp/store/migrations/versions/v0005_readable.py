@@ -17,7 +17,7 @@ depends_on = None
 
 
 def upgrade() -> None:
-    """Names each audience that is no canonical URL by its digest; no token could name it, and the ledger keeps it."""
+    """Names each non-canonical audience by its digest; no token could name it, and the ledger keeps it."""
     revocations = sa.table(
         "revocations", sa.column("epoch", sa.BigInteger), sa.column("kind", sa.String), sa.column("id", sa.String)
     )
