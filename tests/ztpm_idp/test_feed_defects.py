@@ -128,7 +128,7 @@ def test_a_feed_that_was_bricked_is_read_again(tmp_path):
         world.stop()
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
             base.execute("UPDATE revocations SET id = 'http://h.example/mcp?x' WHERE epoch = 1")
-            base.execute("UPDATE alembic_version SET version_num = 'v0004'")
+            base.execute("UPDATE alembic_version SET version_num = 'v0005'")
         world.start()
         first, second = index(world).entries
         assert (first.epoch, first.kind, second.id) == (1, "audience", "a" * 32)

@@ -10,8 +10,8 @@ from alembic import op
 from capabilities.statements.revocation import check_id
 from capabilities.values.errors import StatementError
 
-revision = "v0005"
-down_revision = "v0004"
+revision = "v0006"
+down_revision = "v0005"
 branch_labels = None
 depends_on = None
 
