@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from itertools import accumulate
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.statements import answers, checkpoint, conduct, registry, revocation
 from capabilities.values.scope import Tier
@@ -36,8 +36,10 @@ if TYPE_CHECKING:
     from collections.abc import AsyncIterator
 
     from ztpm_idp.domain.events import Event
-    from ztpm_idp.provider.provider import Provider
+    from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.settings import Settings
     from ztpm_idp.store.conduct import Told
+    from ztpm_idp.store.engine import Store
     from ztpm_idp.store.transaction import Counters, Transaction
 
 INDEX_BYTES: Final = 150_000
@@ -64,6 +66,18 @@ _QUOTES_BYTES: Final = 3
 """Bytes of JSON that a text costs beside itself."""
 
 
+class Deployment(Protocol):
+    """Parts of a provider from which statements are made."""
+
+    settings: Settings
+    keys: IdpKeys
+    store: Store
+
+    def now_ms(self) -> int:
+        """The wall clock, milliseconds since the epoch."""
+        ...
+
+
 class Heartbeat:
     """Proof that the store can commit, shared by all who ask at the same time.
 
@@ -71,7 +85,7 @@ class Heartbeat:
     asked.
     """
 
-    def __init__(self, provider: Provider) -> None:
+    def __init__(self, provider: Deployment) -> None:
         self._provider = provider
         self._turn = asyncio.Lock()
         self._asked = 0
@@ -93,7 +107,7 @@ class Heartbeat:
             self._served = everybody
 
 
-async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+async def revocation_index(provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
     """Signed index of the revocations after `since`.
 
     `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
@@ -110,7 +124,7 @@ async def revocation_index(provider: Provider, heartbeat: Heartbeat, *, since: i
         return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
 
 
-async def _index(provider: Provider, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
     counters = await view.counters()
     found = await view.revocations_since(since, INDEX_ENTRIES)
     if since > counters.epoch:
@@ -137,7 +151,7 @@ def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.RevocationE
     )
 
 
-async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+async def conduct_word(provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
     """Signed word on the changes of agents' conduct after `since`.
 
     As with revocations, `as_of` is taken first, and a store that cannot commit says nothing. A word that cannot hold
@@ -153,7 +167,7 @@ async def conduct_word(provider: Provider, heartbeat: Heartbeat, *, since: int, 
         return await _conduct(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
 
 
-async def _conduct(provider: Provider, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+async def _conduct(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
     newest = (await view.counters()).conduct_version
     told = await view.conduct.told(since=since, most=conduct.ENTRIES)
     if since > newest:
@@ -189,14 +203,14 @@ def _size(row: conduct.EdgeEntry | conduct.AgentEntry) -> int:
     return _STANDING_BYTES + len(row.agent) + _DEVIATION_BYTES * len(row.deviations)
 
 
-async def registry_snapshot(provider: Provider, *, audience: str) -> str:
+async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
     """The signed registry of `audience`."""
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
         return await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
 
 
-async def _registry(provider: Provider, view: Transaction, *, audience: str, as_of_ms: int) -> str:
+async def _registry(provider: Deployment, view: Transaction, *, audience: str, as_of_ms: int) -> str:
     counters = await view.counters()
     tools = await view.tools(audience)
     sensors = [s for s in await view.all_parties("sensor") if isinstance(s, RegisteredSensor)]
@@ -234,7 +248,7 @@ async def _registry(provider: Provider, view: Transaction, *, audience: str, as_
     return registry.sign(snapshot, provider.keys.registry)
 
 
-async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
+async def answers_for(provider: Deployment, *, audience: str, nonce: str) -> str:
     """Asks and openings of an audience, signed, with the votes and openings as people signed them.
 
     `as_of` is taken first: everything acknowledged before it is in the statement. An open or granted ask is always
@@ -249,7 +263,7 @@ async def answers_for(provider: Provider, *, audience: str, nonce: str) -> str:
         return await _answers(provider, view, audience=audience, nonce=nonce, as_of_ms=as_of_ms)
 
 
-async def _answers(provider: Provider, view: Transaction, *, audience: str, nonce: str, as_of_ms: int) -> str:
+async def _answers(provider: Deployment, view: Transaction, *, audience: str, nonce: str, as_of_ms: int) -> str:
     since_s = as_of_ms // 1_000 - ANSWERED_MEMORY_S
     found = await view.approvals.not_long_over(since_s=since_s, audience=audience)
     openings = await view.approvals.openings(since_s=as_of_ms // 1_000, audience=audience)
@@ -275,7 +289,7 @@ async def _answers(provider: Provider, view: Transaction, *, audience: str, nonc
 
 
 async def read_back(
-    provider: Provider, view: Transaction, events: tuple[Event, ...], *, before: Counters, at_ms: int
+    provider: Deployment, view: Transaction, events: tuple[Event, ...], *, before: Counters, at_ms: int
 ) -> None:
     """Signs every statement that these events change, so that its own reader takes it before they are committed.
 
@@ -328,7 +342,7 @@ def _answered(event: Event) -> str:
             return ""
 
 
-async def ledger_export(provider: Provider) -> AsyncIterator[bytes]:
+async def ledger_export(provider: Deployment) -> AsyncIterator[bytes]:
     """The ledger's lines as of now, and the signed checkpoint that they end in.
 
     Entries never change, so pages need no snapshot.

@@ -345,10 +345,7 @@ class LeasedCommands:
             self._deny(reason, told)
 
     def defer(self, question: CommandQuestion, told: str) -> None:
-        """Tells the program that its command waits.
-
-        A command for which the program would not wait, but go on as if it moved, fails instead.
-        """
+        """Tells the program that its command waits; one that would go on as if it moved fails instead."""
         if question is not self._held:
             return
         assert isinstance(question.command, v.Command)
