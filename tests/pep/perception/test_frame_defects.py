@@ -20,6 +20,7 @@ from pep.world.held_object import CommittedGrip
 from pep.world.world import CellPhysics
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
+from tests.unread import unread
 from tests.pep.kit import CALIBRATION, Rig, survey
 
 from capabilities.keys import jws, keys
@@ -86,7 +87,7 @@ class Cell:
 
     def frame(self, *, key=None, **changes):
         seen = self.observation(**changes)
-        return observation.sign(seen, key or self.keys[seen.sensor]).encode()
+        return unread(observation, seen, key or self.keys[seen.sensor]).encode()
 
     def spoilt(self, old, new):
         """A frame by the right key over claims in which some bytes were replaced before it signed."""
