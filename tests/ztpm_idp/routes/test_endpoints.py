@@ -230,13 +230,17 @@ BODY_BYTES = {"/tokens": 65_536, "/tokens/delegate": 65_536, "/approvals": 135_1
 """Largest body of each route that takes more than a statement or two."""
 
 
-def test_every_bad_body_at_every_endpoint(world):
+@pytest.mark.parametrize("share", [3, pytest.param(1, marks=pytest.mark.campaign)])
+def test_every_bad_body_at_every_endpoint(world, share):
+    """Each endpoint gets all that is bad as a whole, and of bad members another share."""
     world.pep()
     seen = set()
-    for path, body, may, _, token in good_bodies(world):
+    for turn, (path, body, may, _, token) in enumerate(good_bodies(world)):
         who = "alice" if "alice" in may else min(may)
         before = tables(world)
-        for name, content in hostile(body).items():
+        for number, (name, content) in enumerate(hostile(body).items()):
+            if name.split()[0] in body and (number + turn) % share:
+                continue
             if name in PEOPLES_TEXT or (path == "/tools" and name.endswith("upper")):
                 continue
             problem = checked(send(world, path, content, who, token))
