@@ -285,9 +285,10 @@ def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name
     assert fit > 0, name
 
 
-def test_no_course_breaks_the_checker(texts):
+@pytest.mark.parametrize("count", [120, pytest.param(1_000, marks=pytest.mark.campaign)])
+def test_no_course_breaks_the_checker(texts, count):
     """Any value in any place of the proof or motion, sealed, gets a verdict, not the checker's own failure."""
-    for k in range(500):
+    for k in range(count):
         rng = np.random.default_rng([56, k])
         top = json.loads(texts[int(rng.integers(len(texts)))])
         name = str(rng.choice(["proof", "motion", "answer"]))
