@@ -11,7 +11,7 @@ from evaluation.decisions.ours import OurDecisions, Recorded
 from evaluation.decisions.rules import NoPlainFormError, OtherFact, Op
 from evaluation.harness.absent import AbsentError
 from evaluation.harness.bench import Row
-from evaluation.harness.timing import QUICK, WrongAnswerError
+from evaluation.harness.timing import QUICK, Plan, WrongAnswerError
 from typer.testing import CliRunner
 
 from evaluation import cli
@@ -20,6 +20,7 @@ from policies import NOT_COLLECTED, SHIPPED, Effect, Point, load, load_shipped
 
 pytestmark = pytest.mark.long
 
+ONCE = Plan(repeats=1, rounds=1, warm_up=0)
 SETS = {name: load_shipped(name) for name in SHIPPED}
 PACKAGES = {name: name.partition(",")[0] for name in bench.OTHERS}
 
@@ -199,7 +200,7 @@ def result():
     def made(given):
         return OurDecisions(SETS[bench.SHIPPED])
 
-    return bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"another": made, "absent": absent})
+    return bench.BENCH.run(ONCE, seed=1, told=lambda _: None, others={"another": made, "absent": absent})
 
 
 def test_an_engine_that_is_not_installed_is_a_row_that_says_so(result):
@@ -209,7 +210,7 @@ def test_an_engine_that_is_not_installed_is_a_row_that_says_so(result):
 
 
 def test_without_any_other_engine_ours_is_measured_alone():
-    alone = bench.BENCH.run(QUICK, seed=1, told=lambda _: None, others={"absent": absent}).to_json()
+    alone = bench.BENCH.run(ONCE, seed=1, told=lambda _: None, others={"absent": absent}).to_json()
     assert alone["ratios"] == dict.fromkeys(bench.RATIOS)
     assert {row["peer"] for row in alone["rows"] if row["case"]} == {OurDecisions.name, Recorded.name}
 
