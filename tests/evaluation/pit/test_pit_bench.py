@@ -3,11 +3,11 @@
 import importlib.util
 import json
 from copy import copy
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from tests.unread import unchecked
 from evaluation.harness.absent import AbsentError
 from evaluation.harness.bench import Bench, Result, Row
 from evaluation.harness.timing import Plan, WrongAnswerError
@@ -32,13 +32,6 @@ MUJOCO = importlib.util.find_spec("mujoco") is not None
 
 def drawn(kind, things=5, count=1, seed=3, **more):
     return kind(np.random.default_rng(seed), things, count, **more)
-
-
-def with_index(answer, index):
-    """An assessment that its own type would refuse, since no certificate has that index."""
-    lie = copy(answer)
-    object.__setattr__(lie, "index", index)
-    return lie
 
 
 def with_upper(answer, upper):
@@ -78,8 +71,8 @@ def test_every_cell_answers_what_is_true_and_not_what_is_not(among):
         (KERNEL, lambda answer: with_upper(answer, answer.upper + 0.2)),
         (RULER, lambda answer: replace(answer, proven=answer.proven + 0.01)),
         (RULER, lambda answer: replace(answer, proven=answer.proven - 0.01)),
-        (ASSESS, lambda answer: with_index(answer, 0.9)),
-        (ASSESS, lambda answer: with_index(answer, 4.0)),
+        (ASSESS, lambda answer: unchecked(answer, index=0.9)),
+        (ASSESS, lambda answer: unchecked(answer, index=4.0)),
         (ASSESS, lambda answer: None),
     ],
 )
