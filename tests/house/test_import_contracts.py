@@ -10,13 +10,22 @@ from pathlib import Path
 import grimp
 import pytest
 from importlinter.api import read_configuration
-from importlinter.application.use_cases import _register_built_in_contract_types
-from importlinter.domain.contract import Contract, registry
+from importlinter.contracts.forbidden import ForbiddenContract
+from importlinter.contracts.independence import IndependenceContract
+from importlinter.contracts.layers import LayersContract
+from importlinter.contracts.protected import ProtectedContract
+from importlinter.domain.contract import Contract
 
 pytestmark = pytest.mark.long
 
 TOP = Path(__file__).parents[2]
 
+KINDS: dict[str, type[Contract]] = {
+    "forbidden": ForbiddenContract,
+    "independence": IndependenceContract,
+    "layers": LayersContract,
+    "protected": ProtectedContract,
+}
 BREAKS = [
     ("layers", "capabilities/values/units.py", "import policies.evidence.model"),
     ("layers", "policies/evidence/model.py", "import pep.base.ports"),
@@ -91,8 +100,7 @@ def graph() -> grimp.ImportGraph:
 @cache
 def contracts() -> dict[str, Contract]:
     """Contracts of the house, as the command reads them."""
-    _register_built_in_contract_types()
-    return {row["id"]: registry.get_contract_class(row["type"])(row["name"], SESSION, row) for row in ROWS}
+    return {row["id"]: KINDS[row["type"]](row["name"], SESSION, row) for row in ROWS}
 
 
 def is_kept(contract_id: str, imports: grimp.ImportGraph) -> bool:
