@@ -312,7 +312,7 @@ def robot_of(text):
 
 
 SHARES = 3
-"""How many of the bad numbers share the places of the model among them in the suite."""
+"""Number of turns in which the bad numbers of the suite meet all places of the model."""
 
 
 @pytest.mark.parametrize("name", SPELT)
