@@ -22,6 +22,8 @@ from ztpm_idp.provider.problems import Problem
 from capabilities.keys import keys
 from ztpm_idp.client import ClientError
 
+pytestmark = pytest.mark.long
+
 BASE = "http://h.example/mcp"
 SIGNS = [chr(number) for number in range(0x21, 0x7F)] + ["é", "\u2028", "\U0001f600", "%2F", "//", "/..", ":80"]
 

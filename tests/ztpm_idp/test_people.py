@@ -13,6 +13,8 @@ from capabilities.keys import keys
 from capabilities.statements import registry
 from ztpm_idp.client import ClientError, Operator
 
+pytestmark = pytest.mark.long
+
 DAY_S = 86_400
 EVERYTHING = ("sponsor", "approver", "admin")
 

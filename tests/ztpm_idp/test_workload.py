@@ -20,6 +20,8 @@ from capabilities.statements import attestation
 from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError, delegate_request, issue_request
 
+pytestmark = pytest.mark.long
+
 TOP = Tier.SAFETY_CRITICAL
 
 

@@ -29,7 +29,7 @@ from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_s
 from capabilities.keys import keys
 from capabilities.proof import mcp_meta as meta
 
-pytestmark = pytest.mark.version
+pytestmark = [pytest.mark.version, pytest.mark.long]
 
 ZERO = (0.0,) * 6
 PROTOCOL = "2026-07-28"

@@ -19,6 +19,8 @@ from capabilities.keys import keys
 from capabilities.statements import observation
 from pep.pit import observed, standing_adult
 
+pytestmark = pytest.mark.long
+
 
 def tell(*sensors_and_line, at_s=0.0):
     *sensors, line = sensors_and_line

@@ -8,6 +8,8 @@ from ztpm.base.layout import read_key
 from capabilities.keys import keys
 from ztpm_idp.client import ClientError
 
+pytestmark = pytest.mark.long
+
 ROW = {
     "id": "mover", "status": "active", "sponsor": "alice", "role": "mover", "model": "none", "software_digest": "00" * 32,
     "key": "k" * 43, "trust_permille": 900,

@@ -43,6 +43,8 @@ from pep.pit import (
     Sphere,
 )
 
+pytestmark = pytest.mark.long
+
 EXAMPLES = Path(generate.__file__).parent / "examples"
 CHROMIUM = shutil.which("chromium")
 

@@ -17,6 +17,8 @@ from tests.ztpm_idp.world import LOWER, SLOWER, World
 from ztpm_idp.client import ClientError
 from ztpm_idp.domain import delegation_policy
 
+pytestmark = pytest.mark.long
+
 HEAD = 'name = "test"\nversion = 1\n'
 DELEGATION = """
 [[policy]]

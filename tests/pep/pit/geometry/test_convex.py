@@ -74,6 +74,8 @@ from pep.pit import (
 )
 from pep.pit.checker import Verified, distances, verify
 
+pytestmark = pytest.mark.long
+
 PATIENT = replace(CELL, time_limit_s=60.0)  # a slow machine is no fault here
 CUBE = tuple(itertools.product((-0.1, 0.1), repeat=3))
 coordinate = st.integers(-60, 60).map(lambda k: k / 400)
