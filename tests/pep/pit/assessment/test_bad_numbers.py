@@ -317,7 +317,7 @@ SHARES = 3
 
 @pytest.mark.parametrize("name", SPELT)
 def test_p13_numbers_of_a_model(name):
-    """Each number of the model meets a third of the bad ones, and each bad one a third of the model's numbers."""
+    """A third of the bad numbers in each place of the model."""
     check_numbers_of_the_model(name, list(numbers_of_the_model())[list(SPELT).index(name) % SHARES :: SHARES])
 
 
