@@ -64,7 +64,7 @@ class Control:
     def __init__(self):
         self.told = []
 
-    def carries(self, payload_kg, centre_m):
+    async def equip(self, payload_kg, centre_m):
         self.told.append(round(payload_kg, 3))
         return True
 

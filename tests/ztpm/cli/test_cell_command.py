@@ -152,14 +152,15 @@ def test_a_cell_file_that_exists_is_left_as_it_is(desk):
 @pytest.mark.parametrize(
     ("change", "status", "code"),
     [
-        (lambda text: text[:-5] + "AAAA\n", 3, "STATEMENT_UNTRUSTED"),
-        (lambda text: "hello", 3, "STATEMENT_MALFORMED"),
-        (lambda text: "\u00e4", 2, "UNREADABLE"),
+        (lambda signed: signed[:-5] + b"AAAA\n", 3, "STATEMENT_UNTRUSTED"),
+        (lambda signed: b"hello", 3, "STATEMENT_MALFORMED"),
+        (lambda signed: "\u00e4".encode(), 3, "STATEMENT_MALFORMED"),
+        (lambda signed: b"\xe4", 2, "UNREADABLE"),
     ],
 )
 def test_a_file_that_does_not_verify_is_not_shown(desk, change, status, code):
     sign(desk)
-    (desk / "cell.jws").write_text(change((desk / "cell.jws").read_text()))
+    (desk / "cell.jws").write_bytes(change((desk / "cell.jws").read_bytes()))
     ended, said = run("show", desk / "cell.jws", "--signer", SIGNER)
     assert (ended, said["code"], "cell" in said) == (status, code, False)
 
