@@ -209,15 +209,15 @@ def test_audit_step_fails_without_the_chain(shared: Theatre, monkeypatch: pytest
     walk = ledger_file._Walk
     entry, end = walk._entry, walk.end
 
-    def unlinked(self, value, seq):
-        entry(self, {**value, "prev": self._head}, seq)
+    def unlinked(self, value, seq, line):
+        entry(self, {**value, "prev": self._head}, seq, line)
 
     def unsigned(self):
         self._head = self._checkpoint.head
         return end(self)
 
     monkeypatch.setattr(walk, "_entry", unlinked)
-    monkeypatch.setattr(walk, "_record", lambda self, actor, body, seq: None)
+    monkeypatch.setattr(walk, "_record", lambda self, actor, body, seq, line: None)
     monkeypatch.setattr(walk, "end", unsigned)
     shared.change((), "")
     told = shared.play("audit-verifies")
