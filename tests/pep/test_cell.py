@@ -515,7 +515,8 @@ def test_digital_outputs_through_the_tools(controller, tmp_path):
             assert decided(await cell.use(holder, "set_digital_output", bad))[0] == "DENY", bad
         assert telemetry.next().output_bits == 1 << 2
 
-        # not while the robot is not ready
+        # not while the robot is not ready, which it is soon again by itself
+        cell.server.own._able = lambda: False
         await asyncio.to_thread(stop_program, HOST)
         refused = await cell.use(holder, "set_digital_output", {"pin": 2, "value": False})
         assert decided(refused)[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
