@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -25,6 +25,8 @@ A real client needs milliseconds; another caller's stop may need the room.
 """
 ANSWER_S: Final = 10.0
 """Longest standstill of a caller who does not take its answer."""
+LINGER_S: Final = 1.0
+"""Time for which the rest of a refused request is dropped: bytes unread at the end would reset its answer away."""
 
 
 class PlacedConnection(H11Protocol):
@@ -42,6 +44,7 @@ class PlacedConnection(H11Protocol):
         self._places = places
         self._request_timer: asyncio.TimerHandle | None = None
         self._answer_timer: asyncio.TimerHandle | None = None
+        self._refused = False
         self._app = self.app
         self.app = self._placed
 
@@ -65,12 +68,28 @@ class PlacedConnection(H11Protocol):
 
     def data_received(self, data: bytes) -> None:
         """Stops the clock when the request is whole; more bytes of the same request do not set it back."""
+        if self._refused:
+            return
         super().data_received(data)
         if self.conn.their_state in (h11.IDLE, h11.SEND_BODY):
             self._run_clock()
         else:
             self._stop_clock()
             self._turn()
+
+    def send_400_response(self, msg: str) -> None:
+        """Refuses bytes that are no request, so that the answer arrives while the rest of them still does."""
+        self._refused, transport = True, self.transport
+        self.transport = cast("asyncio.Transport", _Unclosed(transport))
+        try:
+            super().send_400_response(msg)
+        finally:
+            self.transport = transport
+        if transport.can_write_eof():
+            transport.write_eof()
+            self.loop.call_later(LINGER_S, transport.abort)
+        else:  # TLS
+            transport.close()
 
     def on_response_complete(self) -> None:
         """Notes that the connection is silent again, unless the next request is there already."""
@@ -110,6 +129,16 @@ class PlacedConnection(H11Protocol):
         self._request_timer = None
         if not self.transport.is_closing():
             self.transport.abort()
+
+
+class _Unclosed:
+    """Transport of an answer after which more is still dropped."""
+
+    def __init__(self, transport: asyncio.Transport) -> None:
+        self.write = transport.write
+
+    def close(self) -> None:
+        """Leaves it open."""
 
 
 class _Claim:
