@@ -26,7 +26,7 @@ A real client needs milliseconds; another caller's stop may need the room.
 ANSWER_S: Final = 10.0
 """Longest standstill of a caller who does not take its answer."""
 LINGER_S: Final = 1.0
-"""Time for which the rest of a refused request is dropped: bytes unread at the end would reset its answer away."""
+"""Time for which the rest of a refused request is read and dropped, lest a reset overtakes the answer."""
 
 
 class PlacedConnection(H11Protocol):
