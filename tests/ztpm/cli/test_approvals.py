@@ -19,7 +19,7 @@ SHOWN = {
     "audience": "http://127.77.0.9:8800/mcp",
     "issuer": "http://127.77.0.9:8700/ztpm",
     "sponsor": "alice",
-    "token_id": "token-of-alice",
+    "token_id": "A" * 22,
     "agent": "mover",
     "agent_key": "k" * 43,
     "object": "ur3e",
