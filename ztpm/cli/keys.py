@@ -6,7 +6,6 @@ so a step is refused while `ztpm up` runs it. Exit status: 0 done, 1 failure, 2 
 
 from __future__ import annotations
 
-import datetime as dt
 import time
 from contextlib import contextmanager
 from enum import StrEnum
@@ -14,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+from ztpm.cli.output import DENY, USAGE, console, fail, instant, say_json
 from ztpm.cli.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
@@ -166,7 +165,7 @@ def _described(ring: KeyRing) -> dict[str, object]:
     from capabilities.values.caps import DEFAULT
 
     bundle = ring.bundle(DEFAULT)
-    return {"issuer": ring.issuer, "version": ring.version, "valid_until": _day(bundle.valid_until)}
+    return {"issuer": ring.issuer, "version": ring.version, "valid_until": instant(bundle.valid_until)}
 
 
 def _shown(record: KeyRecord) -> dict[str, object]:
@@ -177,13 +176,9 @@ def _shown(record: KeyRecord) -> dict[str, object]:
         "id": record.id,
         "state": str(record.state),
         "algorithm": str(keys.algorithm_of(record.key)),
-        "since": _day(max(at for at in steps if at is not None)),
+        "since": instant(max(at for at in steps if at is not None)),
         "thumbprint": keys.thumbprint(record.key),
     }
-
-
-def _day(at: int) -> str:
-    return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import json
 import os
 import sys
@@ -35,6 +36,11 @@ def say_json(value: object) -> None:
 def plain(text: str) -> str:
     """Foreign text, made safe for a terminal and its reader: nothing controls the one or deceives the other."""
     return shown(text)
+
+
+def instant(at: int) -> str:
+    """A moment in seconds since the epoch, as people read it and programs sort it (UTC)."""
+    return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
 def fail(

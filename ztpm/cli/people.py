@@ -5,7 +5,6 @@ Exit status: 0 done, 1 failure, 2 usage, 3 refused, 4 another person must confir
 
 from __future__ import annotations
 
-import datetime as dt
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -15,7 +14,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
+from ztpm.cli.output import DEFER, USAGE, console, fail, instant, plain, say_json
 from ztpm.cli.person import (
     As,
     CellDirectory,
@@ -197,7 +196,7 @@ def list_(
     if changes:
         console.print()
         _table(("change", "what", "proposed by", "until"), [
-            (row["change_id"], _told(row), row["by"], _instant(row["until"])) for row in changes
+            (row["change_id"], _told(row), row["by"], instant(row["until"])) for row in changes
         ])  # fmt: skip
 
 
@@ -308,7 +307,3 @@ def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     for row in rows:
         table.add_row(*(Text("\n".join(map(plain, cell.split("\n")))) for cell in row))
     console.print(table)
-
-
-def _instant(at: int) -> str:
-    return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")

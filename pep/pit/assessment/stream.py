@@ -20,7 +20,7 @@ from pep.pit.assessment.straight_remaining import PER_MILLI
 from pep.pit.base.errors import PitError
 from pep.pit.base.motion import MoveJ, ServoJ, SpeedJ
 from pep.pit.base.tier import tier_of
-from pep.pit.path.path import Leaves
+from pep.pit.path.path import NO_LEAVES
 from pep.pit.scene.grip_sightings import without_held
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
@@ -50,8 +50,6 @@ if TYPE_CHECKING:
 
 CONFIRMED_OF: Final = 128  # ours: of so many settled steps one is asked of the second engine, four a second
 _REST: Final = (0.0,) * 4  # of the row that holds two times
-_NO_KEYS: Final = np.zeros(0, np.int64)
-_NO_LEAVES: Final = Leaves(_NO_KEYS, _NO_KEYS, _NO_KEYS, *([np.zeros(0)] * 4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,7 +235,7 @@ class Stream:
         clearance, speed = SecondWorld(self._robot, world.scene, pairs).ask_all([(start, now)])
         speed = np.where(speed > SPEED_TOLERANCE_M_S, speed, 0.0)  # rounding moves a body at rest
         stop = stopping(self._cell, perception_age_s=age_s or 0.0, joint_speed_rad_s=float(np.abs(now).max()))
-        bound = Certified(index, index, (), {}, _NO_LEAVES, np.zeros(0))
+        bound = Certified(index, index, (), {}, NO_LEAVES, np.zeros(0))
         return _disagreed(judged(pairs, stop, bound, np.arange(len(pairs)), clearance=clearance, speed=speed))
 
     def _whole(

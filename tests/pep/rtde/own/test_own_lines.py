@@ -317,14 +317,20 @@ def test_whoever_stops_the_arm_stops_ours_and_we_come_back(served, eyes, how):
     home(served, eyes)
 
 
-def test_an_arm_that_could_not_move_is_left_alone(served):
+def test_tools_that_give_way_to_nobody_stop_the_arm_and_one_that_could_not_move_is_left_alone(served, eyes):
+    assert served.move(THERE, 0.5)
+    moving(eyes)
     served.able = False
     served.do(_given_way(served))
+    until(lambda: eyes.now().still, deadline_s=1.0)
+    assert max(abs(a - b) for a, b in zip(eyes.now().q_rad, THERE, strict=True)) > 0.05, "stopped, not arrived"
+    assert served.ports._tenant is None, "the lease ends with it"
     time.sleep(0.3)
     assert not served.own.up
     assert served.own._lease is None
     served.able = True
     until(lambda: served.own.up)
+    home(served, eyes)
 
 
 async def _given_way(served):
