@@ -75,7 +75,7 @@ BREAKS = [
     ("shells-outside", "pep/pit/base/tier.py", "import pep.rtde.motion.motions"),
     ("shells-outside", "pep/world/sequence.py", "import pep.rtde.motion.motions"),
     ("shells-outside", "pep/world/held_object.py", "import socket"),
-    ("shells-outside", "pep/world/world.py", "import pep.rtde.robot.telemetry"),
+    ("shells-outside", "pep/world/world.py", "import pep.rtde.robot.readiness"),
     ("shells-outside", "pep/watch/watch.py", "import pep.perception.receiver"),
     ("shells-outside", "pep/journal/conduct.py", "import rtde_control"),
     ("admission-is-pure", "pep/perception/sensor_frames.py", "import pep.context.stores.chroma"),

@@ -19,8 +19,7 @@ from pep.gate.observe_only import OBSERVED
 from pep.mcp.arm_server import tool_definitions
 from pep.mcp.guard import DECISION_META
 from pep.rtde.robot.dashboard import stop_program
-from pep.rtde.robot.state_receiver import ReceivedState
-from pep.rtde.robot.telemetry import Telemetry
+from tests.pep.rtde.packages import received
 from policies.decision.load import load_shipped
 from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
@@ -250,7 +249,7 @@ def decided(result):
 
 
 def test_the_arm_moves_stops_and_loses_authority(controller, tmp_path):
-    eyes = ReceivedState(HOST)
+    eyes = received(HOST)
 
     async def scenario(cell):
         holder = cell.holder()
@@ -345,7 +344,7 @@ SPEEDS = {"qd_rad_s": [0.2, 0.0, 0.0, 0.0, 0.0, 0.0], "acceleration_rad_s2": 2.0
 
 
 def test_a_stream_of_speeds_through_the_tools(controller, tmp_path):
-    eyes = ReceivedState(HOST)
+    eyes = received(HOST)
 
     async def scenario(cell):
         holder = cell.holder()
@@ -419,7 +418,7 @@ TOWARDS = (-1.1, -1.62, 1.25, -1.2, -1.57, 0.0)
 
 
 def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
-    eyes = ReceivedState(HOST)
+    eyes = received(HOST)
 
     def path(*waypoints, speed=1.0):
         return {"waypoints_rad": [list(q) for q in waypoints], "speed_rad_s": speed, "acceleration_rad_s2": 1.4}
@@ -491,7 +490,7 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
 
 
 def test_digital_outputs_through_the_tools(controller, tmp_path):
-    telemetry = Telemetry(HOST)
+    state = received(HOST)
 
     async def scenario(cell):
         holder = cell.holder()
@@ -503,7 +502,7 @@ def test_digital_outputs_through_the_tools(controller, tmp_path):
             result = await cell.use(holder, "set_digital_output", {"pin": 2, "value": value})
             assert decided(result) == ("PERMIT", "PERMITTED", 1)
             assert result.structured_content == {"pin": 2, "value": value}
-            assert telemetry.next().output_bits >> 2 & 1 == value
+            assert state.next().output_bits >> 2 & 1 == value
 
         # an output that nobody has declared asks a person
         assert decided(await cell.use(holder, "set_digital_output", {"pin": 3, "value": True})) == (
@@ -513,19 +512,19 @@ def test_digital_outputs_through_the_tools(controller, tmp_path):
         )
         for bad in ({"pin": 2, "value": 1}, {"pin": 8, "value": True}, {"pin": -1, "value": True}, {"pin": 2}):
             assert decided(await cell.use(holder, "set_digital_output", bad))[0] == "DENY", bad
-        assert telemetry.next().output_bits == 1 << 2
+        assert state.next().output_bits == 1 << 2
 
         # not while the robot is not ready, which it is soon again by itself
         cell.server.own._able = lambda: False
         await asyncio.to_thread(stop_program, HOST)
         refused = await cell.use(holder, "set_digital_output", {"pin": 2, "value": False})
         assert decided(refused)[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
-        assert telemetry.next().output_bits == 1 << 2
+        assert state.next().output_bits == 1 << 2
         assert decided(await cell.use(holder, "gripper_activate", {}))[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
         assert decided(await cell.move(holder, LEFT))[:2] == ("DENY", "ROBOT_NOT_EXCLUSIVE")
 
     in_cell(tmp_path, scenario)
-    telemetry.close()
+    state.close()
 
 
 async def moved(eyes, start, moving):
@@ -538,7 +537,7 @@ async def moved(eyes, start, moving):
 
 def test_a_gateway_that_observes_enforces_no_policy(controller, tmp_path):
     """Two moves, past a person and over the token's speed, are refused on record, and made."""
-    eyes = ReceivedState(HOST)
+    eyes = received(HOST)
 
     async def scenario(cell):
         holder = cell.holder()

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from pep.rtde.motion.motions import Motions
     from pep.rtde.own.tool_lease import OwnLines
     from pep.rtde.robot.gripper import RobotiqGripper
-    from pep.rtde.robot.telemetry import Telemetry
     from pep.watch.watch import Watch
     from ztpm.point.robot_point import RobotPoint
 
@@ -41,7 +40,6 @@ def tool_motions(
     lines: OwnLines,
     motions: Motions,
     gripper: RobotiqGripper,
-    telemetry: Telemetry,
     watching: Callable[..., Watch],
 ) -> ToolMotions:
     """All that the tools of an enforcement point move and switch.
@@ -51,7 +49,6 @@ def tool_motions(
         lines: to the controller.
         motions: of the arm.
         gripper: of the robot.
-        telemetry: of the controller.
         watching: begins a watch, given what judges the rest of a motion.
     """
     audience, physics, stopper = point.config.audience, point.physics, motions.stopper
@@ -59,7 +56,7 @@ def tool_motions(
         lines,
         motions,
         gripper=gripper,
-        outputs=DigitalOutputs(lines.switch, telemetry, audience=audience, stopped_ms=lambda: stopper.stopped_ms),
+        outputs=DigitalOutputs(lines.switch, point.state, audience=audience, stopped_ms=lambda: stopper.stopped_ms),
         watching=partial(watching, remaining=physics),
         speed=SpeedControl(SpeedSlider(lines.switch), Pacing.of(point.cell)),
         gripped=partial(committed, physics, lines, point.holding),

@@ -46,7 +46,6 @@ from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.gripper import RobotiqGripper
-from pep.rtde.robot.telemetry import Telemetry
 from pep.rtde.script.control_script import allow_list, installed_body
 from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
@@ -128,15 +127,16 @@ class GatewayServer(RobotPoint):
         self._loop = asyncio.get_running_loop()
         self.ports = LeasedPorts(
             config.robot_host,
+            self.state,
             self,
             scripts=allow_list(installed_body),
             stop_deceleration_rad_s2=self.cell.stop_deceleration_rad_s2,
             clock=self.clock,
             closed=self._left,
         )
-        telemetry, remote = Telemetry(config.robot_host), RemoteControl(config.robot_host)
+        remote = RemoteControl(config.robot_host)
         # Without its connection no program of a lease runs, and none of ours.
-        ready = partial(readiness, telemetry, remote, commanding=lambda: True, robot=self.robot, holding=self.holding)
+        ready = partial(readiness, self.state, remote, commanding=lambda: True, robot=self.robot, holding=self.holding)
         self.readiness = ready(self.ports)
         self.leases = Leases()
         self.own = OwnLines(
@@ -163,9 +163,7 @@ class GatewayServer(RobotPoint):
         watching = partial(
             watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
         )
-        self.tools = tool_motions(
-            self, lines=self.own, motions=self.motions, gripper=gripper, telemetry=telemetry, watching=watching
-        )
+        self.tools = tool_motions(self, lines=self.own, motions=self.motions, gripper=gripper, watching=watching)
         self.gate = self.gated(policies, slot=self.tools)
         tools_app = tools_app_of(self, self.tools, self.gate, key, readiness=ready(self.own))
         self.judging_commands = LeasedJudge(

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from pep.rtde.robot.dashboard import RemoteControl
     from pep.rtde.robot.gripper import GripResult, RobotiqGripper
     from pep.rtde.robot.readiness import RunningProgram
-    from pep.rtde.robot.telemetry import Telemetry
+    from pep.rtde.robot.state_receiver import StateReceiver
     from pep.world.held_object import CommittedGrip
     from pep.world.world import CellPhysics
 
@@ -42,7 +42,7 @@ def found_holding(holding: CommittedGrip, gripper: RobotiqGripper) -> None:
 
 
 def readiness(
-    telemetry: Telemetry,
+    state: StateReceiver,
     remote: RemoteControl,
     program: RunningProgram,
     commanding: Callable[[], bool],
@@ -53,7 +53,7 @@ def readiness(
     """The robot's readiness, by connections beside the one that commands it.
 
     Args:
-        telemetry: of the controller.
+        state: of the controller.
         remote: of the controller.
         program: what the controller runs.
         commanding: whether the connection that commands stands.
@@ -61,7 +61,7 @@ def readiness(
         holding: what it holds.
     """
     return RobotReadiness(
-        telemetry=telemetry,
+        state=state,
         remote=remote,
         program=program,
         commanding=commanding,

@@ -19,7 +19,7 @@ from pep.pit import surveyed
 from pep.pit.assessment.readiness import compile_telling
 from pep.provider.ask_client import AskClient
 from pep.rtde.command.limits import Ur3eLimits
-from pep.rtde.robot.state_receiver import ReceivedState
+from pep.rtde.robot.state_receiver import StateReceiver
 from pep.world.held_object import CommittedGrip
 from pep.world.sequence import Sequence
 from pep.world.world import CellPhysics
@@ -98,7 +98,7 @@ class RobotPoint(EnforcementPoint):
         self.cell = surveyed(survey, config.cell)
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = FrameReceiver(self.frames, clock=self.clock, incident=self._frame_incident)
-        self.state = ReceivedState(config.robot_host)
+        self.state = StateReceiver(config.robot_host, self.clock)
         compile_telling(_preparing)  # before the first question: minutes the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
         self.holding = CommittedGrip(self.robot, self.cell)

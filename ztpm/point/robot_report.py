@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from pep.perception.sensor_frames import View
     from pep.pit import CellParameters, Robot
-    from pep.rtde.robot.state_receiver import ReceivedState
+    from pep.rtde.robot.state_receiver import StateReceiver
 
 MILLIMETRES: Final = 1e3  # to the metre
 
@@ -22,7 +22,7 @@ MILLIMETRES: Final = 1e3  # to the metre
 async def report_of(
     robot: Robot,
     cell: CellParameters,
-    state: ReceivedState,
+    state: StateReceiver,
     perception: Mapping[str, object],
     view: View,
     *,
@@ -44,7 +44,7 @@ async def report_of(
     }
 
 
-def _robot(robot: Robot, cell: CellParameters, state: ReceivedState) -> dict[str, object]:
+def _robot(robot: Robot, cell: CellParameters, state: StateReceiver) -> dict[str, object]:
     kinematics = {
         "model_digest": robot.model_digest,
         "calibration": own_kinematics(robot.model),

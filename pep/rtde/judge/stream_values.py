@@ -18,6 +18,7 @@ from pep.base.stop_model import ESCALATE_MS
 from pep.rtde.command import command_values as v
 from pep.rtde.judge.command_requests import CommandedOperation, asked_of, stands_s
 from pep.rtde.motion.motion_follower import Over
+from pep.rtde.robot.state_receiver import FRESH_MS
 from pep.watch.watch import MotionOutcome
 from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
 from policies.evidence.evidence import ImpactFault
@@ -49,8 +50,6 @@ SLOW_MS: Final = 50
 
 The arm is elsewhere by the time of a later answer.
 """
-OLD_MS: Final = 100
-"""A joint state older than this is none (`pep.rtde.robot.state_receiver`)."""
 FREE_MILLI: Final = 2_000
 """Above the tiers that need nobody, only an approval authorises: then what approvals bind holds for every value."""
 
@@ -185,7 +184,7 @@ class LeasedStream:
 
     def _state(self) -> JointState | None:
         """Newest state of the robot; None where it is silent, or nobody looks at it any more."""
-        return self._arm.state if self._arm.silent_ms <= OLD_MS else None
+        return self._arm.state if self._arm.silent_ms <= FRESH_MS else None
 
     # -- the watch's side, on its threads
 

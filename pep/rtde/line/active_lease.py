@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pep.rtde.line.lease_stop import LeaseStopLadder
     from pep.rtde.robot.connections import Upstream
     from pep.rtde.robot.judge_port import Judge, ProgramOwner
-    from pep.rtde.robot.state_stream import Sample, StateStream
+    from pep.rtde.robot.state_receiver import Package, StateReceiver
     from pep.rtde.script.control_script import Upload
 
 REWRITE_MS: Final = 20
@@ -82,7 +82,7 @@ class Controller(Protocol):
 
     clock: Clock
     judge: Judge
-    feed: StateStream
+    state: StateReceiver
     ladder: LeaseStopLadder
     deceleration: float
 
@@ -174,27 +174,26 @@ class ActiveLease:
         with contextlib.suppress(Exception):
             self.ports.judge.refused(self.lease, refused, what)
 
-    def heard(self, sample: Sample, at_ms: int) -> None:
+    def heard(self, package: Package, at_ms: int) -> None:
         """Takes in a package of the controller."""
         control = self.control
         if control is None or control.line.commands is None:
             return
         if self.program.sent or self.ports.ladder.over:  # no script begins while a stop is under way
-            self._turn(self.program.look(sample, at_ms=at_ms), sample)
+            self._turn(self.program.look(package, at_ms=at_ms), package)
         commands = control.line.commands
-        commands.robot(*sample.registers[commands.offset], still=sample.still)
+        commands.robot(*package.registers[commands.offset], still=package.still)
         if self.program.phase is not Phase.NONE and at_ms - control.wrote_ms >= REWRITE_MS:
             control.line.rewrite()
         control.settle()
 
     def look(self, at_ms: int) -> None:
         """Acts on the passing of time."""
-        if (newest := self.ports.feed.newest) is not None:
-            self._turn(self.program.late(at_ms=at_ms), newest)
+        self._turn(self.program.late(at_ms=at_ms), self.ports.state.newest())
         for line in tuple(self.lines):
             line.look(at_ms)
 
-    def _turn(self, turn: ControlStep | None, sample: Sample) -> None:
+    def _turn(self, turn: ControlStep | None, package: Package) -> None:
         if turn is None or self.control is None or self.control.line.commands is None:
             return
         commands, upload = self.control.line.commands, self.program.upload
@@ -209,7 +208,7 @@ class ActiveLease:
                 commands.begin(upload.path)
             case ControlStep.END:
                 commands.end(Reason.ROBOT_NOT_RUNNING)
-                if sample.runtime_state in PAUSED:
+                if package.runtime_state in PAUSED:
                     self.ports.stop(StopMeans.DASHBOARD)  # nobody lets it go on behind our back
             case _:
                 self.control.line.tell(f"{Reason.EFFECT_FAILED}: the control script was not started")

@@ -18,7 +18,7 @@ from pep.rtde.line.lease_stop import PLAYING, STOPPED
 from pep.rtde.robot.program import OURS, STARTED
 
 if TYPE_CHECKING:
-    from pep.rtde.robot.state_stream import Sample
+    from pep.rtde.robot.state_receiver import Package
     from pep.rtde.script.control_script import Upload
     from pep.rtde.wire.primary_frames import Key
 
@@ -96,15 +96,15 @@ class ControlProgram:
         """Notes that an event of the controller may have been missed."""
         self._disturbed = self.sent
 
-    def look(self, sample: Sample, *, at_ms: int) -> ControlStep | None:
+    def look(self, package: Package, *, at_ms: int) -> ControlStep | None:
         """Step after the newest package, or None."""
         if self.upload is None:
             return None
-        command, said = sample.registers[self.upload.script.offset]
-        playing = sample.runtime_state == PLAYING and not self._disturbed
+        command, said = package.registers[self.upload.script.offset]
+        playing = package.runtime_state == PLAYING and not self._disturbed
         turn: ControlStep | None = None
         match self.phase:
-            case Phase.WAITING if sample.runtime_state == STOPPED and command == 0:
+            case Phase.WAITING if package.runtime_state == STOPPED and command == 0:
                 self._begun = self._disturbed = False
                 turn = self._go(Phase.SENT, at_ms, ControlStep.SEND)
             # Only a script that has been idle is seen to have done something: the last one's word may still stand.

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
@@ -21,7 +22,6 @@ from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECON
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.rtde.robot.primary_line import PrimaryLine
-from pep.rtde.robot.state_stream import FRESH_MS, StateStream
 from pep.rtde.script.control_script import scripts_for
 from policies.words.reason_table import Reason
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pep.rtde.robot import connections
     from pep.rtde.robot.connections import ReplyChannel
     from pep.rtde.robot.judge_port import Judge, ProgramOwner
-    from pep.rtde.robot.state_stream import Sample
+    from pep.rtde.robot.state_receiver import Package, StateReceiver
     from pep.rtde.script.control_script import ControlScript
     from pep.rtde.wire.primary_frames import Key
 
@@ -49,6 +49,7 @@ class LeasedPorts:
 
     Args:
         robot: host of the controller.
+        state: of that controller; its `told` is ours from `begin` to `close`.
         judge: decides about the holder's commands.
         scripts: every control script there is (`pep.rtde.script.control_script.allow_list`).
         stop_deceleration_rad_s2: of the cell's stop model.
@@ -62,6 +63,7 @@ class LeasedPorts:
     def __init__(
         self,
         robot: str,
+        state: StateReceiver,
         judge: Judge,
         *,
         scripts: Sequence[ControlScript],
@@ -77,7 +79,7 @@ class LeasedPorts:
         self._all_scripts = scripts
         self._anybody = StatePorts(robot, stop_deceleration_rad_s2=stop_deceleration_rad_s2, stopping=self.note)
         self._stop_text = stop_text(stop_deceleration_rad_s2)
-        self.feed = StateStream(robot, clock=clock, heard=self._heard)
+        self.state = state
         self.ladder = LeaseStopLadder()
         self.stopped_ms: int | None = None
         self._primary = PrimaryLine(robot, clock=clock, told=self._told, lost=self._unheard)
@@ -95,11 +97,11 @@ class LeasedPorts:
         """
         try:
             async with asyncio.timeout(BEGINS_S):
-                await asyncio.gather(self.feed.begin(), self._primary.begin())
+                await self._primary.begin()
         except TimeoutError:
-            port = PRIMARY if not self._primary.connected else RTDE
             self.close()
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{self.robot}, port {port}") from None
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{self.robot}, port {PRIMARY}") from None
+        self.state.told = partial(self._hears, asyncio.get_running_loop())
         self._do(self._keep_looking())
 
     def undisturbed(self) -> bool:
@@ -110,7 +112,7 @@ class LeasedPorts:
     @property
     def scripts(self) -> Sequence[ControlScript]:
         """Control scripts that may be uploaded to this controller; none while its version is unknown or not `MAJOR`."""
-        version = self.feed.version
+        version = self.state.version
         if version is None or version.major != MAJOR:
             return ()
         return scripts_for(version.minor, self._all_scripts)
@@ -119,7 +121,7 @@ class LeasedPorts:
         """Ends the lease, and serves nobody any more."""
         if self._tenant is not None:
             self._tenant.end(LeaseEnding.GATEWAY)
-        self.feed.close()
+        self.state.told = None
         self._primary.close()
         for task in self._tasks:
             task.cancel()
@@ -147,7 +149,7 @@ class LeasedPorts:
 
     def taken(self, lease: ProgramOwner) -> ActiveLease | Reason:
         """Lease at the controller, which ends any other one there; or the reason why there is none."""
-        if self.feed.version is None or self.feed.silent_ms() > SILENCE_MS:
+        if self.state.version is None or self.state.silent_ms > SILENCE_MS:
             return Reason.ROBOT_NOT_RUNNING
         if lease is self._past:
             return Reason.NOT_GRANTED
@@ -174,20 +176,19 @@ class LeasedPorts:
     def stop(self, rung: StopMeans) -> None:
         """Begins to stop the arm, this way or a harder one."""
         self.counted()
-        newest, tenant = self.feed.newest, self._tenant
-        known = newest is not None and self.feed.silent_ms() <= FRESH_MS
-        idle = known and newest is not None and newest.still and newest.runtime_state == STOPPED
+        current, tenant = self.state.current(), self._tenant
+        idle = current is not None and current.still and current.runtime_state == STOPPED
         if rung is StopMeans.PROGRAM and idle and (tenant is None or not tenant.program.sent):
             if tenant is not None:
                 tenant.script_over(Reason.ROBOT_NOT_RUNNING)
             return
-        if self.ladder.begin(rung, newest=newest, at_ms=self.clock.monotonic_ms()):
+        if self.ladder.begin(rung, newest=self.state.newest(), at_ms=self.clock.monotonic_ms()):
             self._take(rung)
 
     def note(self, rung: StopMeans) -> None:
         """Counts a stop that was sent past the ladder; a harder one follows where it does not help."""
         self.counted()
-        self.ladder.begin(rung, newest=self.feed.newest, at_ms=self.clock.monotonic_ms())
+        self.ladder.begin(rung, newest=self.state.newest(), at_ms=self.clock.monotonic_ms())
 
     def _take(self, rung: StopMeans) -> None:
         if rung is StopMeans.REGISTERS:
@@ -213,15 +214,20 @@ class LeasedPorts:
         if self._tenant is not None:
             self._tenant.program.unheard()
 
-    def _heard(self, sample: Sample) -> None:
+    def _hears(self, loop: asyncio.AbstractEventLoop, package: Package) -> None:
+        """Takes in a package, from the receiver's thread."""
+        with contextlib.suppress(RuntimeError):  # the loop has ended
+            loop.call_soon_threadsafe(self._heard, package)
+
+    def _heard(self, package: Package) -> None:
         at_ms = self.clock.monotonic_ms()
         self._climb(at_ms)
         if self._tenant is not None:
-            self._tenant.heard(sample, at_ms)
+            self._tenant.heard(package, at_ms)
 
     def _climb(self, at_ms: int) -> None:
         stopping = self._tenant is not None and self._tenant.stopping
-        rung = self.ladder.look(self.feed.newest, at_ms=at_ms, carried_out=not stopping)
+        rung = self.ladder.look(self.state.newest(), at_ms=at_ms, carried_out=not stopping)
         if rung is not None:
             self._take(rung)
 
@@ -239,7 +245,7 @@ class LeasedPorts:
         try:
             tenant = self._tenant
             if tenant is not None:
-                if tenant.control is not None and self.feed.silent_ms() > SILENCE_MS:
+                if tenant.control is not None and self.state.silent_ms > SILENCE_MS:
                     tenant.control.lose(LeaseEnding.ROBOT)
                 tenant.look(at_ms)
         finally:

@@ -13,7 +13,6 @@ from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.line.script_uploads import LeasedScripts
 from pep.rtde.robot.connections import Conversation
-from pep.rtde.robot.state_stream import FRESH_MS
 from pep.rtde.script.control_script import Upload
 from pep.rtde.wire.client_texts import said
 from pep.rtde.wire.messages import WireError
@@ -171,9 +170,8 @@ class LeasedRtdePort(Conversation):
 
     def _slider(self) -> float:
         """Position of the slider; NaN when that is not known."""
-        feed = self._tenant.ports.feed
-        newest = feed.newest
-        return newest.slider if newest is not None and feed.silent_ms() <= FRESH_MS else math.nan
+        newest = self._tenant.ports.state.current()
+        return math.nan if newest is None or newest.state is None else newest.state.slider
 
     def _now(self) -> int:
         return self._tenant.ports.clock.monotonic_ms()

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from pep.base.stop_model import ESCALATE_MS, SAFE_MODES, STOP_DELAY_S
 
 if TYPE_CHECKING:
-    from pep.rtde.robot.state_stream import Sample
+    from pep.rtde.robot.state_receiver import Package
 
 STOPPED: Final = 1
 """`runtime_state` of no program."""
@@ -45,14 +45,14 @@ class LeaseStopLadder:
         """True while no stop is under way: the arm was seen to stand."""
         return self._rung is None
 
-    def begin(self, rung: StopMeans, *, newest: Sample | None, at_ms: int) -> bool:
+    def begin(self, rung: StopMeans, *, newest: Package, at_ms: int) -> bool:
         """Begins a stop; true where its rung is to be taken now. A lower one than before changes nothing."""
         if self._rung is not None and _ORDER.index(rung) <= _ORDER.index(self._rung):
             return False
         self._take(rung, newest, at_ms)
         return True
 
-    def look(self, newest: Sample | None, *, at_ms: int, carried_out: bool = True) -> StopMeans | None:
+    def look(self, newest: Package, *, at_ms: int, carried_out: bool = True) -> StopMeans | None:
         """Rung to be taken now, or None. A report from before the stop does not count.
 
         Args:
@@ -62,29 +62,29 @@ class LeaseStopLadder:
         """
         if self._rung is None:
             return None
-        heard = newest is not None and newest.arrived_ms > self._since_ms
-        if heard and newest is not None and newest.still and self._done(newest, carried_out=carried_out):
+        heard = newest.arrived_ms > self._since_ms
+        if heard and newest.still and self._done(newest, carried_out=carried_out):
             self._rung = None
             return None
         waited_ms = at_ms - self._since_ms
         failed = waited_ms > ESCALATE_MS
         if self._rung is StopMeans.REGISTERS and waited_ms > OBEYS_MS:
-            failed = failed or not heard or newest is None or newest.speed_rad_s >= self._speed
-        if self._rung is not StopMeans.REGISTERS and heard and newest is not None:
-            failed = failed or (newest.safety_mode not in SAFE_MODES and self._rung is not StopMeans.DASHBOARD)
+            failed = failed or not heard or newest.speed_rad_s >= self._speed
+        if self._rung is StopMeans.PROGRAM and heard:
+            failed = failed or newest.state is None or newest.state.safety_mode not in SAFE_MODES
         if not failed:
             return None
         self._take(_ORDER[min(_ORDER.index(self._rung) + 1, len(_ORDER) - 1)], newest, at_ms)
         return self._rung
 
-    def _done(self, newest: Sample, *, carried_out: bool) -> bool:
+    def _done(self, newest: Package, *, carried_out: bool) -> bool:
         # A stop by register leaves the script running, and its threads until it has carried the stop out.
         # A paused program is not ended: a person could let it go on.
         return carried_out if self._rung is StopMeans.REGISTERS else newest.runtime_state == STOPPED
 
-    def _take(self, rung: StopMeans, newest: Sample | None, at_ms: int) -> None:
+    def _take(self, rung: StopMeans, newest: Package, at_ms: int) -> None:
         self._rung, self._since_ms = rung, at_ms
-        self._speed = 0.0 if newest is None else newest.speed_rad_s
+        self._speed = newest.speed_rad_s
 
 
 _ORDER: Final = (StopMeans.REGISTERS, StopMeans.PROGRAM, StopMeans.DASHBOARD)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from pep.request.permit import Permit
     from pep.rtde.command.io_commands import IoCommand
-    from pep.rtde.robot.telemetry import Telemetry
+    from pep.rtde.robot.state_receiver import StateReceiver
 
 SEEN_S: Final = 0.5
 """Longest wait for the output to be seen; it takes two packages of the controller."""
@@ -28,7 +28,7 @@ class DigitalOutputs:
 
     Args:
         switch: writes one; whether it was written.
-        telemetry: of the same controller.
+        state: of the same controller.
         audience: canonical URL of the server whose permits count here.
         stopped_ms: monotonic time of the newest stop, or None; a stop voids what was permitted before it.
     """
@@ -36,13 +36,13 @@ class DigitalOutputs:
     def __init__(
         self,
         switch: Callable[[IoCommand], bool],
-        telemetry: Telemetry,
+        state: StateReceiver,
         *,
         audience: str,
         stopped_ms: Callable[[], int | None],
     ) -> None:
         self._switch = switch
-        self._telemetry = telemetry
+        self._state = state
         self._audience = audience
         self._stopped_ms = stopped_ms
         self._looks = ThreadPoolExecutor(1, "outputs")
@@ -74,6 +74,6 @@ class DigitalOutputs:
     def _see(self, pin: int, value: bool) -> None:  # noqa: FBT001
         deadline_s = time.monotonic() + SEEN_S
         while time.monotonic() < deadline_s:
-            if self._telemetry.next().output_bits >> pin & 1 == value:
+            if self._state.next().output_bits >> pin & 1 == value:
                 return
         raise RobotError(PepFault.OUTPUT_UNCONFIRMED, f"output {pin}")

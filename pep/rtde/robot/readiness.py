@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from pep.rtde.robot.dashboard import RemoteControl
-    from pep.rtde.robot.telemetry import Telemetry, TelemetrySample
+    from pep.rtde.robot.state_receiver import Package, StateReceiver
 
 PLAYING: Final = 2  # RTDE runtime_state
 UNDEFINED = 11  # RTDE safety_mode of a robot that says nothing
@@ -43,7 +43,7 @@ class RobotReadiness:
     """Robot's state against the model and the committed state.
 
     Args:
-        telemetry: of the robot.
+        state: of the robot.
         remote: of the robot.
         program: the program that the controller runs.
         commanding: whether the control connection stands; while it does, the controller lends its registers to nobody
@@ -58,7 +58,7 @@ class RobotReadiness:
     def __init__(
         self,
         *,
-        telemetry: Telemetry,
+        state: StateReceiver,
         remote: RemoteControl,
         program: RunningProgram,
         commanding: Callable[[], bool],
@@ -67,7 +67,7 @@ class RobotReadiness:
         pose_m: float,
         expected_payload_g: Callable[[], int],
     ) -> None:
-        self._telemetry = telemetry
+        self._state = state
         self._remote = remote
         self._program = program
         self._commanding = commanding
@@ -79,23 +79,22 @@ class RobotReadiness:
     def reading(self) -> RobotReading:
         """State now; a missing report reads as unknown. Never raises, never waits."""
         remote, expected = self._remote.state(), self._expected_payload_g()
-        try:
-            posture = self._telemetry.read()
-        except RobotError:
+        package = self._state.current()
+        if package is None or package.state is None:
             return RobotReading(NO_CONTROLLER, UNDEFINED, remote, False, 0, expected, False)  # noqa: FBT003 - by position
         return RobotReading(
-            robot_mode=posture.robot_mode,
-            safety_mode=posture.safety_mode,
+            robot_mode=package.state.robot_mode,
+            safety_mode=package.state.safety_mode,
             remote_control=remote,
-            exclusive=posture.runtime_state == PLAYING and self._program.undisturbed() and self._commanding(),
-            payload_g=round(posture.payload_kg * Unit.GRAM.per_si),
+            exclusive=package.runtime_state == PLAYING and self._program.undisturbed() and self._commanding(),
+            payload_g=round(package.payload_kg * Unit.GRAM.per_si),
             expected_payload_g=expected,
-            frames_match=self.equipped(posture) and self._in_place(posture),
+            frames_match=self.equipped(package) and self._in_place(package),
         )
 
     def close(self) -> None:
-        """Ends the connections."""
-        for part in (self._telemetry, self._remote, self._program):
+        """Ends the connections but that of the state."""
+        for part in (self._remote, self._program):
             part.close()
 
     def confirmed(self, *, within_s: float) -> bool:
@@ -113,19 +112,22 @@ class RobotReadiness:
         until_s = time.monotonic() + within_s
         while True:
             try:
-                posture = self._telemetry.next()
-                if self.equipped(posture):
-                    return self._in_place(posture)
+                package = self._state.next()
+                if self.equipped(package):
+                    return self._in_place(package)
             except RobotError:
                 if time.monotonic() >= until_s:
                     raise
             if time.monotonic() >= until_s:
                 raise ConfigError(PepFault.CONFIG_INVALID, "the controller has another tool than the model")
 
-    def equipped(self, posture: TelemetrySample) -> bool:
+    def equipped(self, package: Package) -> bool:
         """True where the controller has our tool."""
-        offset_m, offset_rad = posture.tcp_offset[:3], posture.tcp_offset[3:]
+        offset_m, offset_rad = package.tcp_offset[:3], package.tcp_offset[3:]
         return math.dist(offset_m, self._tcp_m) <= OFFSET_M and math.hypot(*offset_rad) <= OFFSET_RAD
 
-    def _in_place(self, posture: TelemetrySample) -> bool:
-        return math.dist(posture.tool_pose[:3], self._tool_position(posture.q_rad)) <= self._pose_m
+    def _in_place(self, package: Package) -> bool:
+        state = package.state
+        if state is None:
+            return False
+        return math.dist(package.tool_pose[:3], self._tool_position(state.q_rad)) <= self._pose_m

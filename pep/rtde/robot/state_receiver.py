@@ -1,52 +1,52 @@
-"""State of the robot, over a receive connection of our own, and only while it is current."""
+"""State of the robot: one receive connection of the enforcement point's own, its only truth about the arm."""
 
 from __future__ import annotations
 
 import math
-import socket
 import threading
-import time
-from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any, Final, Protocol
+from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from pep.base.errors import PepFault, RobotError
+from pep.base.thread_priority import goes_first
 from pep.rtde.robot.connections import RTDE
-from pep.rtde.robot.listener import CONNECT_S, SILENCE_S, packages
-from pep.rtde.wire.messages import WireError
+from pep.rtde.robot.listener import CONNECT_S, Listener, packages
 from pep.rtde.wire.subscription import Subscription
 
-FRESH_S: Final = 0.1
-"""Longest wait for a new package, fifty of which are due.
+if TYPE_CHECKING:
+    import socket
+    from collections.abc import Callable
 
-A joint state older than 100 ms is none for a move.
+    from pep.base.ports import Clock
+    from pep.rtde.wire.messages import ControlVersion
+    from pep.rtde.wire.recipes import Offset
+
+RATE_HZ: Final = 500.0
+FRESH_MS: Final = 100
+"""Age beyond which a package is no state of the robot, and longest wait for a new one.
+
+Fifty are due in that time.
 """
-POLL_S: Final = 0.001
-EVERY_CYCLE: Final = -1.0
-"""Frequency for ur_rtde: as often as the controller has something new."""
-RATE_HZ: Final = 125.0
-"""Frequency of the trial whether the controller sends."""
-LOOK_S: Final = 0.5
-"""Period of the checks that packages still come."""
-CLOSE_S: Final = 5.0
-"""Longest wait for another thread's turn."""
-NAMES: Final = (
-    "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
-)  # fmt: skip
-"""Outputs that are read here; ur_rtde would ask for 58."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
+OFFSETS: Final[tuple[Offset, ...]] = (0, 24)
+NAMES: Final = (
+    "timestamp", "actual_q", "actual_qd", "robot_mode", "safety_mode", "target_speed_fraction", "speed_scaling",
+    "actual_TCP_pose", "tcp_offset", "payload", "runtime_state", "actual_digital_output_bits",
+    *(f"{way}_int_register_{offset}" for offset in OFFSETS for way in ("input", "output")),
+)  # fmt: skip
+"""Outputs of the controller that a package has."""
 
 
 @dataclass(frozen=True, slots=True)
 class JointState:
-    """One package of the controller.
+    """Motion of the arm.
 
     Attributes:
         q_rad, qd_rad_s: actual joint angles and speeds.
         robot_mode, safety_mode: as the controller numbers them.
-        slider: position of its speed slider (`target_speed_fraction`); full speed where it is not told.
-        scaling: actual fraction of the commanded speed (`speed_scaling`); likewise.
+        slider: position of its speed slider (`target_speed_fraction`).
+        scaling: actual fraction of the commanded speed (`speed_scaling`).
     """
 
     q_rad: tuple[float, ...]
@@ -57,149 +57,167 @@ class JointState:
     scaling: float = 1.0
 
     @property
+    def speed_rad_s(self) -> float:
+        """Speed of the fastest joint."""
+        return max(map(abs, self.qd_rad_s))
+
+    @property
     def still(self) -> bool:
         """True where every joint is slower than 1 mrad/s."""
-        return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
+        return self.speed_rad_s < STILL_RAD_S
 
 
 @dataclass(frozen=True, slots=True)
 class Package:
-    """Newest package, at any age.
+    """One package of the controller.
 
     Attributes:
-        stamp_s: the controller's own time of it; one that does not grow is the same package.
-        state: state of the package, or None when it holds no six finite numbers.
+        stamp_s: the controller's own time of it.
+        arrived_ms: monotonic time of arrival.
+        state: motion of the arm, or None where a number of the package is not finite.
+        tool_pose: of the tool centre point in the base frame: position in m, rotation vector in rad.
+        tcp_offset: of the tool centre point in the flange frame, likewise.
+        payload_kg: payload in the controller.
+        runtime_state: as the controller numbers it.
+        output_bits: digital outputs: 0 to 7 standard, 8 to 15 configurable, 16 and 17 at the tool.
+        registers: by offset, the command register as the controller has it and the word of the control script.
     """
 
     stamp_s: float
+    arrived_ms: int
     state: JointState | None
+    tool_pose: tuple[float, ...]
+    tcp_offset: tuple[float, ...]
+    payload_kg: float
+    runtime_state: int
+    output_bits: int
+    registers: dict[Offset, tuple[int, int]]
+
+    @property
+    def speed_rad_s(self) -> float:
+        """Speed of the fastest joint; infinite where it is not told."""
+        return math.inf if self.state is None else self.state.speed_rad_s
+
+    @property
+    def still(self) -> bool:
+        """True where the arm is told to stand."""
+        return self.speed_rad_s < STILL_RAD_S
 
 
 class RobotState(Protocol):
     """Port for the robot's state now."""
 
     def read(self) -> JointState:
-        """Package that arrived during the call. Raises `RobotError` when none does."""
+        """State out of a package that arrived during the call. Raises `RobotError` when none does."""
         ...
 
     def newest(self) -> Package:
-        """Newest package, without waiting for one."""
+        """Newest package, at any age, without waiting for one."""
         ...
 
 
-class ReceivedState:
-    """`RobotState` over `rtde_receive.RTDEReceiveInterface`, without reconnection of its own.
-
-    Two of them take turns then. None is begun anew while others read it, since it is no lock that keeps these apart,
-    and none is disposed of, since that holds the interpreter for half a second.
+class StateReceiver:
+    """`RobotState` on a thread that goes first; the connection comes back by itself when it is lost.
 
     Args:
         host: of the controller.
+        clock: the monotonic one counts.
+
+    Attributes:
+        told: is given each package, on the receiver's thread.
+        version: of the controller's software.
 
     Raises:
-        RobotError: `ROBOT_UNREACHABLE`.
+        RobotError: `ROBOT_UNREACHABLE` when no package comes within 2 s.
     """
 
-    def __init__(self, host: str) -> None:
-        self._host = host
+    def __init__(self, host: str, clock: Clock) -> None:
+        self.told: Callable[[Package], None] | None = None
+        self.version: ControlVersion | None = None
+        self._clock = clock
+        self._came = threading.Condition()
+        self._number = 0
+        self._listener = Listener("state", host, RTDE, self._talk)
+        self._listener.start()
         try:
-            self._receive = _received(host)
-        except RuntimeError as error:
-            raise RobotError(PepFault.ROBOT_UNREACHABLE, host) from error
-        self._spare: Any = None
-        self._ending = threading.Event()
-        self._thread = threading.Thread(target=self._keep, name="state", daemon=True)
-        self._thread.start()
-
-    def read(self) -> JointState:
-        """Package that arrived during the call.
-
-        Raises:
-            RobotError: `ROBOT_STALLED` when none arrives, or one that holds no finite numbers.
-        """
-        before = self._receive.getTimestamp()
-        deadline = time.monotonic() + FRESH_S
-        while self._receive.getTimestamp() == before:
-            if time.monotonic() > deadline:
-                raise RobotError(PepFault.ROBOT_STALLED, "no package within 100 ms")
-            time.sleep(POLL_S)
-        state = _said(self._receive)
-        if state is None:
-            raise RobotError(PepFault.ROBOT_STALLED, "joint angles that are no six finite numbers")
-        return state
+            self._newest = self._after(0, CONNECT_S)
+        except RobotError as error:
+            self.close()
+            raise RobotError(PepFault.ROBOT_UNREACHABLE, f"{host}, port {RTDE}") from error
 
     def newest(self) -> Package:
-        """Newest package.
+        """See `RobotState.newest`."""
+        return self._newest
 
-        The stamp is read first: a package that comes meanwhile looks older, never younger.
+    @property
+    def silent_ms(self) -> int:
+        """Milliseconds since the newest package."""
+        return self._clock.monotonic_ms() - self._newest.arrived_ms
+
+    def current(self) -> Package | None:
+        """Newest package, or None where that is older than 100 ms."""
+        return self._newest if self.silent_ms <= FRESH_MS else None
+
+    def next(self) -> Package:
+        """Package that arrives after this call has begun.
+
+        Raises:
+            RobotError: `ROBOT_STALLED` when none arrives within 100 ms.
         """
-        receive = self._receive
-        stamp_s = float(receive.getTimestamp())
-        return Package(stamp_s, _said(receive))
+        return self._after(self._number, FRESH_MS / 1000)
+
+    def read(self) -> JointState:
+        """See `RobotState.read`.
+
+        Raises:
+            RobotError: `ROBOT_STALLED` when none arrives within 100 ms, or one whose numbers are not finite.
+        """
+        state = self.next().state
+        if state is None:
+            raise RobotError(PepFault.ROBOT_STALLED, "numbers that are not finite")
+        return state
 
     def close(self) -> None:
         """Ends the connection."""
-        self._ending.set()
-        self._thread.join(CLOSE_S)
-        self._receive.disconnect()
+        self._listener.close()
 
-    # ---- in the background
+    def _after(self, number: int, limit_s: float) -> Package:
+        with self._came:
+            if not self._came.wait_for(lambda: self._number > number, limit_s):
+                raise RobotError(PepFault.ROBOT_STALLED, f"no package within {limit_s * 1000:.0f} ms")
+            return self._newest
 
-    def _keep(self) -> None:
-        stamp_s, since_s = math.nan, time.monotonic()
-        while not self._ending.wait(LOOK_S):
-            now_s, newest_s = time.monotonic(), self._receive.getTimestamp()
-            if newest_s != stamp_s:
-                stamp_s, since_s = newest_s, now_s
-            elif now_s - since_s > SILENCE_S and _speaks(self._host):
-                with suppress(RuntimeError):  # gone again: there is a next look
-                    self._again()
-
-    def _again(self) -> None:
-        """Hands over to the other connection, once packages of its new life come on it."""
-        if self._spare is None:
-            self._spare = _received(self._host)
-        else:
-            self._spare.reconnect()
-        if not _goes_on(self._spare):
-            self._spare.disconnect()
-            return
-        self._receive, self._spare = self._spare, self._receive
-        self._spare.disconnect()
+    def _talk(self, link: socket.socket) -> None:
+        goes_first()
+        subscription = Subscription(NAMES, RATE_HZ)
+        for values in packages(link, subscription):
+            package = _package(values, self._clock.monotonic_ms())
+            with self._came:
+                self._newest, self.version = package, subscription.version
+                self._number += 1
+                self._came.notify_all()
+            told = self.told
+            if told is not None:
+                told(package)
 
 
-def _received(host: str) -> Any:
-    """Connection; raises `RuntimeError` where there is none."""
-    from rtde_receive import RTDEReceiveInterface
-
-    return RTDEReceiveInterface(host, EVERY_CYCLE, list(NAMES))
-
-
-def _said(receive: Any) -> JointState | None:
-    q, qd = tuple(receive.getActualQ()), tuple(receive.getActualQd())
-    slider, scaling = float(receive.getTargetSpeedFraction()), float(receive.getSpeedScaling())
-    if not (len(q) == len(qd) == 6 and all(math.isfinite(number) for number in (*q, *qd, slider, scaling))):
-        return None
-    robot_mode, safety_mode = int(receive.getRobotMode()), int(receive.getSafetyMode())
-    return JointState(q, qd, robot_mode, safety_mode, slider, scaling)
-
-
-def _goes_on(receive: Any) -> bool:
-    """True where its newest package is current: another one follows it, and a third that."""
-    until_s = time.monotonic() + SILENCE_S
-    stamps = {receive.getTimestamp()}
-    while len(stamps) < 3 and time.monotonic() < until_s:
-        time.sleep(POLL_S)
-        stamps.add(receive.getTimestamp())
-    return len(stamps) >= 3
-
-
-def _speaks(host: str) -> bool:
-    """True where the controller sends packages; for a silent one ur_rtde would wait for ever."""
-    try:
-        with socket.create_connection((host, RTDE), CONNECT_S) as link:
-            link.settimeout(SILENCE_S)
-            next(packages(link, Subscription(NAMES, RATE_HZ)))
-            return True
-    except (OSError, WireError):
-        return False
+def _package(values: dict[str, Any], arrived_ms: int) -> Package:
+    q, qd, pose, offset = (values[name] for name in ("actual_q", "actual_qd", "actual_TCP_pose", "tcp_offset"))
+    slider, scaling, payload = values["target_speed_fraction"], values["speed_scaling"], values["payload"]
+    state = None
+    if all(map(math.isfinite, (*q, *qd, *pose, *offset, slider, scaling, payload))):
+        state = JointState(q, qd, values["robot_mode"], values["safety_mode"], slider, scaling)
+    return Package(
+        stamp_s=values["timestamp"],
+        arrived_ms=arrived_ms,
+        state=state,
+        tool_pose=pose,
+        tcp_offset=offset,
+        payload_kg=payload,
+        runtime_state=values["runtime_state"],
+        output_bits=values["actual_digital_output_bits"],
+        registers={
+            offset: (values[f"input_int_register_{offset}"], values[f"output_int_register_{offset}"])
+            for offset in OFFSETS
+        },
+    )

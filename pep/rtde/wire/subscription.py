@@ -24,6 +24,7 @@ from pep.rtde.wire.messages import (
     WireError,
     WireFault,
 )
+from pep.rtde.wire.variables import OUTPUTS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -46,6 +47,7 @@ class Subscription:
 
     def __init__(self, names: tuple[str, ...], rate_hz: float, *, inputs: tuple[str, ...] = ()) -> None:
         self._names = names
+        self._types = tuple(OUTPUTS[name] for name in names)
         self._framer = Framer()
         self._protocol = 1
         writing: list[Request] = [SetupInputs(inputs)] if inputs else []
@@ -91,6 +93,8 @@ class Subscription:
                 case SetupInputs(inputs), InputsAnswer(types, granted) if granted:
                     self._inputs = granted, Recipe(inputs, types)
                 case SetupOutputs(), OutputsAnswer(types, number):
+                    if types != self._types:
+                        raise WireError(WireFault.TYPE_NAME, "outputs of other types than documented")
                     self._recipe, self._number = Recipe(self._names, types), number
                 case Start(), StartAnswer(True):
                     pass

@@ -18,13 +18,11 @@ from types import SimpleNamespace
 
 import pep.gate.gate
 import pep.world.cell_stream
-from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.base.thread_priority import goes_first
-from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
 from pep.rtde.line.lease_stop import StopMeans
-from pep.rtde.script.control_script import allow_list, installed_body
 from pep.world.sequence import Sequence
+from tests.pep.rtde.packages import Ports
 from tests.pep.kit import Still
 from tests.pep.rtde.leased import leased_scope
 from tests.pep.rtde.robot_cell import RobotCell
@@ -37,11 +35,8 @@ class Desk:
 
     def __init__(self, cell, robot):
         self.cell, self.loop = cell, asyncio.get_running_loop()
-        self.ports = LeasedPorts(
-            robot, self, scripts=allow_list(installed_body), stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
-            clock=cell.clock, closed=self.closed,
-        )  # fmt: skip
-        self.decides = cell.open(robot, stopper=self, program=self.ports)
+        self.ports = Ports(robot, self, closed=self.closed)
+        self.decides = cell.open(robot, state=self.ports.state, stopper=self, program=self.ports)
         self.judge, self.withdrawn, self.refused = self.decides.judge, self.decides.withdrawn, self.decides.refused
         self.lease = SimpleNamespace()
         self.without(())

@@ -25,12 +25,13 @@ from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.motion.motions import Motions
 from pep.rtde.lease.lease import Lease
-from pep.rtde.robot.state_receiver import JointState, Package
+from pep.rtde.robot.state_receiver import JointState
 from pep.rtde.wire.client_texts import fits
 from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import Judged, Shown
 from policies.words.parameters import Parameters
 from tests.pep.kit import AUDIENCE, Rig, full_scope, reading
+from tests.pep.rtde.packages import package
 
 from pep.rtde.command import command_values as v
 
@@ -122,7 +123,7 @@ class Arm:
 
     def newest(self):
         if not self.silent or self.said is None:
-            self.said = Package(time.monotonic(), self.here())
+            self.said = package(self.here(), stamp_s=time.monotonic())
         return self.said
 
 

@@ -12,14 +12,11 @@ import sys
 from dataclasses import dataclass
 from pathlib import Path
 
-from pep.base.clock import SystemClock
-from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.base.thread_priority import goes_first
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
-from pep.rtde.script.control_script import allow_list, installed_body
 from policies.words.reason_table import Reason
+from tests.pep.rtde.packages import Ports
 from tests.pep.rtde.whole_commands import WholeCommands
 
 LATER_S = 1.0
@@ -114,10 +111,7 @@ class Holding:
 
 async def serve(listen, robot, file, judged=Judge):
     judge = judged(Path(file).open("a", buffering=1))
-    ports = LeasedPorts(
-        robot, judge, scripts=allow_list(installed_body), stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
-        clock=SystemClock(), closed=lambda lease, _: holding.closed(lease),
-    )  # fmt: skip
+    ports = Ports(robot, judge, closed=lambda lease, _: holding.closed(lease))
     holding = Holding(ports)
     gateway = Gateway(holding)
     await ports.begin()

@@ -14,8 +14,6 @@ from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.motion.motions import Motions
 from pep.rtde.robot.dashboard import RemoteControl
-from pep.rtde.robot.state_receiver import ReceivedState
-from pep.rtde.robot.telemetry import Telemetry
 from pep.watch.watch import Watch, WatchAges
 from policies.words.parameters import Parameters
 from tests.pep import kit
@@ -43,21 +41,20 @@ def controller(*, off_m=0.0):
 class RobotCell(World):
     """A cell at a controller. On the event loop that it is opened on."""
 
-    def open(self, host, *, stopper, program, commanding=lambda: True):
+    def open(self, host, *, state, stopper, program, commanding=lambda: True):
         """The judge of it.
 
         Args:
             host: of the controller.
+            state: of the controller; ends with this.
             stopper: of its arm.
             program: what the controller runs, for its readiness.
             commanding: whether the connection that commands stands.
         """
         self.cell = surveyed(kit.survey(self.clock.wall_s()), CELL)
         self.at()
-        self.state = ReceivedState(host)
-        self.readiness = readiness(
-            Telemetry(host), RemoteControl(host), program, commanding, robot=ROBOT, holding=self.holding()
-        )
+        self.state = state
+        self.readiness = readiness(state, RemoteControl(host), program, commanding, robot=ROBOT, holding=self.holding())
         self.sighted(self.state)
         self.judging = ThreadPoolExecutor(1, "rest")
         self.begin_stream(frozenset()).see(self.state.read().q_rad)

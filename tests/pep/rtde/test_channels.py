@@ -15,15 +15,13 @@ import threading
 
 import pytest
 from pep.base.clock import SystemClock
-from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import FRAME_BYTES, Gateway
 from pep.rtde.robot.connections import PORTS, PRIMARY, READ_ONLY, REALTIME, SECONDARY
 from pep.rtde.robot.state_receiver import STILL_RAD_S
-from pep.rtde.script.control_script import allow_list, installed_body
 from pep.rtde.wire.frame_splitter import LENGTH, FrameSplitter
 from pep.rtde.wire.recipes import control_recipes
+from tests.pep.rtde.packages import Ports
 from tests.pep.kit import Rig
 from tests.pep.rtde.campaign.hostile import Hostile
 from tests.pep.rtde.campaign.race import READY, Words
@@ -82,10 +80,7 @@ class Cell:
         async def serve():
             self.loop = asyncio.get_running_loop()
             rig = Rig(self.folder, SystemClock())
-            ports = LeasedPorts(
-                self.towards.host, self.judge, scripts=allow_list(installed_body), clock=rig.clock,
-                stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, closed=lambda lease, ending: self.house.port.end(ending),
-            )  # fmt: skip
+            ports = Ports(self.towards.host, self.judge, closed=lambda lease, ending: self.house.port.end(ending))
             await ports.begin()
             gateway = Gateway(ports)
             await gateway.listen(self.stranger)

@@ -32,7 +32,7 @@ from pep.rtde.command.limits import OFFSET_M
 from pep.rtde.line.command_registers import WATCHDOG_HZ
 from pep.rtde.robot.connections import REALTIME
 from pep.rtde.robot.state_receiver import STILL_RAD_S
-from pep.rtde.robot.telemetry import Telemetry
+from tests.pep.rtde.packages import received
 from pep.rtde.wire.recipes import EXTERNAL_WRENCH
 from tests.pep.pit.scenes import HOME, ROBOT
 from tests.pep.rtde.campaign.race import NAMES, Words
@@ -97,7 +97,7 @@ class Place:
 
     def __init__(self, robot, gateway):
         self.robot, self.gateway = robot, gateway
-        self.eyes, self.telemetry = rtde_receive.RTDEReceiveInterface(robot.host), Telemetry(robot.host)
+        self.eyes, self.state = rtde_receive.RTDEReceiveInterface(robot.host), received(robot.host)
         self.programs = contextlib.ExitStack()
 
     @functools.cached_property
@@ -124,7 +124,7 @@ class Place:
         return Seen(
             tuple(eyes.getActualQ()), max(map(abs, eyes.getActualQd())), eyes.getActualDigitalOutputBits(),
             (eyes.getStandardAnalogOutput0(), eyes.getStandardAnalogOutput1()), eyes.getTargetSpeedFraction(),
-            (eyes.getPayload(), *eyes.getPayloadCog()), self.telemetry.next().tcp_offset, eyes.getRuntimeState() == 2,
+            (eyes.getPayload(), *eyes.getPayloadCog()), self.state.next().tcp_offset, eyes.getRuntimeState() == 2,
         )  # fmt: skip
 
     def cycles(self):
@@ -181,7 +181,7 @@ def place(tmp_path_factory):
         yield place
         place.leave()
         place.eyes.disconnect()
-        place.telemetry.close()
+        place.state.close()
 
 
 # ------------------------------------------------------------------------------------------------------------ the table

@@ -14,7 +14,8 @@ from capabilities.values.scope import Tier
 from msgspec import structs
 from pep.base.errors import ConfigError, PepFault
 from pep.pit.robot.calibration import own_kinematics
-from pep.rtde.robot.state_receiver import JointState, Package
+from pep.rtde.robot.state_receiver import JointState
+from tests.pep.rtde.packages import package
 from tests.pep.kit import AUDIENCE, issuer_keys, survey
 from tests.pep.pit.robot.test_calibration import ARMS, spelled
 from typer.testing import CliRunner
@@ -206,14 +207,15 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
     sent, equipped = [], []
 
     class Arm:
-        def __init__(self, host):
+        def __init__(self, host, clock):
             assert host == config.robot_host
+            self.told = None
 
         def read(self):
             return JointState((0.0,) * 6, (0.0,) * 6, 7, 1)
 
         def newest(self):
-            return Package(next(stamps), self.read())
+            return package(self.read(), stamp_s=next(stamps))
 
     class Lines:
         """Tools' words to the arm."""
@@ -236,7 +238,7 @@ def test_every_stop_is_as_hard_as_the_cell_says(files, tmp_path, monkeypatch):
 
     stamps = itertools.count(1.0)
     monkeypatch.setattr(gateway_server, "OwnLines", Lines)
-    monkeypatch.setattr(robot_point, "ReceivedState", Arm)
+    monkeypatch.setattr(robot_point, "StateReceiver", Arm)
 
     async def scenario():
         async with httpx2.AsyncClient() as http:

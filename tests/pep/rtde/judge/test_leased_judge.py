@@ -727,7 +727,7 @@ def test_a_stream_of_a_robot_that_says_nothing_ends(house, monkeypatch):
 
     async def during(steps):
         house.arm.silent = True
-        await passed(house, stream_values.OLD_MS + 20)
+        await passed(house, stream_values.FRESH_MS + 20)
         assert (steps.step(SERVO), house.arm.stops, house.outcomes()) == (Reason.EVIDENCE_MISSING, [], [])
         house.arm.silent = False
 

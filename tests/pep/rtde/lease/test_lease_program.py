@@ -6,11 +6,9 @@ import textwrap
 
 import pytest
 from pep.base.clock import SystemClock
-from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.robot.connections import PORTS
-from pep.rtde.script.control_script import allow_list, installed_body
+from tests.pep.rtde.packages import Ports
 from tests.pep.kit import HOST, Rig
 from tests.pep.rtde.lease.test_lease import OWN, House, until
 from tests.pep.rtde.whole_commands import WholeCommands
@@ -134,14 +132,7 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
 ):
     async def scenario():
         rig, judge, house = Rig(tmp_path, SystemClock()), Permits(), None
-        ports = LeasedPorts(
-            HOST,
-            judge,
-            scripts=allow_list(installed_body),
-            stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2,
-            clock=rig.clock,
-            closed=lambda lease, ending: house.port.end(ending),
-        )
+        ports = Ports(HOST, judge, closed=lambda lease, ending: house.port.end(ending))
         await ports.begin()
         async with asyncio.timeout(90), House(rig, ports, ended=ports.over) as house:
             lease_id, opened = await house.lease(rig.agent())

@@ -4,7 +4,7 @@ import socket
 
 import pytest
 from pep.rtde.robot.connections import SECONDARY
-from pep.rtde.robot.state_receiver import ReceivedState
+from tests.pep.rtde.packages import received
 from tests.pep.rtde.leased_gateway import leased_gateway
 from tests.ursim.cell import HOME, until
 from ursim.ports.launch import SimulatedController
@@ -23,7 +23,7 @@ def test_one_that_takes_the_place_of_ours_while_the_arm_stands_is_noticed(tmp_pa
         SimulatedController.start(joints=HOME) as controller,
         leased_gateway(controller.host, tmp_path / "said") as gateway,
     ):
-        state = ReceivedState(controller.host)
+        state = received(controller.host)
         control = rtde_control.RTDEControlInterface(gateway.host)
         assert control.moveJ(AWAY, 1.5, 3.0)
         asked = gateway.heard()

@@ -20,12 +20,13 @@ from pep.rtde.line.conversations import LeasedRtdePort
 from pep.rtde.line.lease_stop import OBEYS_MS, LeaseStopLadder, StopMeans
 from pep.rtde.line.script_uploads import ONLY_STOPS, LeasedScripts
 from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
-from pep.rtde.robot.state_stream import FRESH_MS, Sample
+from pep.rtde.robot.state_receiver import FRESH_MS, JointState
 from pep.rtde.script.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.wire.messages import ControlVersion
 from pep.rtde.wire.primary_frames import Key
 from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
+from tests.pep.rtde.packages import ByHand, package
 
 from pep.rtde.robot import program as program_words
 
@@ -37,7 +38,10 @@ STOPPED, PLAYING = 1, 2
 
 
 def seen(at_ms, speed=0.0, runtime=PLAYING, command=0, said=0, safety=1):
-    return Sample(speed, runtime, safety, 1.0, {0: (command, said), 24: (7, 7)}, at_ms)
+    state = JointState((0.0,) * 6, (speed, *(0.0,) * 5), 7, safety)
+    return package(
+        state, arrived_ms=at_ms, stamp_s=at_ms / 1000, runtime_state=runtime, registers={0: (command, said), 24: (7, 7)}
+    )
 
 
 # ---- the ladder
@@ -76,7 +80,7 @@ def test_a_controller_that_says_nothing_is_not_taken_for_an_arm_that_stands():
     ladder, old = LeaseStopLadder(), seen(0, 0.0)
     ladder.begin(StopMeans.REGISTERS, newest=old, at_ms=0)
     assert ladder.look(old, at_ms=OBEYS_MS + 1) is StopMeans.PROGRAM
-    assert ladder.look(None, at_ms=2 * ESCALATE_MS) is StopMeans.DASHBOARD
+    assert ladder.look(old, at_ms=2 * ESCALATE_MS) is StopMeans.DASHBOARD
     assert not ladder.over
 
 
@@ -103,14 +107,11 @@ def test_an_arm_that_stands_by_itself_has_not_been_stopped():
     assert ladder.over, "whatever was in its registers"
 
 
-def test_the_ports_ask_the_tenant_what_its_script_has_carried_out():
-    ports = LeasedPorts(
-        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda *_: None
-    )
+def test_the_ports_ask_the_tenant_what_its_script_has_carried_out(ports):
     tenant = ActiveLease(ports, object())
     tenant.control = SimpleNamespace(line=SimpleNamespace(commands=SimpleNamespace(stopping=True)))
     ports._tenant = tenant
-    ports.feed.newest = seen(2, 0.0)
+    ports.state.heard = seen(2, 0.0)
     ports.ladder.begin(StopMeans.REGISTERS, newest=seen(0, 1.0), at_ms=0)
     ports._climb(10)
     assert not ports.ladder.over
@@ -122,8 +123,9 @@ def test_the_ports_ask_the_tenant_what_its_script_has_carried_out():
 @pytest.fixture
 def ports():
     return LeasedPorts(
-        "127.0.0.1", None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(), closed=lambda *_: None
-    )
+        "127.0.0.1", ByHand(seen(0)), None, scripts=SCRIPTS, stop_deceleration_rad_s2=8.0, clock=SystemClock(),
+        closed=lambda *_: None,
+    )  # fmt: skip
 
 
 def test_a_program_that_is_paused_has_not_been_ended():
@@ -139,10 +141,10 @@ def test_a_program_that_is_paused_has_not_been_ended():
 
 def test_an_arm_of_which_nothing_new_is_heard_is_stopped_though_it_stood(ports):
     ports._take = (taken := []).append
-    ports.feed.newest = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
+    ports.state.heard = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
     ports.stop(StopMeans.PROGRAM)
     assert taken == []
-    ports.feed.newest = seen(ports.clock.monotonic_ms() - FRESH_MS - 1, 0.0, STOPPED)
+    ports.state.heard = seen(ports.clock.monotonic_ms() - FRESH_MS - 1, 0.0, STOPPED)
     ports.stop(StopMeans.PROGRAM)
     assert taken == [StopMeans.PROGRAM]
     assert not ports.ladder.over
@@ -184,7 +186,7 @@ def test_a_line_that_breaks_keeps_no_stop(ports):
 @pytest.mark.parametrize(("major", "some"), [(5, True), (3, False), (10, False)])
 def test_a_controller_of_another_kind_is_sent_no_script(ports, major, some):
     assert ports.scripts == ()
-    ports.feed._subscription.version = ControlVersion(major, 11, 0, 0)
+    ports.state.version = ControlVersion(major, 11, 0, 0)
     assert bool(ports.scripts) is some
 
 
@@ -203,8 +205,8 @@ def test_a_controller_that_is_not_there_is_waited_for_so_long(ports, monkeypatch
 
 
 def said_now(ports):
-    ports.feed._subscription.version = ControlVersion(5, 11, 0, 0)
-    ports.feed.newest = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
+    ports.state.version = ControlVersion(5, 11, 0, 0)
+    ports.state.heard = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
 
 
 @pytest.mark.parametrize("port", [RTDE, SECONDARY, DASHBOARD])
@@ -217,8 +219,8 @@ def test_a_line_that_has_no_controller_is_none(ports, port):
 def test_where_the_slider_stands_is_known_for_twenty_packages(ports):
     said_now(ports)
     port = LeasedRtdePort(ActiveLease(ports, object()), None)
-    assert port._slider() == ports.feed.newest.slider
-    ports.feed.newest = replace(ports.feed.newest, arrived_ms=ports.feed.newest.arrived_ms - FRESH_MS - 1)
+    assert port._slider() == ports.state.heard.state.slider
+    ports.state.heard = replace(ports.state.heard, arrived_ms=ports.state.heard.arrived_ms - FRESH_MS - 1)
     assert math.isnan(port._slider())
 
 
@@ -240,15 +242,15 @@ def test_a_look_that_breaks_is_told_and_the_next_one_comes(ports):
         looking.cancel()
 
     ports._tenant = Bad()
-    ports.ladder.begin(StopMeans.PROGRAM, newest=None, at_ms=0)
-    ports.feed.newest = seen(2, 0.0, STOPPED)
+    ports.ladder.begin(StopMeans.PROGRAM, newest=seen(0), at_ms=0)
+    ports.state.heard = seen(2, 0.0, STOPPED)
     asyncio.run(asyncio.wait_for(scenario(), 5.0))
     assert {type(each) for each in told} == {IndexError}
     assert ports.ladder.over, "stops are seen to their end all the same"
 
 
 def test_a_stop_that_goes_past_us_counts_and_is_seen_to_its_end(ports):
-    ports.feed.newest = seen(0, 1.0)
+    ports.state.heard = seen(0, 1.0)
     assert ports.stopped_ms is None
     ports.note(StopMeans.PROGRAM)
     assert ports.stopped_ms is not None
@@ -257,10 +259,10 @@ def test_a_stop_that_goes_past_us_counts_and_is_seen_to_its_end(ports):
 
 def test_a_weaker_stop_changes_nothing():
     ladder = LeaseStopLadder()
-    assert ladder.begin(StopMeans.PROGRAM, newest=None, at_ms=0)
-    assert not ladder.begin(StopMeans.REGISTERS, newest=None, at_ms=1)
-    assert not ladder.begin(StopMeans.PROGRAM, newest=None, at_ms=1)
-    assert ladder.begin(StopMeans.DASHBOARD, newest=None, at_ms=1)
+    assert ladder.begin(StopMeans.PROGRAM, newest=seen(0), at_ms=0)
+    assert not ladder.begin(StopMeans.REGISTERS, newest=seen(0), at_ms=1)
+    assert not ladder.begin(StopMeans.PROGRAM, newest=seen(0), at_ms=1)
+    assert ladder.begin(StopMeans.DASHBOARD, newest=seen(0), at_ms=1)
 
 
 def test_a_speed_that_is_no_number_is_no_standstill():

@@ -13,7 +13,8 @@ import pytest
 from pep.base.stop_model import STOP_DELAY_S
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, SECONDARY
 from pep.rtde.robot.dashboard import stop_program
-from pep.rtde.robot.state_receiver import STILL_RAD_S, ReceivedState
+from pep.rtde.robot.state_receiver import STILL_RAD_S
+from tests.pep.rtde.packages import received
 from tests.pep.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.pep.rtde.raw_program import Raw
 from tests.ursim.cell import HOME, until, upload
@@ -80,7 +81,7 @@ def here(tmp_path_factory):
         SimulatedController.start(joints=HOME) as controller,
         leased_gateway(controller.host, tmp_path_factory.mktemp("gateway") / "said") as gateway,
     ):
-        state = ReceivedState(controller.host)
+        state = received(controller.host)
         here = Here(controller, gateway, state)
         yield here
         here.let_go()

@@ -18,7 +18,7 @@ from pep.rtde.line.gateway import GUESTS, LINES, MAX_STOP, STOPS, Gateway, State
 from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.relay import AT_ONCE, UNANSWERED, StateRelay
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
-from pep.rtde.robot.state_receiver import ReceivedState
+from tests.pep.rtde.packages import received
 from pep.rtde.wire.codec import Framer, Recipe, decode_answer, encode_answer, encode_request
 from pep.rtde.wire.messages import (
     AskControlVersion,
@@ -284,7 +284,7 @@ def program_text(*lines):
 
 @contextlib.contextmanager
 def eyes():
-    state = ReceivedState(HOST)
+    state = received(HOST)
     try:
         yield state.read
     finally:

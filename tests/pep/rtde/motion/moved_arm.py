@@ -9,10 +9,11 @@ from pep.base.ports import RemainingVerdict
 from pep.perception.sensor_frames import Seen
 from pep.request.permit import Permit
 from pep.rtde.command import command_values as v
-from pep.rtde.robot.state_receiver import JointState, Package
+from pep.rtde.robot.state_receiver import JointState
 from pep.watch.governor import Pacing
 from pep.watch.watch import Watch, WatchAges
 from policies.evidence.model import Request
+from tests.pep.rtde.packages import package
 from tests.pep.kit import AUDIENCE, ManualClock
 
 HERE = (0.0,) * 6
@@ -82,7 +83,7 @@ class Arm:
         with self.lock:
             self.clock.mono += 1
             if not self.silent or self.said is None:
-                self.said = Package(self.clock.mono / 1000, self.read())
+                self.said = package(self.read(), stamp_s=self.clock.mono / 1000, arrived_ms=self.clock.mono)
             return self.said
 
     # Slider

@@ -19,7 +19,8 @@ from pep.request.permit import Permit
 from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_motions import ToolMotions
-from pep.rtde.robot.state_receiver import JointState, ReceivedState
+from pep.rtde.robot.state_receiver import JointState
+from tests.pep.rtde.packages import received
 from pep.watch.watch import MotionOutcome, Watch, WatchAges
 from policies.evidence.model import Request
 from tests.pep.kit import AUDIENCE
@@ -53,7 +54,7 @@ class Rig:
     """The tools at a controller, on the loop of their own line."""
 
     def __init__(self, host):
-        self.clock, self.state, self.starts = SystemClock(), ReceivedState(host), {}
+        self.clock, self.state, self.starts = SystemClock(), received(host), {}
         self.served = Served(host)
         until(lambda: self.served.own.up)
         self.served.do(self.make())

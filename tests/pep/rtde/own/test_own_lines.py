@@ -6,19 +6,15 @@ import threading
 import time
 
 import pytest
-from pep.base.clock import SystemClock
 from pep.base.errors import RobotError
-from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.base.thread_priority import goes_first
 from pep.rtde.command import command_values as v
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
-from pep.rtde.robot.telemetry import Telemetry
-from pep.rtde.script.control_script import allow_list, installed_body
+from tests.pep.rtde.packages import Ports, received
 from policies.words.reason_table import Reason
 from tests.ursim.cell import HOME, until
 from ursim.ports.launch import SimulatedController
@@ -86,11 +82,7 @@ class Served:
         self.own.give_way()
 
     async def open(self):
-        scripts = allow_list(installed_body)
-        self.ports = LeasedPorts(
-            self.host, self, scripts=scripts, stop_deceleration_rad_s2=STOP_DECELERATION_RAD_S2, clock=SystemClock(),
-            closed=self.closed,
-        )  # fmt: skip
+        self.ports = Ports(self.host, self, closed=self.closed)
         self.own = OwnLines(
             self.ports,
             fitted=lambda: self.fitted,
@@ -165,14 +157,14 @@ def test_a_move_is_begun_and_made(served, eyes):
 
 
 def test_the_controller_has_our_tool_and_payload(served):
-    telemetry = Telemetry(served.host)
+    state = received(served.host)
     try:
-        posture = until(lambda: telemetry.next())
+        posture = until(lambda: state.next())
         assert (posture.tcp_offset, posture.payload_kg) == (pytest.approx(FITTED.tcp_m_rad), FITTED.payload_kg)
         assert served.do(served.own.equip(1.2, (0.0, 0.0, 0.06))) is True
-        assert telemetry.next().payload_kg == 1.2
+        assert state.next().payload_kg == 1.2
     finally:
-        telemetry.close()
+        state.close()
 
 
 SPEEDS = v.SpeedJ((0.3, *(0.0,) * 5), 2.0, 0.0)
@@ -237,16 +229,16 @@ def test_a_stop_that_meets_a_move_leaves_an_arm_that_stands(served, eyes):
 
 
 def test_outputs_and_the_slider_are_set(served):
-    telemetry = Telemetry(served.host)
+    state = received(served.host)
     try:
         for level in (True, False):
             assert served.output(3, level) is True
-            until(lambda level=level: (telemetry.next().output_bits >> 3 & 1) == level)
+            until(lambda level=level: (state.next().output_bits >> 3 & 1) == level)
         for fraction in (0.5, 0.25, 1.0):
             assert served.switch(SetSpeedSlider(fraction)) is True
-            until(lambda fraction=fraction: served.ports.feed.newest.slider == pytest.approx(fraction))
+            until(lambda fraction=fraction: state.read().slider == pytest.approx(fraction))
     finally:
-        telemetry.close()
+        state.close()
 
 
 def test_they_give_way_while_they_move_and_come_back(served, eyes):

@@ -12,14 +12,15 @@ import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.rtde.judge.command_requests import ToolSetup
+from pep.rtde.robot.connections import RTDE
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.rtde.robot.primary_line import PrimaryLine
 from pep.rtde.robot.readiness import OWN_POSE_M, PLAYING, RobotReadiness
-from pep.rtde.robot.state_receiver import ReceivedState
-from pep.rtde.robot.telemetry import Telemetry, TelemetrySample
+from pep.rtde.robot.state_receiver import JointState
 from pep.world.held_object import CommittedGrip
 from pep.world.world import tool_position
 from policies.evidence.evidence import RobotReading
+from tests.pep.rtde.packages import package, received
 from tests.pep.pit.robot.test_calibration import ARMS, NOMINAL, spelled
 from tests.pep.rtde.own.test_own_lines import Served
 from tests.ursim.cell import HOME, until
@@ -53,7 +54,7 @@ class Held:
         until(lambda: self.served.own.up)
         self.served.free = False  # what has been disturbed is not begun anew
         self.readiness = composition.readiness(
-            Telemetry(cell.host),
+            self.served.ports.state,
             RemoteControl(cell.host),
             self.served.own,
             lambda: True,
@@ -93,10 +94,10 @@ def test_a_program_of_somebody_else_is_seen_and_stays_seen(cell, held):
     with socket.create_connection((cell.host, 30003)) as script:
         script.sendall(b"def rtde_control():\n while True:\n  sync()\n end\nend\n")
         held.becomes(exclusive=False)
-        until(lambda: held.readiness._telemetry.read().runtime_state == PLAYING)  # its name is ours, and it runs
+        until(lambda: held.served.ports.state.newest().runtime_state == PLAYING)  # its name is ours, and it runs
         assert not held.readiness.reading().exclusive
         script.sendall(b"stop program\n")
-        until(lambda: held.readiness._telemetry.read().runtime_state != PLAYING)
+        until(lambda: held.served.ports.state.newest().runtime_state != PLAYING)
     assert not held.readiness.reading().exclusive
 
 
@@ -183,58 +184,26 @@ def test_an_answer_of_the_dashboard_grows_old(cell, monkeypatch):
     remote.close()
 
 
-def test_telemetry_waits_for_a_package_that_is_newer(cell):
-    telemetry = Telemetry(cell.host)
-    until(lambda: _read(telemetry) is not None)
-    asked = time.monotonic()
-    assert telemetry.next().arrived_s > asked
-    telemetry.close()
-    until(lambda: _read(telemetry) is None)
+def test_the_receiver_waits_for_a_package_that_is_newer(cell):
+    state = received(cell.host)
+    asked = state._clock.monotonic_ms()
+    assert state.next().arrived_ms >= asked
+    state.close()
+    until(lambda: state.current() is None)
     with pytest.raises(RobotError) as raised:
-        telemetry.next()
+        state.next()
     assert raised.value.code is PepFault.ROBOT_STALLED
 
 
 @pytest.mark.clause("RTDE-18")
 def test_a_state_comes_back_with_the_controller_each_time(cell):
-    state = ReceivedState(cell.host)
-    had = [state._receive]
+    state = received(cell.host)
     for _ in range(3):
         cell.fault("drop_connections")
         until(lambda: not came(state), deadline_s=5.0)
         until(lambda: came(state), deadline_s=5.0)
         assert state.read().q_rad == pytest.approx(HOME, abs=1e-6)
         assert state.newest().stamp_s > 0.0
-        had.append(state._receive)
-    assert had[0] is had[2] is not had[1] is had[3], "to dispose of one stops the whole process for half a second"
-    state.close()
-
-
-class Stale:
-    """A connection that knows what was said in an earlier life, and hears nothing new."""
-
-    tries = 0
-
-    def getTimestamp(self):  # noqa: N802
-        return 7.0
-
-    def reconnect(self):
-        self.tries += 1
-        return True
-
-    def disconnect(self):
-        pass
-
-
-@pytest.mark.clause("RTDE-18")
-def test_what_was_said_in_an_earlier_life_is_no_state(cell):
-    state = ReceivedState(cell.host)
-    state._spare = stale = Stale()
-    cell.fault("drop_connections")
-    until(lambda: not came(state), deadline_s=5.0)
-    until(lambda: stale.tries >= 2)  # the first of them was not believed
-    assert not came(state)
-    assert state._receive is not stale
     state.close()
 
 
@@ -249,23 +218,25 @@ def came(state):
 
 @pytest.mark.clause("RTDE-18")
 def test_a_state_waits_for_no_controller_that_says_nothing(cell, monkeypatch):
-    """It is taken up again once one speaks; ur_rtde itself would wait for the silent one for ever."""
-    state, silent = ReceivedState(cell.host), Speaker(b"", cell.host)
-    monkeypatch.setattr("pep.rtde.robot.state_receiver.RTDE", silent.server.getsockname()[1])
+    """It is asked anew, and heard again once one speaks."""
+    state, silent = received(cell.host), Speaker(b"", cell.host)
+    state._listener._where = silent.server.getsockname()
     cell.fault("drop_connections")
     until(lambda: len(silent.links) >= 2, deadline_s=10.0)
     assert not came(state)
-    monkeypatch.setattr("pep.rtde.robot.state_receiver.RTDE", 30004)
+    state._listener._where = (cell.host, RTDE)
     until(lambda: came(state), deadline_s=5.0)
     state.close()
     silent.close()
 
 
-def _read(telemetry):
-    try:
-        return telemetry.read()
-    except RobotError:
-        return None
+def test_a_controller_that_cannot_be_had_is_unreachable(monkeypatch):
+    monkeypatch.setattr("pep.rtde.robot.state_receiver.CONNECT_S", 0.2)
+    begun = time.monotonic()
+    with pytest.raises(RobotError) as raised:
+        received("127.0.0.9")
+    assert raised.value.code is PepFault.ROBOT_UNREACHABLE
+    assert time.monotonic() - begun < 5.0
 
 
 class Speaker:
@@ -331,12 +302,13 @@ def test_the_tool_is_where_the_model_has_it():
         def __init__(self, pose):
             self.pose = pose
 
-        def read(self):
-            return TelemetrySample(q, (*self.pose, 0.0, 0.0, 0.0), offset, 1.0, 7, 1, 2, 0, 0.0)
+        def current(self):
+            here = JointState(q, (0.0,) * 6, 7, 1)
+            return package(here, tool_pose=(*self.pose, 0.0, 0.0, 0.0), tcp_offset=offset)
 
     def match(pose, pose_m=NOMINAL_ERROR_M):
         return RobotReadiness(
-            telemetry=Fixed(pose),
+            state=Fixed(pose),
             remote=Said(True),
             program=Undisturbed(),
             commanding=lambda: True,
@@ -389,7 +361,7 @@ def test_a_controller_that_says_nothing_confirms_nothing():
             raise RobotError(PepFault.ROBOT_STALLED, "")
 
     readiness = RobotReadiness(
-        telemetry=Silent(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
+        state=Silent(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
         pose_m=OWN_POSE_M, expected_payload_g=None,
     )  # fmt: skip
     with pytest.raises(RobotError):
@@ -402,7 +374,7 @@ def test_a_controller_with_another_tool_is_told_as_that():
             return SimpleNamespace(tcp_offset=(0.0, 0.0, 0.2, 0.0, 0.0, 0.0))
 
     readiness = RobotReadiness(
-        telemetry=Other(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
+        state=Other(), remote=None, program=None, commanding=None, tool_position=None, tcp_m=(0.0,) * 3,
         pose_m=OWN_POSE_M, expected_payload_g=None,
     )  # fmt: skip
     with pytest.raises(ConfigError) as raised:
