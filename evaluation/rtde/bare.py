@@ -34,5 +34,10 @@ class Unjudged:
         return NOTHING
 
 
-if __name__ == "__main__":
+def main() -> None:
+    """Command line of the gateway that judges nothing."""
     gateway_server.main(Unjudged)
+
+
+if __name__ == "__main__":
+    main()

@@ -82,11 +82,11 @@ class Child:
         ended: Callable[[], bool] = lambda: False,
         preparing: Preparing | None = None,
     ) -> Child:
-        """Starts a child running `python -m module arguments`, ready. It ends when the calling thread does.
+        """Starts a child running `main` of the module, ready. It ends when the calling thread does.
 
         Args:
             name: for messages.
-            module: to run.
+            module: to run; its `main` takes no arguments and returns its exit status or nothing.
             arguments: of the command line.
             environment: variables added to this process's own.
             ended: when it says so, the wait is over.

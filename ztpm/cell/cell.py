@@ -114,7 +114,7 @@ class Cell:
         self.end("robot")
         pose = ",".join(repr(angle) for angle in self.joints)
         self.robot = self.start_child(
-            PROCESSES["robot"], "ursim", "--host", self.addresses.host, f"--joints={pose}",
+            PROCESSES["robot"], "ursim.__main__", "--host", self.addresses.host, f"--joints={pose}",
             f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
         )  # fmt: skip
 

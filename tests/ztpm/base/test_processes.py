@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+import textwrap
 import threading
 import time
 from pathlib import Path
@@ -18,17 +19,17 @@ TOP = Path(__file__).parents[3]
 
 @pytest.fixture
 def module(tmp_path, monkeypatch):
-    """Writes a module that children can run."""
+    """Writes a module with that `main`, which children can run."""
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(TOP), os.environ.get("PYTHONPATH", "")]))
 
     def write(text):
-        (tmp_path / "a_child.py").write_text(text)
+        (tmp_path / "a_child.py").write_text("def main():\n" + textwrap.indent(text, "    "))
         return "a_child"
 
     return write
 
 
-READY = "import json, sys, time, os\nprint(json.dumps({'ready': True, 'argv': sys.argv[1:], 'name': __name__}), flush=True)\n"
+READY = "import json, sys, time, os\nprint(json.dumps({'ready': True, 'argv': sys.argv[1:]}), flush=True)\n"
 
 
 def gone(pid):
@@ -48,7 +49,7 @@ def until(seen, limit_s=20):
 def test_the_tether_changes_nothing_for_the_module(module):
     child = Child.start("a child", module(READY + "sys.stdin.read()"), "--an", "argument", environment={})
     try:
-        assert child.ready == {"ready": True, "argv": ["--an", "argument"], "name": "__main__"}
+        assert child.ready == {"ready": True, "argv": ["--an", "argument"]}
         assert child.alive
     finally:
         child.stop()
