@@ -18,7 +18,6 @@ from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from ztpm.base.layout import new_key, read_key
 from ztpm.cell.simulated_platform import Attestor, workload_id
-from ztpm.stage.calls import Answer, call
 from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
@@ -26,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from ztpm.cell.cell import Cell
+    from ztpm.stage.calls import Answer
 
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
@@ -232,6 +232,8 @@ class Stage:
 
     def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
         """Call of a tool by the agent with its token, sent again when the verdict came too late."""
+        from ztpm.stage.calls import call  # with the MCP SDK, whose import takes half a second: `ztpm up` calls nothing
+
         auth = self.agents[agent].auth(token or self.tokens[agent])
         answer = call(self.cell.addresses.audience, auth, tool, arguments)
         for _ in range(SEND_TRIES - 1):

@@ -7,14 +7,18 @@ from contextlib import closing
 
 import pytest
 import sqlalchemy as sa
+from alembic import command
 from alembic.autogenerate import compare_metadata
+from alembic.config import Config
 from alembic.migration import MigrationContext
+from alembic.script import ScriptDirectory
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.store.migrate import MIGRATIONS, NEWEST
 from ztpm_idp.store.schema import metadata
 from ztpm_idp.store.transaction import Transaction
 
@@ -36,6 +40,18 @@ def on_connection(world, ask):
 
 def test_the_migration_builds_the_schema(world):
     assert on_connection(world, lambda c: compare_metadata(MigrationContext.configure(c), metadata)) == []
+
+
+def test_the_newest_revision_is_the_migrations_own():
+    config = Config()
+    config.set_main_option("script_location", str(MIGRATIONS))
+    assert ScriptDirectory.from_config(config).get_current_head() == NEWEST
+
+
+def test_a_newest_schema_is_opened_without_the_library_that_migrates(world, monkeypatch):
+    monkeypatch.setattr(command, "upgrade", pytest.fail)
+    world.stop()
+    world.start()
 
 
 def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
