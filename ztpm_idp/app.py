@@ -9,13 +9,15 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
+from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.provider.feed import Heartbeat
-from ztpm_idp.provider.problems import Problem, answer
+from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.routes import approvals, conduct, ledger, people, registry, service, tokens
+from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
@@ -32,6 +34,8 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
+_PARTS: Final = (service, registry, people, tokens, ledger, approvals, conduct)
+"""Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
 
@@ -86,8 +90,8 @@ def create_app(
             "auto_configure": False,
         },
     )
-    for routes in (service, registry, people, tokens, ledger, approvals, conduct):
-        app.include_router(routes.router, prefix=path)
+    for part in _PARTS:
+        app.include_router(part.router, prefix=path, responses=RESPONSES)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
     app.add_exception_handler(HTTPException, _http)
@@ -107,9 +111,14 @@ async def _unavailable(_: Request, error: Exception) -> Response:
     return answer(IdpCode.STORE_UNAVAILABLE)
 
 
-async def _http(_: Request, error: Exception) -> Response:
-    status = error.status_code if isinstance(error, HTTPException) else 404
-    return answer(IdpCode.METHOD_NOT_ALLOWED if status == 405 else IdpCode.PATH_UNKNOWN)
+async def _http(request: Request, error: Exception) -> Response:
+    if not isinstance(error, HTTPException) or error.status_code != 405:
+        return answer(IdpCode.PATH_UNKNOWN)
+    # The framework names the methods of the first route of a path alone.
+    path = request.scope["path"].removeprefix(prefix_of(provider_of(request)))
+    routes = [route for part in _PARTS for route in part.router.routes if isinstance(route, APIRoute)]
+    allow = {method for route in routes if route.path_regex.match(path) for method in route.methods or ()}
+    return answer(IdpCode.METHOD_NOT_ALLOWED, allow=allow or {"GET"})  # the description is no route of ours
 
 
 class _Shield:

@@ -36,8 +36,10 @@ def revoke(
     """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
     person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
     with refusals(as_json=as_json), person:
-        epoch = person.revoke(kind.value, id_, reason)
+        made = person.revocation(kind.value, id_, reason)
     if as_json:
-        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": epoch})
+        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": made.epoch, "known": made.known})
     else:
-        typer.echo(f"Revoked, epoch {epoch}.")
+        typer.echo(f"Revoked, epoch {made.epoch}.")
+        if not made.known:
+            typer.echo(f"The identity provider never knew such a {kind.value}: check the id, this may protect nobody.")

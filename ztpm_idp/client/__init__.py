@@ -1,6 +1,6 @@
 """The identity provider as programs of people and agents call it: `Agent`, `Operator` and their errors."""
 
-from ztpm_idp.client.caller import ClientError, Issued
+from ztpm_idp.client.caller import ClientError, Issued, Revocation
 from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
 from ztpm_idp.client.signing import ProofAuth
 
@@ -11,6 +11,7 @@ __all__ = [
     "Issued",
     "Operator",
     "ProofAuth",
+    "Revocation",
     "delegate_request",
     "issue_request",
 ]

@@ -42,6 +42,19 @@ class ClientError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
+class Revocation:
+    """Revocation that was made.
+
+    Attributes:
+        epoch: the one at which it holds.
+        known: whether the provider ever made or registered such a thing; otherwise the id may be a slip.
+    """
+
+    epoch: int
+    known: bool
+
+
+@dataclass(frozen=True, slots=True)
 class Issued:
     """Token that was lent.
 
@@ -110,7 +123,15 @@ class Caller:
             id: of that kind.
             reason: for the ledger.
         """
-        return int(self._post("/revocations", {"kind": kind, "id": id, "reason": reason})["epoch"])
+        return self.revocation(kind, id, reason).epoch
+
+    def revocation(self, kind: str, id: str, reason: str) -> Revocation:  # noqa: A002  the word of the wire
+        """Revokes as `revoke` does, and tells whether the provider ever knew such a thing."""
+        answer = self._post("/revocations", {"kind": kind, "id": id, "reason": reason})
+        try:
+            return Revocation(int(answer["epoch"]), known=answer["known"] is True)
+        except (KeyError, ValueError, TypeError):
+            raise ClientError("ANSWER_MALFORMED", 200) from None
 
     def agents(self) -> list[dict[str, Any]]:
         """Every registered agent.

@@ -6,21 +6,26 @@ A stranger gets the code and its fixed title only.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from fastapi.responses import Response
 
+from capabilities.keys import jws
 from capabilities.values.errors import FaultCode
 from capabilities.values.explanation import explanation_to_json
 from policies.words.reason_table import Reason
 from ztpm_idp.domain.codes import Code, IdpCode
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from capabilities.values.explanation import Explanation
 
 MEDIA_TYPE: Final = "application/problem+json"
 
 _UNAUTHORISED: Final = 401
+_ALGORITHMS: Final = f"{jws.EDDSA} {jws.ES256}"
+"""Algorithms of proofs that are taken (RFC 9449 section 7.1)."""
 STATUS: Final[dict[Code, tuple[int, str]]] = {
     # who calls
     IdpCode.CALLER_UNKNOWN: (401, "The key is not registered."),
@@ -127,6 +132,34 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     FaultCode.KEY_MALFORMED: (400, "A key is malformed."),
 }
 """Status and title of each code that can reach a caller; anything else is an error of ours."""
+_TEXT: Final = {"type": "string"}
+RESPONSES: Final[dict[int | str, dict[str, Any]]] = {
+    group: {
+        "description": said,
+        "content": {
+            MEDIA_TYPE: {
+                "schema": {
+                    "type": "object",
+                    "required": ["type", "title", "status", "code", "detail"],
+                    "properties": {
+                        "type": _TEXT,
+                        "title": _TEXT,
+                        "status": {"type": "integer"},
+                        "code": _TEXT
+                        | {"examples": sorted(code.value for code, (at, _) in STATUS.items() if at in of)},
+                        "detail": _TEXT,
+                        "explanation": {"type": "object"},
+                    },
+                }
+            }
+        },
+    }
+    for group, said, of in (
+        ("4XX", "Refused; policies may add codes of their own to 403.", range(400, 500)),
+        ("5XX", "Nothing was done, as far as is known.", range(500, 600)),
+    )
+}
+"""Description of every refusal, for OpenAPI."""
 DECIDED: Final = (403, "The policies do not permit it.")
 """Status and title of everything that policies decided against."""
 
@@ -141,10 +174,13 @@ class Problem(Exception):  # noqa: N818  RFC 9457's word
         self.explanation = explanation
 
 
-def answer(code: Code, detail: str = "", explanation: Explanation | None = None) -> Response:
+def answer(
+    code: Code, detail: str = "", explanation: Explanation | None = None, *, allow: Iterable[str] = ()
+) -> Response:
     """The problem details of a code, with the member `explanation` where there is one (RFC 9457 section 3.2).
 
-    Detail and explanation go only to a caller that is known: for 401 they are left out.
+    Detail and explanation go only to a caller that is known: for 401 they are left out. `allow` are the methods that a
+    path knows, for a request with another.
     """
     status, title = DECIDED if isinstance(code, Reason) else STATUS.get(code, STATUS[IdpCode.INTERNAL])
     shown = title if status == _UNAUTHORISED or not detail else detail
@@ -157,8 +193,8 @@ def answer(code: Code, detail: str = "", explanation: Explanation | None = None)
     }
     if explanation is not None and status != _UNAUTHORISED:
         body["explanation"] = explanation_to_json(explanation)
-    headers = {"Cache-Control": "no-store"}
+    headers = {"Cache-Control": "no-store"} | ({"Allow": ", ".join(sorted(allow))} if allow else {})
     if status == _UNAUTHORISED:
         scheme = "invalid_token" if code.value.startswith("TOKEN") else "invalid_dpop_proof"
-        headers["WWW-Authenticate"] = f'DPoP error="{scheme}", algs="EdDSA"'
+        headers["WWW-Authenticate"] = f'DPoP error="{scheme}", algs="{_ALGORITHMS}"'
     return Response(json.dumps(body, ensure_ascii=True), status_code=status, headers=headers, media_type=MEDIA_TYPE)

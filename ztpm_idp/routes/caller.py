@@ -216,7 +216,22 @@ def _token_text(request: Request) -> str | None:
 
 def body_of(model: type[Body]) -> dict[str, Any]:
     """The OpenAPI description of a body that we read ourselves."""
-    return {"requestBody": {"required": True, "content": {"application/json": {"schema": model.model_json_schema()}}}}
+    schema = model.model_json_schema()
+    content = {"application/json": {"schema": _whole(schema, schema.pop("$defs", {}))}}
+    return {"requestBody": {"required": True, "content": content}}
+
+
+def _whole(schema: Any, parts: dict[str, Any]) -> Any:
+    """A schema with its parts in their places: a reference would lead into another document."""
+    match schema:
+        case {"$ref": str(named)}:
+            return _whole(parts[named.removeprefix("#/$defs/")], parts)
+        case dict():
+            return {name: _whole(inner, parts) for name, inner in schema.items()}
+        case list():
+            return [_whole(inner, parts) for inner in schema]
+        case _:
+            return schema
 
 
 def query_of(request: Request, *names: str) -> tuple[str, ...]:

@@ -101,14 +101,18 @@ def _named(token: bytes, provider: Provider) -> frozenset[str]:
 
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))
-async def revoke(request: Request, call: Caller) -> dict[str, int]:
+async def revoke(request: Request, call: Caller) -> dict[str, Any]:
     """Revokes a token, hop, agent, key, sponsor or audience, for ever.
 
-    The answer is its epoch or a later one.
+    The answer is its epoch or a later one, and whether this provider knows such a thing: one that it never made or
+    registered is revoked all the same, but the id may be a slip that protects nobody.
     """
     body = call.body(wire.RevocationBody)
     command = commands.Revoke(call.party.id, body.kind, body.id, body.reason)
-    return {"epoch": (await provider_of(request).run(command, actor=call.party.id)).epoch}
+    provider = provider_of(request)
+    done = await provider.run(command, actor=call.party.id)
+    async with provider.store.read() as view:
+        return {"epoch": done.epoch, "known": await view.knows(body.kind, body.id)}
 
 
 @router.get("/revocations", response_class=PlainTextResponse)

@@ -170,6 +170,24 @@ class Transaction:
         )  # fmt: skip
         return [(epoch, kind, id_) for epoch, kind, id_ in found]
 
+    async def knows(self, kind: RevocationKind, id_: str) -> bool:
+        """True where a thing of this kind was ever made or registered here."""
+        match kind:
+            case RevocationKind.TOKEN:
+                found = t.hops.c.token_id
+            case RevocationKind.HOP:
+                found = t.hops.c.hop_id
+            case RevocationKind.KEY:
+                found = t.parties.c.thumbprint
+            case RevocationKind.AGENT | RevocationKind.SPONSOR:
+                found = t.parties.c.id
+            case RevocationKind.AUDIENCE:
+                lists = await self._connection.execute(sa.select(t.peps.c.audiences))
+                return any(id_ in audiences for (audiences,) in lists)
+            case _:
+                assert_never(kind)
+        return await self._scalar(sa.select(found).where(found == id_).limit(1)) is not None
+
     async def all_parties(self, kind: str) -> list[Party]:
         """Every party of a kind, by id."""
         return await self._read(t.parties.c.kind == kind)

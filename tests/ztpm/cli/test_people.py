@@ -6,7 +6,7 @@ import pytest
 from ztpm.base.layout import read_key
 
 from capabilities.keys import keys
-from ztpm_idp.client import ClientError
+from ztpm_idp.client import ClientError, Revocation
 
 pytestmark = pytest.mark.long
 
@@ -29,7 +29,7 @@ def software(tmp_path):
 
 
 COMMANDS = {
-    "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revoke", 7),
+    "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revocation", Revocation(7, known=True)),
     "suspend": (["agent", "suspend", "mover", "--reason", "gone"], "suspend_agent", 7),
     "list": (["agent", "list"], "agents", [ROW]),
     "restore": (["agent", "restore", "mover", "--reason", "looked into"], "restore_agent", None),
@@ -122,10 +122,10 @@ def test_a_new_key_is_made_once_and_its_public_half_is_told(run, tmp_path):
 
 @pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience"])
 def test_every_kind_is_revoked(run, who, double, kind):
-    double.answers = {"revoke": 3}
+    double.answers = {"revocation": Revocation(3, known=False)}
     told = run("revoke", kind, "some-id", "--reason", "why", *who, "--json")
-    assert told.json == {"ok": True, "kind": kind, "id": "some-id", "epoch": 3}
-    assert double.asked == [("revoke", (kind, "some-id", "why"), {})]
+    assert told.json == {"ok": True, "kind": kind, "id": "some-id", "epoch": 3, "known": False}
+    assert double.asked == [("revocation", (kind, "some-id", "why"), {})]
 
 
 def test_what_cannot_be_revoked_is_usage(run, who, double):
