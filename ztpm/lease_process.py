@@ -86,7 +86,7 @@ def leased(
     """
     layout = Layout(Path(data).resolve())
     key = agent.key if isinstance(agent, Agent) else read_key(layout.agent_key(agent), name=agent)
-    place = place_of(layout, door=gateway, audience=audience, pep=pep)
+    place = place_of(layout, key, door=gateway, audience=audience, pep=pep)
     host = address or free_address()
     pending = {
         name: value if name in TEXTS else b64u(value) for name, value in asdict(begin_lease(place, token, key)).items()

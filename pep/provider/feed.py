@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 
 import httpx2
 
+from capabilities.proof.proof import prove
 from capabilities.statements import registry, revocation
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
+    from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.registry import RegistrySnapshot
     from capabilities.statements.revocation import RevocationIndex, RevocationView
@@ -128,6 +130,7 @@ class ProviderFollower:
     Args:
         http: client of the identity provider.
         issuer: base URL.
+        key: of this PEP, which proves its possession where strangers are told nothing.
         audience: this PEP's; only its registry is accepted.
         trust: keys of the feed and of the registry.
         caps: bounds on statements.
@@ -150,9 +153,11 @@ class ProviderFollower:
         clock: Clock,
         mark: FeedMarkFile,
         incident: Callable[[FeedError], None],
+        key: PrivateKey,
     ) -> None:
         self._http = http
         self._issuer = issuer
+        self._key = key
         self._audience = audience
         self._trust = trust
         self._caps = caps
@@ -170,7 +175,9 @@ class ProviderFollower:
         self._over = asyncio.Event()
         self._approvers: dict[bytes, str] = {}
         self._peps: dict[str, bytes] = {}
-        self.standings = ConductFeed(self._get, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident)
+        self.standings = ConductFeed(
+            self._get_proven, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident
+        )
 
     # -- ports
 
@@ -359,7 +366,7 @@ class ProviderFollower:
         return index
 
     async def _registry(self, *, least: int) -> RegistrySnapshot:
-        text = await self._get("/registry", {"audience": self._audience})
+        text = await self._get_proven("/registry", {"audience": self._audience})
         try:
             snapshot = registry.open(text, self._trust.registry, self._caps)
         except CapabilityError as error:
@@ -372,12 +379,31 @@ class ProviderFollower:
             raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {least}")
         return snapshot
 
+    async def _get_proven(self, path: str, query: dict[str, str]) -> str:
+        """Text at a path that strangers do not read."""
+        proof = prove(
+            self._key,
+            method="GET",
+            url=f"{self._issuer}{path}",
+            body=b"",
+            token=None,
+            at=int(self._clock.wall_s()),
+            jti=secrets.token_urlsafe(NONCE_BYTES),
+        )
+        return await self._get(path, query, headers={"dpop": proof})
+
     async def _get(
-        self, path: str, query: dict[str, str], *, timeout_s: float = TIMEOUT_S, most: int | None = None
+        self,
+        path: str,
+        query: dict[str, str],
+        *,
+        timeout_s: float = TIMEOUT_S,
+        most: int | None = None,
+        headers: dict[str, str] | None = None,
     ) -> str:
         try:
             response = await self._http.get(
-                f"{self._issuer}{path}", params=query, timeout=timeout_s, follow_redirects=False
+                f"{self._issuer}{path}", params=query, headers=headers, timeout=timeout_s, follow_redirects=False
             )
         except httpx2.HTTPError as error:
             raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error

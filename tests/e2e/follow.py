@@ -9,6 +9,7 @@ import time
 from pathlib import Path
 
 import httpx2
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.caps import DEFAULT
 from pep.base.clock import SystemClock
@@ -24,10 +25,11 @@ def say(**what):
 
 
 async def main(issuer, folder, period_s):
+    key = Ed25519PrivateKey.from_private_bytes((Path(folder) / "key").read_bytes())
     http = httpx2.AsyncClient()
     trust = TrustBundle.from_json((await http.get(issuer + "/trust")).content)
     follower = ProviderFollower(
-        http, issuer=issuer, audience="http://127.0.0.1:8800/mcp", trust=trust, caps=DEFAULT, clock=SystemClock(),
+        http, issuer=issuer, key=key, audience="http://127.0.0.1:8800/mcp", trust=trust, caps=DEFAULT, clock=SystemClock(),
         mark=FeedMarkFile(Path(folder) / "feed.json"), incident=lambda error: say(incident=str(error)),
     )  # fmt: skip
     running = asyncio.create_task(follower.run(period_s=period_s))

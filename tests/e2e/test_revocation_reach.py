@@ -19,6 +19,8 @@ import time
 import pytest
 from tests.ztpm_idp.test_process import Process
 
+from capabilities.keys import keys
+
 pytestmark = pytest.mark.e2e
 TIMES = 100
 NEVER_S = 3_600.0
@@ -56,6 +58,10 @@ class Child:
 def test_a_revocation_reaches_the_pep_by_the_hint(tmp_path):
     process = Process(tmp_path).start()
     (tmp_path / "pep").mkdir()
+    key = keys.generate()
+    (tmp_path / "pep" / "key").write_bytes(key.private_bytes_raw())
+    with process.operator() as alice:
+        alice.register_pep("cell-1", keys.public_raw(key), ["http://127.0.0.1:8800/mcp"])
     child = Child(process.issuer, tmp_path / "pep", NEVER_S)
     try:
         child.shows(0)

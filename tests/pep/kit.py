@@ -544,9 +544,9 @@ class FakeIssuer:
             case "/revocations/wait":
                 return self.hint(**query)
             case "/registry":
-                return httpx2.Response(200, text=self.snapshot(**query))
+                return self.proven(request) or httpx2.Response(200, text=self.snapshot(**query))
             case "/conduct":
-                return httpx2.Response(200, text=self.conduct(**query))
+                return self.proven(request) or httpx2.Response(200, text=self.conduct(**query))
             case "/approvals":
                 return self.take_ask(request)
             case "/approvals/answers":

@@ -55,7 +55,7 @@ class Site:
         http = httpx2.AsyncClient(transport=AsyncBridge(world))
         self.incidents = []
         self.follower = ProviderFollower(
-            http, issuer=ISSUER, audience=AUDIENCE, trust=world.trust, caps=CAPS, clock=self.clock,
+            http, issuer=ISSUER, key=world.private[name], audience=AUDIENCE, trust=world.trust, caps=CAPS, clock=self.clock,
             mark=FeedMarkFile(tmp / "feed.json"), incident=self.incidents.append,
         )  # fmt: skip
         self.shipper = JournalShipper(

@@ -82,7 +82,7 @@ def test_an_ask_is_taken_once_shown_answered_and_told(cell):
     }
     told = cell.told(ask_id)
     assert told.state == "granted"
-    with cell.world.anonymous() as http:
+    with cell.world.known() as http:
         snapshot = registry.open(
             http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text, cell.world.trust.registry, DEFAULT
         )
@@ -283,7 +283,7 @@ def test_an_approval_by_somebody_disabled_since_does_not_count(cell):
 
 def test_the_registry_version_grows_with_the_approvers(cell):
     def snapshot():
-        with cell.world.anonymous() as http:
+        with cell.world.known() as http:
             text = http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
         return registry.open(text, cell.world.trust.registry, DEFAULT)
 

@@ -42,7 +42,7 @@ def lent(world):
 
 def told(world, since=0):
     nonce = secrets.token_urlsafe(24)
-    with world.anonymous() as http:
+    with world.known() as http:
         answer = http.get(ISSUER + "/conduct", params={"since": str(since), "nonce": nonce})
     assert answer.status_code == 200, answer.text
     word = conduct.open(answer.text, world.trust.feed, DEFAULT)
@@ -437,13 +437,13 @@ def test_a_word_that_cannot_hold_everything_is_cut_and_goes_on(lent, monkeypatch
     "query", [{"since": "-1"}, {"since": "01"}, {"since": "9" * 17}, {"nonce": "short"}, {"x": "1"}]
 )
 def test_a_question_of_any_other_form(world, query):
-    with world.anonymous() as http:
+    with world.known() as http:
         answer = http.get(ISSUER + "/conduct", params={"since": "0", "nonce": "n" * 24} | query)
     assert (answer.status_code, answer.json()["code"]) == (400, "QUERY_MALFORMED")
 
 
 def test_who_knows_more_than_the_store_is_told_so(world):
-    with world.anonymous() as http:
+    with world.known() as http:
         answer = http.get(ISSUER + "/conduct", params={"since": "1", "nonce": "n" * 24})
     assert (answer.status_code, answer.json()["code"]) == (409, "EPOCH_AHEAD")
 
@@ -455,7 +455,7 @@ def test_a_store_that_cannot_commit_says_nothing(lent, monkeypatch):
         raise StoreUnavailableError
 
     monkeypatch.setattr(Store, "beat", broken)
-    with lent.anonymous() as http:
+    with lent.known() as http:
         assert http.get(ISSUER + "/conduct", params={"since": "0", "nonce": "n" * 24}).status_code == 503
 
 

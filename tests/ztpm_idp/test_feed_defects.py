@@ -17,12 +17,14 @@ from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.events import PartyRegistered, RevocationKind, ToolRegistered
 from ztpm_idp.domain.ledger import FIRST_PREV, record_digest, seal
-from ztpm_idp.domain.parties import RegisteredSensor, RegisteredTool, Standing
+from ztpm_idp.domain.parties import RegisteredAgent, RegisteredSensor, RegisteredTool, Standing
 from ztpm_idp.provider import provider as at_work
+from ztpm_idp.provider.feed import SNAPSHOTS
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.store import rows
 
 from capabilities.keys import keys
-from capabilities.statements import checkpoint
+from capabilities.statements import checkpoint, registry
 from ztpm_idp import IdpKeys, ledger_file
 from ztpm_idp.client import ClientError
 
@@ -232,3 +234,46 @@ def test_an_exported_ledger_is_verified_ten_thousand_entries_a_second():
         assert isinstance(ledger_file.verify(lines, trust), ledger_file.Verified)
         spent.append(time.process_time() - began)
     assert min(spent) < 3_000 * 10 / 100_000
+
+
+def test_strangers_read_neither_registry_nor_conduct(world):
+    asked = {"/registry": {"audience": AUDIENCE}, "/conduct": {"since": "0", "nonce": "n" * 16}}
+    with world.anonymous() as stranger, world.known() as person:
+        for path, query in asked.items():
+            refused = stranger.get(ISSUER + path, params=query)
+            assert (refused.status_code, refused.json()["code"]) == (401, "PROOF_MISSING")
+            assert person.get(ISSUER + path, params=query).status_code == 200
+    world.private["eve"] = keys.generate()
+    with world.known("eve") as unknown:
+        for path, query in asked.items():
+            assert unknown.get(ISSUER + path, params=query).json()["code"] == "CALLER_UNKNOWN"
+
+
+def test_a_registry_loads_no_agent_and_is_made_once_for_a_version(world, monkeypatch):
+    for number in range(12):
+        world.agent(f"agent-{number}", attested=False)
+    world.agent("trusted")
+    world.people["alice"].set_trust("trusted", 700)
+    world.pep()
+    made, inner = [], rows.party
+    monkeypatch.setattr(rows, "party", lambda row: made.append(inner(row)) or made[-1])
+    with world.known() as http:
+        ask = lambda: http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
+        first = ask()
+        # the caller, the approvers and the enforcement point: as many however many agents there are
+        assert not [party for party in made if isinstance(party, RegisteredAgent)]
+        snapshot = registry.open(first, world.trust.registry, DEFAULT)
+        assert (snapshot.trust_permille("trusted"), len(snapshot.trust), len(snapshot.peps)) == (700, 1, 1)
+        made.clear()
+        world.clock.at_s += 5
+        assert ask() == first
+        assert [party.id for party in made] == ["dan"], "the caller alone"
+        world.people["alice"].revoke("agent", "trusted", "r")
+        assert registry.open(ask(), world.trust.registry, DEFAULT).trust == ()
+
+
+def test_no_more_registries_are_kept_than_are_bounded(world):
+    with world.known() as http:
+        for number in range(SNAPSHOTS + 3):
+            http.get(ISSUER + "/registry", params={"audience": f"http://h{number}.example/mcp"})
+    assert len(world.provider.snapshots) == SNAPSHOTS

@@ -268,7 +268,7 @@ def test_the_registry_snapshot(world):
     alice = world.people["alice"]
     world.agent("mover")
     camera = keys.public_raw(keys.generate())
-    with world.anonymous() as http:
+    with world.known() as http:
         fetch = lambda audience=AUDIENCE: registry.open(
             http.get(ISSUER + "/registry", params={"audience": audience}).text, world.trust.registry, DEFAULT
         )

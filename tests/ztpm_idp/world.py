@@ -18,7 +18,7 @@ from ztpm_idp.bootstrap import FirstPerson, initialise
 from capabilities.keys import keys
 from capabilities.statements import workload
 from ztpm_idp import IdpKeys, Settings, create_app
-from ztpm_idp.client import Agent, Operator
+from ztpm_idp.client import Agent, Operator, ProofAuth
 from ztpm_idp.store import Store
 
 START_S = 1_800_000_000.0
@@ -169,6 +169,11 @@ class World:
 
     def anonymous(self) -> httpx2.Client:
         return httpx2.Client(transport=self.transport, base_url=ISSUER)
+
+    def known(self, name="dan") -> httpx2.Client:
+        """A client that signs as a registered party."""
+        auth = ProofAuth(self.private[name], now=self.clock)
+        return httpx2.Client(transport=self.transport, base_url=ISSUER, auth=auth)
 
     def workload_token(self, name, *, signer=None, **changes) -> str:
         """Workload token of the platform for an agent, with the changes of a test."""

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.registry import RegistrySnapshot
     from ztpm.cell.cell import Cell
-    from ztpm_idp.client import Operator
+    from ztpm_idp.client import Operator, ProofAuth
 
 TIMEOUT_S: Final = 5.0
 
@@ -61,20 +61,21 @@ class Differing:
         return f"{self.kind} {self.name}: {self.how}"
 
 
-def registered(issuer: str, audience: str, trust: TrustBundle) -> RegistrySnapshot:
+def registered(issuer: str, audience: str, trust: TrustBundle, *, auth: ProofAuth) -> RegistrySnapshot:
     """The signed registry for a cell.
 
     Args:
         issuer: base URL of the identity provider.
         audience: canonical URL of the cell's tool server.
         trust: holds the registry's key.
+        auth: signs as a registered party; strangers are told nothing.
 
     Raises:
         EnrolmentError: when there is no answer, or none that verifies.
     """
     try:
         with direct_http.client(TIMEOUT_S) as http:
-            answer = http.get(f"{issuer}/registry", params={"audience": audience}, follow_redirects=False)
+            answer = http.get(f"{issuer}/registry", params={"audience": audience}, auth=auth, follow_redirects=False)
         if answer.status_code != 200:
             raise EnrolmentError(f"the registry answers {answer.status_code}")
         snapshot = registry.open(answer.text, trust.registry, CAPS)
@@ -144,7 +145,8 @@ def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, .
         EnrolmentError: when the registry cannot be had.
         ztpm_idp.client.ClientError: when the provider refuses.
     """
-    found = differences(cell, registered(cell.addresses.issuer, cell.addresses.audience, trust))
+    snapshot = registered(cell.addresses.issuer, cell.addresses.audience, trust, auth=admin.auth())
+    found = differences(cell, snapshot)
     if cell.layout.enrolled.exists():
         return found
     missing = {

@@ -37,7 +37,7 @@ def pin(
     try:
         audience = read_addresses(layout).audience
         trust = TrustBundle.from_json(layout.trust.read_bytes())
-        found = tool_differences(registered(issuer_of(layout, as_json=as_json), audience, trust))
+        found = tool_differences(registered(issuer_of(layout, as_json=as_json), audience, trust, auth=person.auth()))
     except EnrolmentError as error:
         fail("REGISTRY_UNAVAILABLE", str(error), as_json=as_json)
     except (SetupError, OSError, CapabilityError) as error:

@@ -116,7 +116,7 @@ def _lent(
             typer.echo(f"The robot is at {host}.")
 
     try:
-        place = place_of(layout_of(directory, as_json=as_json), door=door, audience=audience, pep=pep)
+        place = place_of(layout_of(directory, as_json=as_json), key, door=door, audience=audience, pep=pep)
         host = address or free_address()
         leased = open_lease(place.door, text, begin_lease(place, text, key))
         with RefusalLines(on_standard_error) as lines:

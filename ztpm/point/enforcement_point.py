@@ -114,6 +114,7 @@ class EnforcementPoint:
         self.follower = ProviderFollower(
             self.http,
             issuer=config.issuer,
+            key=key,
             audience=config.audience,
             trust=trust,
             caps=CAPS,

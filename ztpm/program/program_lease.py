@@ -32,7 +32,7 @@ from ztpm.base.parent_watch import ends_with_parent
 from ztpm.cell.enrolment import EnrolmentError, registered
 from ztpm.cell.setup import GATEWAY_ID, SetupError, read_addresses
 from ztpm.program.program_ports import ProgramPorts
-from ztpm_idp.client import direct_http
+from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -100,11 +100,12 @@ class Place:
     gateway_key: bytes
 
 
-def place_of(layout: Layout, *, door: str = "", audience: str = "", pep: str = GATEWAY_ID) -> Place:
+def place_of(layout: Layout, key: PrivateKey, *, door: str = "", audience: str = "", pep: str = GATEWAY_ID) -> Place:
     """Place of a cell's lease.
 
     Args:
         layout: of the cell; its trust bundle names the identity provider.
+        key: of the agent, which the identity provider tells who the gateway is.
         door: URL of the gateway's door, in place of the cell's own gateway.
         audience: canonical URL of the cell, in place of its own.
         pep: id of the gateway, as it is registered.
@@ -117,7 +118,7 @@ def place_of(layout: Layout, *, door: str = "", audience: str = "", pep: str = G
         if not (door and audience):
             addresses = read_addresses(layout)
             door, audience = door or addresses.door, audience or addresses.audience
-        serving = registered(trust.issuer, audience, trust).peps
+        serving = registered(trust.issuer, audience, trust, auth=ProofAuth(key)).peps
     except (OSError, CapabilityError) as error:
         raise LeaseError("NOT_A_CELL", f"{layout.trust}: {type(error).__name__}", refused=False) from error
     except SetupError as error:

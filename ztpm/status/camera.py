@@ -1,6 +1,7 @@
-"""Collector of a cell's picture: its processes, the provider's public answers, the gateway's report, its journal.
+"""Collector of a cell's picture: its processes, the provider's answers, the gateway's report, its journal.
 
-No key is used: what only a person may ask the provider, such as what an ask says, is one link or command away.
+The gateway's key asks for the registry, and no person's key is used: what only a person may ask the provider, such as
+what an ask says, is one link or command away.
 """
 
 from __future__ import annotations
@@ -13,10 +14,11 @@ import httpx2
 from capabilities.statements import registry
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError
+from ztpm.base.layout import read_key
 from ztpm.cell.cell import PROCESSES
 from ztpm.status.decisions import Decisions
 from ztpm.status.picture import Known, Part, Snapshot
-from ztpm_idp.client import direct_http
+from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -60,6 +62,7 @@ class SnapshotCollector:
         self._wall_s = wall_s
         self._clock = clock
         self._http = direct_http.client(ANSWER_S, transport)
+        self._auth = ProofAuth(read_key(cell.layout.gateway_key, cell.passphrase), now=wall_s)
         self._decisions = Decisions(cell.layout.gateway_journal)
         self._lock = threading.Lock()
         self._kept: tuple[float, Snapshot] | None = None
@@ -124,7 +127,9 @@ class SnapshotCollector:
     def _agents(self) -> tuple[Known, ...] | None:
         try:
             answer = self._http.get(
-                f"{self._cell.addresses.issuer}/registry", params={"audience": self._cell.addresses.audience}
+                f"{self._cell.addresses.issuer}/registry",
+                params={"audience": self._cell.addresses.audience},
+                auth=self._auth,
             )
             snapshot = registry.open(answer.text, self._trust.registry, CAPS)
         except (httpx2.HTTPError, CapabilityError):

@@ -23,12 +23,10 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.parties import (
     PersonRole,
-    RegisteredAgent,
     RegisteredPep,
     RegisteredPerson,
     RegisteredSensor,
     RegisteredTool,
-    Standing,
 )
 from ztpm_idp.provider.problems import Problem
 
@@ -56,6 +54,8 @@ _STANDING_BYTES: Final = 160
 _DEVIATION_BYTES: Final = 100
 """An edge without its names, an agent without its name and deviations, and a deviation, as JSON, at most."""
 EXPORT_PAGE: Final = 500
+SNAPSHOTS: Final = 64
+"""Most audiences whose registry is kept, the oldest of them forgotten first."""
 ANSWERS_BYTES: Final = 190_000
 """Texts of one `answers` statement, as JSON: in base64 and with the rest they stay below its size (256 KiB)."""
 _ASK_BYTES: Final = 90
@@ -72,6 +72,7 @@ class Deployment(Protocol):
     settings: Settings
     keys: IdpKeys
     store: Store
+    snapshots: dict[str, tuple[int, str]]
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
@@ -204,19 +205,26 @@ def _size(row: conduct.EdgeEntry | conduct.AgentEntry) -> int:
 
 
 async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
-    """The signed registry of `audience`."""
-    as_of_ms = provider.now_ms()
+    """The signed registry of `audience`: of each version one text, which is kept for the next who asks."""
+    as_of_ms, kept = provider.now_ms(), provider.snapshots
     async with provider.store.read() as view:
-        return await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
+        version = (await view.counters()).registry_version
+        if (known := kept.get(audience)) is not None and known[0] == version:
+            return known[1]
+        text = await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
+    kept.pop(audience, None)
+    while len(kept) >= SNAPSHOTS:
+        del kept[next(iter(kept))]
+    kept[audience] = version, text
+    return text
 
 
 async def _registry(provider: Deployment, view: Transaction, *, audience: str, as_of_ms: int) -> str:
     counters = await view.counters()
     tools = await view.tools(audience)
-    sensors = [s for s in await view.all_parties("sensor") if isinstance(s, RegisteredSensor)]
-    agents = [a for a in await view.all_parties("agent") if isinstance(a, RegisteredAgent)]
-    people = [p for p in await view.all_parties("person") if isinstance(p, RegisteredPerson)]
-    peps = [p for p in await view.all_parties("pep") if isinstance(p, RegisteredPep)]
+    sensors = [s for s in await view.active("sensor", audience=audience) if isinstance(s, RegisteredSensor)]
+    people = [p for p in await view.active("person") if isinstance(p, RegisteredPerson)]
+    peps = [p for p in await view.active("pep") if isinstance(p, RegisteredPep)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,
@@ -225,25 +233,12 @@ async def _registry(provider: Deployment, view: Transaction, *, audience: str, a
         tools=tuple(
             registry.ToolEntry(t.name, bytes(t.definition_digest).hex(), t.operation, Tier(t.base_tier)) for t in tools
         ),
-        sensors=tuple(
-            registry.SensorEntry(s.id, s.key, s.calibration.hex(), s.transit_ms)
-            for s in sensors
-            if s.audience == audience and s.standing is Standing.ACTIVE
-        ),
-        trust=tuple(
-            registry.TrustEntry(a.id, a.trust_permille)
-            for a in agents
-            if a.trust_permille is not None and a.standing is not Standing.REVOKED
-        ),
+        sensors=tuple(registry.SensorEntry(s.id, s.key, s.calibration.hex(), s.transit_ms) for s in sensors),
+        trust=tuple(registry.TrustEntry(agent, permille) for agent, permille in await view.trusted()),
         approvers=tuple(
-            registry.PartyEntry(p.id, key)
-            for p in people
-            for key in sorted(p.keys)
-            if PersonRole.APPROVER in p.roles and p.standing is Standing.ACTIVE
+            registry.PartyEntry(p.id, key) for p in people for key in sorted(p.keys) if PersonRole.APPROVER in p.roles
         ),
-        peps=tuple(
-            registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences and p.standing is Standing.ACTIVE
-        ),
+        peps=tuple(registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences),
     )
     return registry.sign(snapshot, provider.keys.registry)
 

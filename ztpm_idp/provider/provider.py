@@ -89,6 +89,7 @@ class Provider:
 
     Attributes:
         epochs: requests that wait for the next revocation.
+        snapshots: signed registries by audience, each with its version (`provider.feed`).
     """
 
     def __init__(
@@ -107,6 +108,7 @@ class Provider:
         self.store = store
         self._now = now
         self.epochs = EpochWait(self._epoch)
+        self.snapshots: dict[str, tuple[int, str]] = {}
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""

@@ -26,8 +26,11 @@ Caller = Annotated[Call, Depends(authenticated)]
 
 
 @router.get("/conduct", response_class=PlainTextResponse)
-async def conduct(request: Request) -> PlainTextResponse:
-    """The signed word on conduct after a version, echoing the caller's nonce. Only a store that can commit answers."""
+async def conduct(request: Request, call: Caller) -> PlainTextResponse:  # noqa: ARG001  being registered is all that is asked
+    """The signed word on conduct after a version, echoing the caller's nonce, for every registered caller.
+
+    Only a store that can commit answers.
+    """
     since, nonce = query_of(request, "since", "nonce")
     known, echoed = since_of(since), nonce_of(nonce)
     text = await conduct_word(provider_of(request), heartbeat_of(request), since=known, nonce=echoed)

@@ -137,8 +137,8 @@ async def give_nonce(request: Request, call: Caller) -> dict[str, Any]:
 
 
 @router.get("/registry", response_class=PlainTextResponse)
-async def registry(request: Request) -> PlainTextResponse:
-    """The signed registry snapshot for one audience."""
+async def registry(request: Request, call: Caller) -> PlainTextResponse:  # noqa: ARG001  being registered is all that is asked
+    """The signed registry snapshot for one audience, for every registered caller."""
     (audience,) = query_of(request, "audience")
     try:
         text.url(audience, most_bytes=wire.URL_BYTES)

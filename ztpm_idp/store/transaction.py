@@ -178,7 +178,7 @@ class Transaction:
             case RevocationKind.HOP:
                 found = t.hops.c.hop_id
             case RevocationKind.KEY:
-                found = t.parties.c.thumbprint
+                return await self._owner_of(id_, {}) is not None
             case RevocationKind.AGENT | RevocationKind.SPONSOR:
                 found = t.parties.c.id
             case RevocationKind.AUDIENCE:
@@ -191,6 +191,22 @@ class Transaction:
     async def all_parties(self, kind: str) -> list[Party]:
         """Every party of a kind, by id."""
         return await self._read(t.parties.c.kind == kind)
+
+    async def active(self, kind: str, *, audience: str | None = None) -> list[Party]:
+        """Active parties of a kind, by id; of sensors, those of an audience."""
+        of = (t.parties.c.kind == kind, t.parties.c.standing == Standing.ACTIVE.value)
+        return await self._read(sa.and_(*of, *(() if audience is None else (t.sensors.c.audience == audience,))))
+
+    async def trusted(self) -> list[tuple[str, int]]:
+        """Living agents whose trust is stated, by id, with that trust in permille."""
+        a, p = t.agents.c, t.parties.c
+        found = await self._connection.execute(
+            sa.select(a.id, a.trust_permille)
+            .join_from(t.agents, t.parties, p.id == a.id)
+            .where(a.trust_permille.is_not(None), p.standing != Standing.REVOKED.value)
+            .order_by(a.id)
+        )
+        return [(agent, permille) for agent, permille in found]
 
     async def tools(self, audience: str) -> list[sa.Row[Any]]:
         """The tools of an audience, by name."""

@@ -14,12 +14,19 @@ from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, FakeIssuer, ManualClock
 from capabilities.keys import keys
 from capabilities.statements import revocation
 
+PEP_KEY = keys.generate()
+
 
 class World:
     def __init__(self, tmp):
         self.clock = ManualClock()
         self.made, self.trust = issuer_keys()
-        self.issuer = FakeIssuer(self.made, self.clock, tools=[ToolEntry("stop", "d" * 64, "stop", Tier.NO_EFFECT)])
+        self.issuer = FakeIssuer(
+            self.made,
+            self.clock,
+            tools=[ToolEntry("stop", "d" * 64, "stop", Tier.NO_EFFECT)],
+            pep_key=keys.public_raw(PEP_KEY),
+        )
         self.path = tmp / "feed.json"
         self.incidents = []
         self.restart()
@@ -28,6 +35,7 @@ class World:
         self.follower = ProviderFollower(
             self.issuer.client(),
             issuer=ISSUER,
+            key=PEP_KEY,
             audience=AUDIENCE,
             trust=self.trust,
             caps=CAPS,

@@ -18,6 +18,8 @@ pytestmark = pytest.mark.real_time
 NEVER_S = 3_600.0
 """A period that does not end while a test lasts: what is pulled, a hint has caused."""
 
+PEP_KEY = keys.generate()
+
 
 class World:
     """A follower on real time, and a provider whose hints a test gives."""
@@ -25,14 +27,14 @@ class World:
     def __init__(self, tmp):
         self.clock = SystemClock()
         made, self.trust = issuer_keys()
-        self.issuer = FakeIssuer(made, self.clock)
+        self.issuer = FakeIssuer(made, self.clock, pep_key=keys.public_raw(PEP_KEY))
         self.incidents = []
         self.waits = []
         self.pulling, self.most_pulling = 0, 0
         self.hold = None
         self.answer = self.faithful
         self.follower = ProviderFollower(
-            httpx2.AsyncClient(transport=httpx2.MockTransport(self.handle)), issuer=ISSUER, audience=AUDIENCE,
+            httpx2.AsyncClient(transport=httpx2.MockTransport(self.handle)), issuer=ISSUER, key=PEP_KEY, audience=AUDIENCE,
             trust=self.trust, caps=CAPS, clock=self.clock, mark=FeedMarkFile(tmp / "feed.json"), incident=self.incidents.append,
         )  # fmt: skip
 

@@ -12,7 +12,7 @@ from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Ad
 
 from capabilities.keys import keys
 from ztpm.cell import enrolment
-from ztpm_idp.client import ClientError
+from ztpm_idp.client import ClientError, ProofAuth
 
 PASSPHRASE = b"a passphrase for tests"
 
@@ -36,6 +36,9 @@ class Registry:
             (),
             tuple(self.peps.values()),
         )
+
+    def auth(self):
+        return ProofAuth(keys.generate())
 
     def register_pep(self, name, key, audiences):
         assert name not in self.peps
@@ -62,7 +65,7 @@ def cell(tmp_path):
 @pytest.fixture
 def registry(cell, monkeypatch):
     made = Registry(cell)
-    monkeypatch.setattr(enrolment, "registered", lambda issuer, audience, trust: made.snapshot())
+    monkeypatch.setattr(enrolment, "registered", lambda issuer, audience, trust, *, auth: made.snapshot())
     return made
 
 
@@ -130,4 +133,4 @@ def test_a_first_time_overrides_nothing_that_is_there(cell, registry):
 
 def test_a_registry_that_does_not_answer(cell):
     with pytest.raises(EnrolmentError):
-        registered(cell.addresses.issuer, cell.addresses.audience, None)
+        registered(cell.addresses.issuer, cell.addresses.audience, None, auth=ProofAuth(keys.generate()))

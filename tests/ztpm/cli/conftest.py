@@ -63,6 +63,9 @@ class Double:
     def __exit__(self, *_):
         return None
 
+    def auth(self):
+        """Signs nothing: no test asks what a reader of the registry signs with."""
+
     def __getattr__(self, name):
         if name.startswith("_"):
             raise AttributeError(name)

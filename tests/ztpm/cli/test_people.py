@@ -192,7 +192,7 @@ def changed(cell, monkeypatch):
     snapshot = RegistrySnapshot(
         "http://127.77.0.9:8700/ztpm", 1, "http://127.77.0.9:8800/mcp", 0, tuple(entries), (), (), (), ()
     )
-    monkeypatch.setattr(ztpm.cell.enrolment, "registered", lambda issuer, audience, trust: snapshot)
+    monkeypatch.setattr(ztpm.cell.enrolment, "registered", lambda issuer, audience, trust, *, auth: snapshot)
     return [served[0].name, served[1].name]
 
 

@@ -47,7 +47,7 @@ def register(world, name, *, by="alice"):
 
 
 def fetched(world):
-    with world.anonymous() as http:
+    with world.known() as http:
         text = http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
     return snapshot.open(text, world.trust.registry, DEFAULT)
 

@@ -65,7 +65,7 @@ def test_what_is_lent_is_signed_by_the_active_keys(later):
 
 
 def test_the_bundle_is_published_plain_and_signed(later):
-    with later.anonymous() as http:
+    with later.known() as http:
         plain = TrustBundle.from_json(http.get(ISSUER + "/trust").content)
         statements = http.get(ISSUER + "/trust/signed").json()["statements"]
         snapshot = http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
@@ -115,7 +115,7 @@ def test_people_sensors_and_peps_may_have_p256_keys(tmp_path):
         erin.register_sensor(
             "camera-1", keys.public_raw(private["camera-1"]), calibration="1" * 64, transit_ms=20, audience=AUDIENCE
         )
-        with world.anonymous() as http:
+        with world.known() as http:
             snapshot = registry.open(
                 http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text, world.trust.registry, DEFAULT
             )

@@ -452,7 +452,7 @@ def test_bad_queries_of_the_feed(world, query):
 
 
 def test_bad_queries_of_the_registry(world):
-    with world.anonymous() as http:
+    with world.known() as http:
         for query in (
             "",
             "?audience=",
