@@ -110,9 +110,9 @@ async def revoke(request: Request, call: Caller) -> dict[str, Any]:
     body = call.body(wire.RevocationBody)
     command = commands.Revoke(call.party.id, body.kind, body.id, body.reason)
     provider = provider_of(request)
-    done = await provider.run(command, actor=call.party.id)
-    async with provider.store.read() as view:
-        return {"epoch": done.epoch, "known": await view.knows(body.kind, body.id)}
+    async with provider.store.read() as view:  # before: after the commit nothing may stand between it and its answer
+        known = await view.knows(body.kind, body.id)
+    return {"epoch": (await provider.run(command, actor=call.party.id)).epoch, "known": known}
 
 
 @router.get("/revocations", response_class=PlainTextResponse)
