@@ -78,6 +78,7 @@ class IdpCode(StrEnum):
     # the service
     EPOCH_AHEAD = "EPOCH_AHEAD"
     TOO_MANY_WAITERS = "TOO_MANY_WAITERS"
+    REFUSALS_SPENT = "REFUSALS_SPENT"
     CONFLICT = "CONFLICT"
     STORE_UNAVAILABLE = "STORE_UNAVAILABLE"
     PATH_UNKNOWN = "PATH_UNKNOWN"
@@ -97,6 +98,7 @@ class Refusal:
         detail: for the caller, once authenticated, and for the record; holds no token, no key and no text of a
             stranger.
         recorded: the records of the attempt, for refusals that the ledger must show.
+        charge: events by which it costs trust, once its caller's budget of refusals is spent.
         explanation: of `NOT_NARROWER`, for the holder whose scope it compares with.
     """
 
@@ -104,3 +106,4 @@ class Refusal:
     detail: str = ""
     recorded: tuple[Event, ...] = ()
     explanation: Explanation | None = None
+    charge: tuple[Event, ...] = ()

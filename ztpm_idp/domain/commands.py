@@ -318,7 +318,9 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
         case Delegate(by=by, delegate=delegate, agents=agents):
             holders = agents | {by}
-            return Wanted(parties=holders | {delegate}, nonces_of=delegate, revocations=True, conduct_of=holders)
+            return Wanted(
+                parties=holders | {delegate}, nonces_of=delegate, revocations=True, conduct_of=holders, refusals_of=by
+            )
         case Revoke():
             return _wanted_by_revocation(command)
         case TakeRecords(by=by, records=records):
@@ -332,9 +334,12 @@ def wanted(command: Command) -> Wanted:
                 ask=says.get("ask_id"),
                 asks_of=says.get("audience"),
                 opening=says.get("opening_id"),
+                refusals_of=by,
             )
         case CastVote(by=by, ask_id=ask_id, text=text):
-            return Wanted(parties=frozenset({by}), ask=ask_id, thumbprint=stated(text, DEFAULT).get("kid"))
+            return Wanted(
+                parties=frozenset({by}), ask=ask_id, thumbprint=stated(text, DEFAULT).get("kid"), refusals_of=by
+            )
         case OpenTier4(by=by, text=text):
             says = stated(text, DEFAULT)
             return Wanted(
@@ -342,9 +347,10 @@ def wanted(command: Command) -> Wanted:
                 opening=says.get("opening_id"),
                 openings_of=says.get("audience"),
                 thumbprint=says.get("kid"),
+                refusals_of=by,
             )
         case CloseOpening(by=by, opening_id=opening_id):
-            return Wanted(parties=frozenset({by}), opening=opening_id)
+            return Wanted(parties=frozenset({by}), opening=opening_id, refusals_of=by)
         case _:
             assert_never(command)
 

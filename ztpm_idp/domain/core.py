@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, registry, revocation
+from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, refusals, registry, revocation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
@@ -52,6 +52,13 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         refused = caller_refused(state, command.by)
         if refused is not None:
             return refused
+    outcome = _decided(rules, state, command, at_ms)
+    if isinstance(command, Initialise | Recover | CompleteRecovery) or not isinstance(outcome, Refusal):
+        return outcome
+    return refusals.bounded(state, command.by, outcome, at_ms)
+
+
+def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
     match command:
         case Initialise():
             return registry.initialise(state, command)

@@ -29,6 +29,8 @@ from ztpm_idp.domain.events import (
     PermitConcluded,
     PermitOpened,
     RecordTaken,
+    RefusalCounted,
+    RefusalsSpent,
     Revoked,
     TokenDelegated,
     TokenIssued,
@@ -86,7 +88,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "tool-registered", body
         case TrustStated(agent=agent, permille=permille):
             return "trust-stated", {"agent": agent, "permille": permille}
-        case NonceGiven() | NonceConsumed() | PermitOpened() | PermitConcluded() | ConductObserved():
+        case NonceGiven() | NonceConsumed() | PermitOpened() | PermitConcluded() | ConductObserved() | RefusalCounted():
             return None
         case AgentRestored(agent=agent, reason=reason, relearned=relearned):
             return "agent-restored", {"agent": agent, "reason": reason, "relearned": relearned}
@@ -127,6 +129,8 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "signed": _signed(event.signed),
                 "decision": None if event.decision is None else _decision(event.decision),
             }
+        case RefusalsSpent(agent=agent, number=number, window_s=window_s):
+            return "refusals-spent", {"agent": agent, "number": number, "window_s": window_s}
         case Revoked(kind=kind, id=id_, reason=reason, party=party_id):
             return "revoked", {"kind": kind.value, "id": id_, "reason": reason, "party": party_id}
         case RecordTaken(record=record):

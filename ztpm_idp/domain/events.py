@@ -24,7 +24,10 @@ RevocationKind = revocation.Revoked
 
 @dataclass(frozen=True, slots=True)
 class SignedRequest:
-    """The caller's request as signed, kept for auditors to verify: the proof's `bdg` is the body's SHA-256."""
+    """The caller's request, kept for auditors to verify.
+
+    The body is in canonical form; of one that came so, the proof's `bdg` is the SHA-256.
+    """
 
     method: str
     url: str
@@ -156,6 +159,24 @@ class DelegationRefused:
     widenings: tuple[Widening, ...]
     signed: SignedRequest
     decision: Decision | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class RefusalCounted:
+    """An agent has had so many refusals since a time. Not in the ledger: the refusals are."""
+
+    agent: str
+    since_ms: int
+    number: int
+
+
+@dataclass(frozen=True, slots=True)
+class RefusalsSpent:
+    """An agent has spent its budget of refusals: those that follow in the window are not recorded."""
+
+    agent: str
+    number: int
+    window_s: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -302,6 +323,8 @@ Event = (
     | TokenIssued
     | TokenDelegated
     | DelegationRefused
+    | RefusalCounted
+    | RefusalsSpent
     | Revoked
     | RecordTaken
     | PermitOpened

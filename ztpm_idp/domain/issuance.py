@@ -21,6 +21,7 @@ from ztpm_idp.domain.attestation import judge, may_receive
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
 from ztpm_idp.domain.parties import PersonRole
+from ztpm_idp.domain.refusals import BODY_BYTES, WIDENINGS
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
@@ -173,21 +174,24 @@ class _Refusing:
     at_ms: int
 
     def __call__(self, refusal: Refusal, decision: Decision | None = None) -> Refusal:
+        signed = self.command.signed
         attempt = DelegationRefused(
             token_id=self.chain.token_id,
             parent_hop=self.chain.leaf.hop_id,
             holder=self.chain.leaf.agent,
             delegate=self.command.delegate,
             code=refusal.code.value,
-            widenings=() if refusal.explanation is None else refusal.explanation.widenings,
-            signed=self.command.signed,
+            widenings=() if refusal.explanation is None else refusal.explanation.widenings[:WIDENINGS],
+            signed=signed if len(signed.body) <= BODY_BYTES else replace(signed, body=""),
             decision=decision,
         )
         # Who asked for nothing less did not ask for more: that is a slip.
         slip = refusal.explanation is not None and not refusal.explanation.widenings
         code = Reason.PARAMETERS_WRONG if slip else refusal.code
-        said = _observed(self.rules, self.state, self.chain, self.command.hop_id, at_ms=self.at_ms, refused=code)
-        return replace(refusal, recorded=(attempt, *said))
+        return replace(refusal, recorded=(attempt, *self._observed(code)), charge=self._observed(Reason.NOT_GRANTED))
+
+    def _observed(self, code: Code) -> tuple[Event, ...]:
+        return _observed(self.rules, self.state, self.chain, self.command.hop_id, at_ms=self.at_ms, refused=code)
 
 
 def _observed(

@@ -150,6 +150,8 @@ class Wanted:
     """Subjects in the journal: open PERMITs among these requests, the edges of these hops, and the agents of both."""
     conduct_of: frozenset[str] = frozenset()
     """Agents: their conduct."""
+    refusals_of: str | None = None
+    """An agent: its refusals of late."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +180,7 @@ class State:
         administrators: ids of the active ones.
         open_changes: changes of people that may be open.
         change: the wanted change.
+        refusals: since when, wall clock in milliseconds, and how many of the wanted agent were counted.
         held: of the conduct of the wanted agents and of those that the wanted records are about.
     """
 
@@ -203,3 +206,4 @@ class State:
     open_changes: tuple[Change, ...] = ()
     change: Change | None = None
     held: Held = NOTHING_HELD
+    refusals: tuple[int, int] = (0, 0)

@@ -88,6 +88,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     # the service
     IdpCode.EPOCH_AHEAD: (409, "The caller knows a later epoch than this store: one of the two is wrong."),
     IdpCode.TOO_MANY_WAITERS: (503, "Too many requests wait already."),
+    IdpCode.REFUSALS_SPENT: (429, "Too much that was asked for was refused."),
     IdpCode.CONFLICT: (409, "Another request came first."),
     IdpCode.STORE_UNAVAILABLE: (503, "The store cannot commit; nothing may be taken to hold."),
     IdpCode.PATH_UNKNOWN: (404, "There is nothing at this path."),

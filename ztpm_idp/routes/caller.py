@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from fastapi import Request  # noqa: TC002  the framework reads the annotations
@@ -12,11 +12,12 @@ from capabilities.proof.proof import check_proof
 from capabilities.statements.claims import NONCE
 from capabilities.token.token_text import token_from_text
 from capabilities.values.caps import DEFAULT
-from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.errors import Fault, FaultCode, StatementError
+from capabilities.values.strict_json import canonical
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import SignedRequest
-from ztpm_idp.provider.body_json import BodyError
+from ztpm_idp.provider.body_json import BodyError, parse_json
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import Body, parse_body
 
@@ -50,14 +51,23 @@ class Call:
         key: the key that signed the proof.
         token: the token of `Authorization: DPoP`, decoded; the proof names it.
         raw: the body as it came.
-        signed: the part of it that the ledger keeps.
+        sent: method, address and proof.
     """
 
     party: Party
     key: bytes
     token: bytes | None
     raw: bytes
-    signed: SignedRequest
+    sent: SignedRequest
+
+    @property
+    def signed(self) -> SignedRequest:
+        """The part of the request that the ledger keeps.
+
+        Raises:
+            Problem: with the code of the fault, for a body that is no JSON.
+        """
+        return _kept(self.sent, self.raw)
 
     def body(self, model: type[B]) -> B:
         """The body as `model`.
@@ -74,7 +84,16 @@ class RootCall:
 
     key: bytes
     raw: bytes
-    signed: SignedRequest
+    sent: SignedRequest
+
+    @property
+    def signed(self) -> SignedRequest:
+        """The part of the request that the ledger keeps.
+
+        Raises:
+            Problem: with the code of the fault, for a body that is no JSON.
+        """
+        return _kept(self.sent, self.raw)
 
     def body(self, model: type[B]) -> B:
         """The body as `model`.
@@ -83,6 +102,20 @@ class RootCall:
             Problem: with the code of the fault.
         """
         return _body(model, self.raw)
+
+
+def _kept(sent: SignedRequest, raw: bytes) -> SignedRequest:
+    """The request with its body in canonical form, so that blanks fill no ledger.
+
+    A body that came so, as our clients send it, is verified with the proof's `bdg`.
+    """
+    try:
+        body = canonical(parse_json(raw))
+    except BodyError as error:
+        raise Problem(error.code, error.detail) from None
+    except StatementError:
+        raise Problem(IdpCode.BODY_MALFORMED) from None
+    return replace(sent, body=body.decode())
 
 
 def _body(model: type[B], raw: bytes) -> B:
@@ -128,12 +161,12 @@ async def by_root(request: Request) -> RootCall:
     Raises:
         Problem: as `authenticated`; `NOT_PERMITTED` for any other key.
     """
-    proof, (key, _, raw, signed) = _proven(request, await read_body(request, body_bytes=SMALL_BYTES))
+    proof, (key, _, raw, sent) = _proven(request, await read_body(request, body_bytes=SMALL_BYTES))
     provider = provider_of(request)
     if key != provider.rules.root_key:
         raise Problem(IdpCode.NOT_PERMITTED)
     await provider.use_up(proof)
-    return RootCall(key, raw, signed)
+    return RootCall(key, raw, sent)
 
 
 async def _authenticated(request: Request, raw: bytes) -> Call:
@@ -169,8 +202,7 @@ def _proven(request: Request, raw: bytes) -> tuple[Proof, tuple[bytes, bytes | N
     token = None if token_text is None else token_from_text(token_text, DEFAULT)
     if isinstance(token, Fault):
         raise Problem(token.code, token.detail)
-    signed = SignedRequest(request.method, url, raw.decode("utf-8", errors="replace"), proof_text)
-    return proof, (proof.key, token, raw, signed)
+    return proof, (proof.key, token, raw, SignedRequest(request.method, url, "", proof_text))
 
 
 def prefix_of(provider: Provider) -> str:

@@ -229,6 +229,15 @@ openings = sa.Table(
     sa.Column("text", sa.Text, nullable=False),
 )
 
+refusals = sa.Table(
+    "refusals",
+    metadata,
+    sa.Column("agent", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("since_ms", sa.BigInteger, nullable=False),
+    sa.Column("number", sa.Integer, nullable=False),
+)
+"""Refusals of each agent in its newest window."""
+
 permits = sa.Table(
     "permits",
     metadata,

@@ -28,6 +28,8 @@ from ztpm_idp.domain.events import (
     PermitConcluded,
     PermitOpened,
     RecordTaken,
+    RefusalCounted,
+    RefusalsSpent,
     RevocationKind,
     Revoked,
     TokenDelegated,
@@ -144,6 +146,7 @@ class Transaction:
             open_changes=await self.people.open_changes(at_ms=young_ms) if wanted.people else (),
             change=change,
             held=held,
+            refusals=await self._refusals(wanted.refusals_of),
         )
 
     async def counters(self) -> Counters:
@@ -305,6 +308,15 @@ class Transaction:
         )  # fmt: skip
         return Journal(row.journal_seq, row.journal_head, {row.seq: row.hash for row in found})
 
+    async def _refusals(self, agent: str | None) -> tuple[int, int]:
+        c = t.refusals.c
+        found = (
+            None
+            if agent is None
+            else (await self._connection.execute(sa.select(c.since_ms, c.number).where(c.agent == agent))).one_or_none()
+        )
+        return (0, 0) if found is None else (found.since_ms, found.number)
+
     async def _revoked_at(self, what: tuple[str, str] | None) -> int | None:
         if what is None:
             return None
@@ -403,7 +415,12 @@ class Transaction:
             case TokenDelegated(chain=chain):
                 place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
                 await self._hop(event.hop, event.scope, place, at_ms)
-            case DelegationRefused() | ApprovalActRefused():
+            case RefusalCounted(agent=agent, since_ms=since_ms, number=number):
+                await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))
+                await self._connection.execute(
+                    sa.insert(t.refusals).values(agent=agent, since_ms=since_ms, number=number)
+                )  # fmt: skip
+            case DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
                 pass  # the ledger entry is all there is
             case Revoked():
                 pass  # all of them at once, in `_revoke`

@@ -63,6 +63,7 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
         file = tmp_path / "idp.sqlite"
         with closing(sqlite3.connect(file)) as base, base:
             for table in (
+                "refusals",
                 "change_words",
                 "changes",
                 "person_keys",
@@ -99,6 +100,7 @@ def first_rows(file):
             for n in names
             if n
             not in {
+                "refusals",
                 "change_words",
                 "changes",
                 "person_keys",
@@ -179,6 +181,7 @@ def everything(world):
                 "permits",
                 "conduct",
                 "edges",
+                "refusals",
             )
         }
 
