@@ -63,7 +63,7 @@ def test_a_padded_request_is_kept_in_its_canonical_form(lent):
     canonical, before = rfc8785.dumps(body), sum(len(json.dumps(entry)) for entry in entries(lent))
     spelled = [
         canonical,
-        canonical[:-1] + b"\n" * 200_000 + b"}",
+        canonical[:-1] + b"\n" * 30_000 + b"}",
         json.dumps(body, indent=8).encode(),
         json.dumps(dict(reversed(body.items()))).encode(),
     ]

@@ -49,7 +49,7 @@ def by(world, person, key):
 
 
 def snapshot(world):
-    with world.anonymous() as http:
+    with world.known("bob") as http:
         text = http.get(ISSUER + "/registry", params={"audience": AUDIENCE}).text
     return registry.open(text, world.trust.registry, DEFAULT)
 
