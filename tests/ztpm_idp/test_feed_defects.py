@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-import time
 from contextlib import closing
 from dataclasses import replace
 
@@ -16,7 +15,6 @@ from tests.ztpm_idp.test_revoking import forest, index
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.events import PartyRegistered, RevocationKind, ToolRegistered
-from ztpm_idp.domain.ledger import FIRST_PREV, record_digest, seal
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredSensor, RegisteredTool, Standing
 from ztpm_idp.provider import provider as at_work
 from ztpm_idp.provider.feed import SNAPSHOTS
@@ -24,8 +22,7 @@ from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import rows
 
 from capabilities.keys import keys
-from capabilities.statements import checkpoint, registry
-from ztpm_idp import IdpKeys, ledger_file
+from capabilities.statements import registry
 from ztpm_idp.client import ClientError
 
 pytestmark = pytest.mark.long
@@ -205,36 +202,6 @@ def test_a_stranger_is_told_both_algorithms(world):
     with world.anonymous() as http:
         told = http.post(ISSUER + "/tokens").headers["www-authenticate"]
     assert 'algs="EdDSA ES256"' in told
-
-
-@pytest.mark.long
-def test_an_exported_ledger_is_verified_ten_thousand_entries_a_second():
-    """Processor time for 3,000 entries of decisions, at the promise of 10 s for 100,000; slack for a loaded machine."""
-    made = IdpKeys(*(keys.generate() for _ in range(5)))
-    trust = made.trust(issuer=ISSUER, root_key_id=1)
-    lines, head, record_head = [], FIRST_PREV, FIRST_PREV
-    findings = [{"primitive": f"TEA-{n}", "reason": "HOLDS", "value": n, "limit": 1_000 * n} for n in range(18)]
-    for seq in range(1, 3_001):
-        decided = {
-            "request_id": f"{seq:032x}",
-            "effect": "PERMIT",
-            "findings": findings,
-            "index": 1.25,
-            "for": "räumen",
-        }
-        record = {"v": 1, "pep": "p", "seq": seq, "prev": record_head, "at_ms": 1, "kind": "decision", "body": decided}
-        record_head = record_digest(record)
-        entry = seal(seq=seq, prev=head, at_ms=1, actor="p", kind="pep-record", body={"record": record})
-        lines.append(entry.line)
-        head = entry.digest
-    signed = checkpoint.sign(checkpoint.Checkpoint(issuer=ISSUER, size=3_000, head=head, as_of_ms=1), made.ledger)
-    lines.append(f'{{"checkpoint":"{signed}"}}'.encode())
-    spent = []
-    for _ in range(3):
-        began = time.process_time()
-        assert isinstance(ledger_file.verify(lines, trust), ledger_file.Verified)
-        spent.append(time.process_time() - began)
-    assert min(spent) < 3_000 * 10 / 100_000
 
 
 def test_strangers_read_neither_registry_nor_conduct(world):
