@@ -5,6 +5,7 @@ The first time on a machine it takes minutes, from then on a second. Until it is
 
 from __future__ import annotations
 
+import gc
 import threading
 import time
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from pep.pit.robot.robot import Robot
 from pep.pit.scene.cell import CellParameters
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.search.engine import chosen
+from pep.pit.search.kernel import compiled_path
 from pep.pit.search.kernel.arithmetic.compilation import ENTRIES
 from pep.pit.search.kernel.step_arrays import ready_of
 from pep.pit.search.kernel.step_bound import settle
@@ -27,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 TOLD_EACH_S: Final = 1.0  # ours: how often progress is told
+MANY: Final = 1_000_000  # objects, ours: so many come of compiling; of reading, a tenth. Looking once takes a second
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +48,20 @@ class Progress:
 @cache
 def compile_all() -> None:
     """Compiles every function of the kernel, or reads earlier compilations."""
-    chosen()
-    compiled_sight.compile_all()
-    robot, cell = Robot.load("ur3e"), CellParameters()
-    pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
-    settle(ready_of(robot, pairs, cell, sighted_s=0.0), SERVO, np.zeros((STEP, JOINTS)), 0.0, 0.0)
+    collects = gc.isenabled()
+    gc.disable()  # looking through all that a compiler makes takes longer and longer
+    try:
+        compiled_path.compile_all()
+        if gc.get_count()[0] > MANY:
+            gc.collect()
+        chosen()
+        compiled_sight.compile_all()
+        robot, cell = Robot.load("ur3e"), CellParameters()
+        pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
+        settle(ready_of(robot, pairs, cell, sighted_s=0.0), SERVO, np.zeros((STEP, JOINTS)), 0.0, 0.0)
+    finally:
+        if collects:
+            gc.enable()
 
 
 def compile_telling(tell: Callable[[Progress], None], *, clock: Callable[[], float] = time.monotonic) -> None:

@@ -26,9 +26,19 @@ from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, Certified, Fit, 
 from pep.pit.search.kernel import course_rows, course_search
 from pep.pit.search.kernel.arithmetic import bending, course_poses, line_pieces
 from pep.pit.search.kernel.arithmetic.joint_torques import masses_of, torques
-from pep.pit.search.kernel.arithmetic.row_table import BOUND
+from pep.pit.search.kernel.arithmetic.row_table import BOUND, Rows
 from pep.pit.search.kernel.arithmetic.tool_pose import KernelTwist, Wrist
-from pep.pit.search.kernel.compiled_path import arm_of, law_of, leaves_of, packed, table_of, timing_of
+from pep.pit.search.kernel.compiled_path import (
+    NO_FIELD,
+    NO_NUMBERS,
+    arm_of,
+    law_of,
+    leaves_of,
+    packed,
+    table_of,
+    timing_of,
+    unknown_rows,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -138,6 +148,15 @@ class CompiledCourse(Course):
         self._keep(self._held)
         return q, dq
 
+    def _answered(
+        self, what: int, field: Field, rows: Rows, timing: Floats = NO_NUMBERS, law: Floats = NO_NUMBERS, *more: float
+    ) -> tuple[Rows, float]:
+        """Answer of the kernel, which may have got to know configurations."""
+        numbers = np.array(more, dtype=float)
+        held, found, number = course_rows.answered(what, self._held, self._curve, field, rows, timing, law, numbers)
+        self._keep(held)
+        return found, number
+
     @property
     def known(self) -> tuple[Keys, Floats]:
         """As `Course.known`."""
@@ -146,16 +165,13 @@ class CompiledCourse(Course):
 
     def rush(self, low: Keys, high: Keys) -> Floats:
         """As `Route.rush`."""
-        held, found = course_rows.rushes(self._held, self._curve, low, high)
-        self._keep(held)
-        return np.asarray(found)
+        found, _ = self._answered(course_rows.RUSHES, NO_FIELD, unknown_rows(low, high, np.zeros_like(low)))
+        return np.asarray(found.numbers)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
         """As `Route.examine`."""
-        asked = np.stack([low, high, pair], axis=1)
-        held, rows = course_rows.examined(self._held, self._curve, self.packed(pairs), asked)
-        self._keep(held)
-        return leaves_of(rows)
+        found, _ = self._answered(course_rows.EXAMINED, self.packed(pairs), unknown_rows(low, high, pair))
+        return leaves_of(found)
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Route.rush_at`."""
@@ -166,9 +182,9 @@ class CompiledCourse(Course):
         return self._at(pairs, key, pair)[0]
 
     def _at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> tuple[Floats, Floats]:
-        held, clearance, rush = course_rows.met_at(self._held, self._curve, self.packed(pairs), int(key), pair)
-        self._keep(held)
-        return clearance, rush
+        rows = unknown_rows(pair, pair, pair)
+        found, _ = self._answered(course_rows.MET_AT, self.packed(pairs), rows, NO_NUMBERS, NO_NUMBERS, key)
+        return found.numbers[:, 0], found.numbers[:, 1]
 
     def certify(
         self,
@@ -205,12 +221,9 @@ class CompiledCourse(Course):
     ) -> Fit:
         """As `CompiledPath.fits`."""
         check_time()
-        rows, law = table_of(leaves), np.array(law_of(pairs, stop))
-        held, proven, kept = course_rows.fits(
-            self._held, self._curve, self.packed(pairs), rows, np.array(timing_of(profile)), law, index
-        )
-        self._keep(held)
-        return Fit(leaves_of(kept), proven)
+        timing, law = np.array(timing_of(profile)), np.array(law_of(pairs, stop))
+        kept, proven = self._answered(course_rows.FITS, self.packed(pairs), table_of(leaves), timing, law, index)
+        return Fit(leaves_of(kept), bool(proven))
 
     def blow_ratio(self, pairs: Pairs, profile: Profile, stop: Stopping, *, check_time: Check) -> float:
         """As `CompiledPath.blow_ratio`."""
@@ -218,20 +231,9 @@ class CompiledCourse(Course):
         people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
         if not people.size:
             return 0.0
-        field, law, first = self.packed(pairs), np.array(law_of(pairs, stop)), len(cut(self)[0])
-        held, proven = course_rows.blow(
-            self._held,
-            self._curve,
-            field,
-            people,
-            np.array(timing_of(profile)),
-            law,
-            first,
-            BLOW_DEPTH,
-            BLOW_RESOLUTION,
-        )
-        self._keep(held)
-        return float(proven)
+        timing, law = np.array(timing_of(profile)), np.array(law_of(pairs, stop))
+        rows, more = unknown_rows(people, people, people), (len(cut(self)[0]), BLOW_DEPTH, BLOW_RESOLUTION)
+        return self._answered(course_rows.BLOW, self.packed(pairs), rows, timing, law, *more)[1]
 
 
 def _witnesses(found: course_search.CurveMet) -> list[Witness]:

@@ -16,7 +16,7 @@ from pep.pit.scene.cell import CellParameters
 from pep.pit.search.arm_limits import Ratio, carried_ratio, speed_shares
 from pep.pit.search.certify import cuts
 from pep.pit.search.kernel.compiled_path import CompiledPath, blocks
-from pep.pit.search.kernel.loads import QUANTITIES, intervals, laid_out, under
+from pep.pit.search.kernel.loads import QUANTITIES, laid_out, under
 from pep.pit.search.kernel.search_columns import NOBODY
 from pep.pit.search.surface_speeds import FINER
 from pep.pit.search.torques import carried_kg, masses_with
@@ -57,7 +57,7 @@ class Demands:
         arm, edges = blocks(robot), _edges(FINER * cuts(path))
         found = laid_out(*arm, masses_with(robot, carried_kg(robot, cell)), asked, edges)
         self._known = *arm, asked, _shares_of(robot, cell), _limits_of(robot, cell), *found
-        self._last: tuple[Profile, Floats, Floats] | None = None
+        self._last: tuple[Profile, Floats, Floats, Keys, Keys] | None = None
 
     def surface_speed_m_s(self, profile: Profile) -> Floats:
         """Proven bound on the surface speed of every body of the robot over the whole path, shape (bodies,)."""
@@ -65,8 +65,10 @@ class Demands:
 
     def intervals(self, profile: Profile) -> tuple[Keys, Keys]:
         """Ends of the intervals on which these speeds are proven, in order, in 1 / GRID, (n,) each."""
-        arm_numbers, arm_whole, asked, shares, _, equal, _ = self._known
-        low, high = intervals(arm_numbers, arm_whole, asked, shares, equal, _timing(profile))
+        _, _, _, low, high = self._found(profile)
+        if not len(low):
+            edges = _edges(len(self._known[5]))  # the equal ones, of which the speeds per unit of ds/dt are known
+            return edges[:-1], edges[1:]
         order = np.argsort(low)
         return low[order], high[order]
 
@@ -97,11 +99,11 @@ class Demands:
         found = under(*self._known, _timing(profile), slowest, index)[-1]
         return None if found == NOBODY else float(found)
 
-    def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats]:
+    def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats, Keys, Keys]:
         if self._last is None or self._last[0] != profile:
             # At no slower speed than its own: there is none to look for.
-            ratios, most, _ = under(*self._known, _timing(profile), profile.speed_rad_s, HIGHEST)
-            self._last = profile, ratios, most
+            ratios, most, low, high, _ = under(*self._known, _timing(profile), profile.speed_rad_s, HIGHEST)
+            self._last = profile, ratios, most, low, high
         return self._last
 
 
@@ -119,7 +121,6 @@ def compile_all() -> None:
         raise AssertionError("the move goes somewhere")
     demands = Demands(CompiledPath(robot, run), cell)
     demands.ratios(profile)
-    demands.intervals(profile)
     demands.fastest(run, MOVING, slowest=profile.speed_rad_s / 2, check_time=_no_limit)
 
 

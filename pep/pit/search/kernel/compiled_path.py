@@ -28,12 +28,12 @@ from pep.pit.search.certify import BLOW_DEPTH, BLOW_RESOLUTION, FIRST_CUT_LEAST,
 from pep.pit.search.kernel.arithmetic.body_poses import Arm, bends_of, blocks_of
 from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath, balls_of
 from pep.pit.search.kernel.arithmetic.place_clearance import clearances
-from pep.pit.search.kernel.arithmetic.row_table import Rows
+from pep.pit.search.kernel.arithmetic.row_table import NUMBERS, Rows
 from pep.pit.search.kernel.scratch import ASKED, room_for
 from pep.pit.search.kernel.search_columns import HIDDEN, KINDS, LOOKS, NOBODY, SPARE, TOO_MANY
 from pep.pit.search.kernel.straight_answer import StraightCertified, StraightFindings
 from pep.pit.search.kernel.straight_calls import certify
-from pep.pit.search.kernel.straight_halving import blow, examined, fits, met_at, nothing_known, rushes
+from pep.pit.search.kernel.straight_halving import BLOW, EXAMINED, FITS, MET_AT, RUSHES, answered, nothing_known
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -48,6 +48,9 @@ if TYPE_CHECKING:
     from pep.pit.search.kernel.scratch import Room
     from pep.pit.search.kernel.straight_halving import StraightConfigurations
 
+NO_NUMBERS: Final = np.zeros(0)
+NO_ROW_NUMBERS: Final = np.zeros((0, NUMBERS))
+NO_FIELD: Final = Field(np.zeros((0, 1)), np.zeros((0, 1)), np.zeros((0, 1), np.int64))
 _ASKED: Final = struct.Struct(f"{ASKED}d")
 _AS_FAST: Final = Slower(0.0, 0.0, 0.0, 0.0)  # where no slower speed is looked for
 PACKS_KEPT: Final = 16  # some scenes' pairs, and those of slower speeds: 80 kB each
@@ -150,18 +153,29 @@ class CompiledPath(Path):
 
     def rush(self, low: Keys, high: Keys) -> Floats:
         """As `Route.rush`."""
-        self._held, found = rushes(self._held, self._way, low, high)
-        return np.asarray(found)
+        nobody = np.zeros_like(low)
+        found, _ = self._answered(RUSHES, NO_FIELD, unknown_rows(low, high, nobody))
+        return np.asarray(found.numbers)
 
     def examine(self, pairs: Pairs, low: Keys, high: Keys, pair: NDArray[np.intp]) -> Leaves:
         """As `Route.examine`."""
-        self._held, rows = examined(self._held, self._way, self.packed(pairs), np.stack([low, high, pair], axis=1))
-        return leaves_of(rows)
+        found, _ = self._answered(EXAMINED, self.packed(pairs), unknown_rows(low, high, pair))
+        return leaves_of(found)
+
+    def _answered(
+        self, what: int, field: Field, rows: Rows, timing: Floats = NO_NUMBERS, law: Floats = NO_NUMBERS, *more: float
+    ) -> tuple[Rows, float]:
+        """Answer of the kernel, which may have got to know configurations."""
+        numbers = np.array(more, dtype=float)
+        self._held, found, number = answered(what, self._held, self._way, field, rows, timing, law, numbers)
+        return found, number
 
     def rush_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Route.rush_at`."""
-        self._held, _, rush = met_at(self._held, self._way, self.packed(pairs), key, pair)
-        return np.asarray(rush)
+        found, _ = self._answered(
+            MET_AT, self.packed(pairs), unknown_rows(pair, pair, pair), NO_NUMBERS, NO_NUMBERS, key
+        )
+        return found.numbers[:, 1]
 
     def clearance_at(self, pairs: Pairs, key: int, pair: NDArray[np.intp]) -> Floats:
         """As `Route.clearance_at`."""
@@ -234,16 +248,9 @@ class CompiledPath(Path):
         slower speed, never a faster.
         """
         check_time()
-        self._held, proven, rows = fits(
-            self._held,
-            self._way,
-            self.packed(pairs),
-            table_of(leaves),
-            np.array(timing_of(profile)),
-            np.array(law_of(pairs, stop)),
-            index,
-        )
-        return Fit(leaves_of(rows), proven)
+        timing, law = np.array(timing_of(profile)), np.array(law_of(pairs, stop))
+        rows, proven = self._answered(FITS, self.packed(pairs), table_of(leaves), timing, law, index)
+        return Fit(leaves_of(rows), bool(proven))
 
     def blow_ratio(
         self,
@@ -258,22 +265,13 @@ class CompiledPath(Path):
         people = np.flatnonzero(pairs.kind == pair_columns.PERSON)
         if not people.size:
             return 0.0
-        self._held, proven = blow(
-            self._held,
-            self._way,
-            self.packed(pairs),
-            people,
-            np.array(timing_of(profile)),
-            np.array(law_of(pairs, stop)),
-            FIRST_CUT_LEAST,
-            BLOW_DEPTH,
-            BLOW_RESOLUTION,
-        )
-        return float(proven)
+        timing, law = np.array(timing_of(profile)), np.array(law_of(pairs, stop))
+        rows, more = unknown_rows(people, people, people), (FIRST_CUT_LEAST, BLOW_DEPTH, BLOW_RESOLUTION)
+        return self._answered(BLOW, self.packed(pairs), rows, timing, law, *more)[1]
 
 
 def compile_all() -> None:
-    """Compiles every entry into the kernel, or reads it from disk: 100 s of one core the first time."""
+    """Compiles every entry into the kernel, or reads it from disk: a minute of one core the first time."""
     robot, cell = Robot.load("ur3e"), CellParameters()
     move = MoveJ((0.0, -1.5, 1.5, -1.5, -1.5, 0.0), (0.4, -1.5, 1.5, -1.5, -1.5, 0.0), 0.5, 1.4)
     profile = profile_of(move)
@@ -361,6 +359,11 @@ def law_of(pairs: Pairs, stop: Stopping) -> tuple[float, ...]:
         pairs.penetration_band,
         pairs.contact_speed,
     )
+
+
+def unknown_rows(low: Keys, high: Keys, pair: NDArray[np.intp]) -> Rows:
+    """Rows of which nothing is known yet."""
+    return Rows(np.stack([low, high, pair], axis=1), NO_ROW_NUMBERS)
 
 
 def leaves_of(rows: Rows) -> Leaves:

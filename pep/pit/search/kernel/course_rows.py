@@ -22,6 +22,7 @@ from pep.pit.search.kernel.arithmetic.bending import (
 )
 from pep.pit.search.kernel.arithmetic.body_poses import place, place_all
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
 from pep.pit.search.kernel.arithmetic.course_poses import row_of, rows_of, with_room
 from pep.pit.search.kernel.arithmetic.index_law import blow_of, highest_rate, rate_at
@@ -52,6 +53,9 @@ if TYPE_CHECKING:
     from pep.pit.search.kernel.arithmetic.pair_rows import Field
 
     Whole = NDArray[np.int64]
+
+# What may be asked of a course, of `answered`.
+EXAMINED, FITS, BLOW, RUSHES, MET_AT = range(5)
 
 
 @compiled
@@ -87,14 +91,14 @@ def _intervals(asked: Whole) -> int:
     return count
 
 
-@entry
+@compiled
 def examined(known: CurveConfigurations, curve: Curve, field: Field, asked: Whole) -> tuple[CurveConfigurations, Rows]:
     """The rows (LOW, HIGH, PAIR) of `asked` examined, and the configurations known by then."""
     count = asked.shape[0]
     rows, room = room_for(count), np.empty((BENDS, curve.arm.link.shape[0]))
     numbers, whole, radius = field.numbers, field.whole, curve.arm.radius
     found = rows.numbers
-    rows.whole[:] = asked
+    copy_into(rows.whole, asked)
     worst, at_low, at_mid, at_high = room, 0, 0, 0
     known = with_room(known, 3 * _intervals(asked))
     nodes, arm = known.nodes, curve.arm
@@ -119,7 +123,7 @@ def examined(known: CurveConfigurations, curve: Curve, field: Field, asked: Whol
     return known, rows
 
 
-@entry
+@compiled
 def fits(
     known: CurveConfigurations, curve: Curve, field: Field, leaves: Rows, profile: Floats, law: Floats, index: float
 ) -> tuple[CurveConfigurations, bool, Rows]:
@@ -137,7 +141,7 @@ def fits(
     return known, False, kept
 
 
-@entry
+@compiled
 def blow(
     known: CurveConfigurations,
     curve: Curve,
@@ -214,7 +218,7 @@ def blow(
     return known, proven
 
 
-@entry
+@compiled
 def rushes(known: CurveConfigurations, curve: Curve, low: Whole, high: Whole) -> tuple[CurveConfigurations, Floats]:
     """Bound on the surface speed per unit of ds/dt of every body on each interval, shape (intervals, bodies).
 
@@ -240,7 +244,7 @@ def rushes(known: CurveConfigurations, curve: Curve, low: Whole, high: Whole) ->
     return known, found
 
 
-@entry
+@compiled
 def met_at(
     known: CurveConfigurations, curve: Curve, field: Field, key: int, pair: Whole
 ) -> tuple[CurveConfigurations, Floats, Floats]:
@@ -259,3 +263,52 @@ def met_at(
         clearance[row] = gap[0] - numbers[k, RADII]
         rush[row] = speeds[at, body] + radius[body] * spins[at, body]
     return known, clearance, rush
+
+
+@entry
+def answered(
+    what: int,
+    known: CurveConfigurations,
+    curve: Curve,
+    field: Field,
+    rows: Rows,
+    profile: Floats,
+    law: Floats,
+    numbers: Floats,
+) -> tuple[CurveConfigurations, Rows, float]:
+    """Answer to one of the path's own questions.
+
+    One entry for all, since machine code is made for each with all that it calls.
+
+    Args:
+        what: `EXAMINED`, `FITS`, `BLOW`, `RUSHES` or `MET_AT`.
+        known: the configurations known by now.
+        curve, field: the path, and all pairs.
+        rows: which rows, intervals or pairs are asked about, in the columns of `Rows`.
+        profile, law: timing and stop, where the question has to do with them.
+        numbers: of `FITS` the index; of `BLOW` intervals of the first cut, halvings and resolution; of `MET_AT` the
+            place in 1 / GRID.
+
+    Returns:
+        The configurations known by then; rows as the question has them: of `RUSHES` the speeds of all bodies, of
+        `MET_AT` clearance and speed; and 1 where `FITS` is proven, or the share of `BLOW`.
+    """
+    whole, count = rows.whole, rows.whole.shape[0]
+    if what == EXAMINED:
+        known, found = examined(known, curve, field, whole)
+        return known, found, 0.0
+    if what == FITS:
+        known, proven, kept = fits(known, curve, field, rows, profile, law, numbers[0])
+        return known, kept, 1.0 if proven else 0.0
+    if what == BLOW:
+        first, depths = int(numbers[0]), int(numbers[1])
+        known, share = blow(known, curve, field, whole[:, PAIR].copy(), profile, law, first, depths, numbers[2])
+        return known, rows, share
+    if what == RUSHES:
+        known, most = rushes(known, curve, whole[:, LOW].copy(), whole[:, HIGH].copy())
+        return known, Rows(whole, most), 0.0
+    met = np.empty((count, 2))  # clearance and speed
+    known, clearance, rush = met_at(known, curve, field, int(numbers[0]), whole[:, PAIR].copy())
+    for row in range(count):
+        met[row, 0], met[row, 1] = clearance[row], rush[row]
+    return known, Rows(whole, met), 0.0

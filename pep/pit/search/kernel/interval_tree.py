@@ -10,6 +10,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.search.certify import FIRST_CUT_LEAST
 from pep.pit.search.kernel.arithmetic.body_poses import more_nodes, pose
 from pep.pit.search.kernel.arithmetic.compilation import compiled, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.index_law import highest_rate, rate_at
 
 if TYPE_CHECKING:
@@ -118,11 +119,13 @@ def with_room(tree: Tree) -> Tree:
     if tree.counts[NODES] + 2 > count:
         nodes = more_nodes(nodes)
         key, posed = np.empty(2 * count, np.int64), np.empty(2 * count, np.bool_)
-        key[:count], posed[:count] = tree.key, tree.posed
+        copy_into(key, tree.key)
+        copy_into(posed, tree.posed)
     count = spans.shape[0]
     if tree.counts[SPANS] + 2 > count:
         spans, rates = np.empty((2 * count, SPAN), np.int64), np.empty((2 * count, RATES))
-        spans[:count], rates[:count] = tree.spans, tree.rates
+        copy_into(spans, tree.spans)
+        copy_into(rates, tree.rates)
     return Tree(nodes, key, posed, spans, rates, tree.counts, tree.q)
 
 

@@ -18,6 +18,7 @@ from pep.pit.path.straight_path import CHORD, GRID
 from pep.pit.search.certify import DEPTH, SPEED_STEPS
 from pep.pit.search.kernel.arithmetic.body_poses import arm_in, bends_of
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.index_law import highest_rate, rate_at, ratio_index
 from pep.pit.search.kernel.arithmetic.joint_torques import JOINTS, bears
 from pep.pit.search.kernel.arithmetic.span_speeds import rush_on
@@ -108,7 +109,7 @@ def _most(arm: Arm, asked: Floats, shares: Floats, equal: Floats, profile: Float
     low, high, rush = np.empty(CUTS_MOST, np.int64), np.empty(CUTS_MOST, np.int64), np.empty((CUTS_MOST, bodies))
     for n in range(count):
         low[n], high[n] = n * step, (n + 1) * step
-    rush[:count] = equal
+    copy_into(rush, equal)
     part_low, part_high, halves = np.empty_like(low), np.empty_like(low), np.empty_like(rush)
     third, least = bends_of(arm, asked[JOINTS:]).third, step >> DEPTH
     met, slack, wide = np.empty(bodies), np.empty(bodies), np.empty(CUTS_MOST, np.int64)
@@ -178,9 +179,10 @@ def _ratios(
     bears: Floats,
     profile: Floats,
     speed: float,
-) -> tuple[Floats, Floats]:
-    """Every quantity by its limit, in the order of `QUANTITIES`, and the proven speeds of all bodies."""
-    ratios, most = np.empty(len(QUANTITIES)), _most(arm, asked, shares, equal, profile)[0]
+) -> tuple[Floats, Floats, Whole, Whole]:
+    """Every quantity by its limit, in the order of `QUANTITIES`; the proven speeds of all bodies, and where."""
+    ratios = np.empty(len(QUANTITIES))
+    most, low, high = _most(arm, asked, shares, equal, profile)
     wanted = reached = 0.0
     for joint in range(JOINTS):
         share = abs(asked[JOINTS + joint]) / profile[WAY]
@@ -196,7 +198,7 @@ def _ratios(
             ratios[TOOL_SPEED] = most[body] / limits[TOOL_LIMIT]
     ratios[TORQUE] = _torque(bears, limits, profile)
     ratios[CARRIED] = limits[CARRIED_RATIO]
-    return ratios, most
+    return ratios, most, low, high
 
 
 @lent
@@ -228,23 +230,13 @@ def laid_out(
     equal, found = np.empty((places - 1, arm.link.shape[0])), np.empty((3, places, JOINTS))
     cosines, sines = rush_on(arm, asked, edges[:-1], edges[1:], equal)
     rates, still = np.empty((places, JOINTS)), np.zeros((places, JOINTS))
-    rates[:] = asked[JOINTS:]
-    found[0], found[1], found[2] = bears(masses, cosines, sines, 2, rates, still)  # between two ends is one middle
+    for place in range(places):
+        copy_into(rates[place], asked[JOINTS:])
+    hold, push, swing = bears(masses, cosines, sines, 2, rates, still)  # between two ends is one middle
+    copy_into(found[0], hold)
+    copy_into(found[1], push)
+    copy_into(found[2], swing)
     return equal, found
-
-
-@entry
-def intervals(
-    arm_numbers: Floats, arm_whole: Whole, asked: Floats, shares: Floats, equal: Floats, timing: Floats
-) -> tuple[Whole, Whole]:
-    """Ends of the intervals on which this timing's speeds are proven, in 1 / GRID; arguments as of `under`."""
-    profile, count = np.empty(PROFILE), equal.shape[0]
-    _timed(timing, timing[1], profile)
-    _, low, high = _most(arm_in(arm_numbers, arm_whole), asked, shares, equal, profile)
-    if low.shape[0] > 0:
-        return low.copy(), high.copy()
-    low = np.arange(0, GRID, GRID // count)
-    return low, low + GRID // count
 
 
 @entry
@@ -259,7 +251,7 @@ def under(
     timing: Floats,
     slowest: float,
     index: float,
-) -> tuple[Floats, Floats, float]:
+) -> tuple[Floats, Floats, Whole, Whole, float]:
     """Demands of one timing on the arm, and a slower speed whose demands stay at this index.
 
     Args:
@@ -273,15 +265,16 @@ def under(
 
     Returns:
         Every quantity by its limit at the commanded speed, in the order of `QUANTITIES`.
-        The proven speeds of all bodies there.
+        The proven speeds of all bodies there, and the ends of the intervals on which they are proven where these are
+        not the equal ones.
         The highest commanded speed, to a step of the bisection, at which no ratio's index is above `index`, or else
         `NOBODY`.
     """
     arm, profile, proven, top, speed = arm_in(arm_numbers, arm_whole), np.empty(PROFILE), NOBODY, timing[1], slowest
     _timed(timing, top, profile)
-    ratios, most = _ratios(arm, asked, shares, limits, equal, bears, profile, top)
+    ratios, most, low, high = _ratios(arm, asked, shares, limits, equal, bears, profile, top)
     if not top > slowest:
-        return ratios, most, proven
+        return ratios, most, low, high, proven
     for _ in range(SPEED_STEPS + 1):
         _timed(timing, speed, profile)
         if _at_most(_ratios(arm, asked, shares, limits, equal, bears, profile, speed)[0], index):
@@ -291,4 +284,4 @@ def under(
         else:
             top = speed
         speed = 0.5 * (proven + top)
-    return ratios, most, proven
+    return ratios, most, low, high, proven

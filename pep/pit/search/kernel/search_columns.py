@@ -12,6 +12,7 @@ from pep.pit.geometry.clearance import ROUNDING_M
 from pep.pit.path.straight_path import CHORD
 from pep.pit.search.certify import RESOLUTION
 from pep.pit.search.kernel.arithmetic.compilation import compiled, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -105,8 +106,9 @@ def with_room(rows: SearchRows, room: int) -> SearchRows:
         return rows
     whole, numbers = np.empty((2 * room, ROW_WHOLE), np.int64), np.empty((2 * room, ROW_NUMBERS))
     doubts, count, in_doubt = np.empty(STAGES_IN_DOUBT * 2 * room, np.int64), rows.used[0], rows.used[1]
-    whole[:count], numbers[:count] = rows.whole[:count], rows.numbers[:count]
-    doubts[:in_doubt] = rows.doubts[:in_doubt]
+    copy_into(whole, rows.whole[:count])
+    copy_into(numbers, rows.numbers[:count])
+    copy_into(doubts, rows.doubts[:in_doubt])
     return SearchRows(whole, numbers, doubts, rows.used)
 
 

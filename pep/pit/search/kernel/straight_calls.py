@@ -198,7 +198,9 @@ def certify(
     witnesses, violated = ranked(met.witnesses), ranked(met.violated)
     told, broken = witnesses.shape[0], violated.shape[0]
     found = np.empty((told + broken + leaf_count(rows), LEAF))
-    found[:told, :MET], found[told : told + broken, :MET] = witnesses, violated
+    for row in range(told + broken):
+        for column in range(MET):
+            found[row, column] = witnesses[row, column] if row < told else violated[row - told, column]
     upper = max(floor, best, leaves_of(tree, rows, found, told + broken))
     slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
     if slows and status == ANSWERED and broken == 0 and target >= MOVING:

@@ -5,7 +5,7 @@ Here intervals come in any order, so configurations are found by their key, in a
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from pep.pit.search.kernel.arithmetic.row_table import (
     RUSH,
     RUSH_MID,
     WHOLES,
+    Rows,
     halves,
     room_for,
     sorted_out,
@@ -45,13 +46,15 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.search.kernel.arithmetic.body_poses import Nodes
     from pep.pit.search.kernel.arithmetic.pair_rows import Field, StraightPath
-    from pep.pit.search.kernel.arithmetic.row_table import Rows
 
     Whole = NDArray[np.int64]
 
 FIRST: Final = 128  # places in the table at first, a power of two
 SPREAD: Final = 0x9E3779B1  # 2^32 by the golden ratio: neighbouring keys land far apart (Knuth, TAOCP 3, 6.4)
 FREE: Final = -1
+
+# What may be asked of a path, of `answered`.
+EXAMINED, FITS, BLOW, RUSHES, MET_AT = range(5)
 
 
 class StraightConfigurations(NamedTuple):
@@ -63,11 +66,11 @@ class StraightConfigurations(NamedTuple):
     used: Whole
 
 
-@entry
 def nothing_known(bodies: int) -> StraightConfigurations:
     """No configuration."""
+    made: Any = no_nodes
     return StraightConfigurations(
-        no_nodes(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64)
+        made.py_func(FIRST // 2, bodies), np.full(FIRST, FREE), np.full(FIRST, FREE), np.zeros(1, np.int64)
     )
 
 
@@ -100,7 +103,7 @@ def with_key(known: StraightConfigurations, key: int, way: StraightPath) -> Stra
     return StraightConfigurations(configuration(known.nodes, row, way, key), known.key, known.row, known.used)
 
 
-@entry
+@compiled
 def examined(
     known: StraightConfigurations, way: StraightPath, field: Field, asked: Whole
 ) -> tuple[StraightConfigurations, Rows]:
@@ -119,7 +122,7 @@ def examined(
     return known, examine(known.nodes, way, field, asked, stand)
 
 
-@entry
+@compiled
 def fits(
     known: StraightConfigurations,
     way: StraightPath,
@@ -143,7 +146,7 @@ def fits(
     return known, False, kept
 
 
-@entry
+@compiled
 def blow(
     known: StraightConfigurations,
     way: StraightPath,
@@ -199,7 +202,7 @@ def blow(
     return known, proven
 
 
-@entry
+@compiled
 def rushes(
     known: StraightConfigurations, way: StraightPath, low: Whole, high: Whole
 ) -> tuple[StraightConfigurations, Floats]:
@@ -239,7 +242,7 @@ def rushes(
     return known, found
 
 
-@entry
+@compiled
 def met_at(
     known: StraightConfigurations, way: StraightPath, field: Field, key: int, pair: Whole
 ) -> tuple[StraightConfigurations, Floats, Floats]:
@@ -248,3 +251,52 @@ def met_at(
     at = known.row[_place_of(known.key, key)]
     clearance, rush = meets(known.nodes, at, way, field, pair)
     return known, clearance, rush
+
+
+@entry
+def answered(
+    what: int,
+    known: StraightConfigurations,
+    way: StraightPath,
+    field: Field,
+    rows: Rows,
+    profile: Floats,
+    law: Floats,
+    numbers: Floats,
+) -> tuple[StraightConfigurations, Rows, float]:
+    """Answer to one of the path's own questions.
+
+    One entry for all, since machine code is made for each with all that it calls.
+
+    Args:
+        what: `EXAMINED`, `FITS`, `BLOW`, `RUSHES` or `MET_AT`.
+        known: the configurations known by now.
+        way, field: the path, and all pairs.
+        rows: which rows, intervals or pairs are asked about, in the columns of `Rows`.
+        profile, law: timing and stop, where the question has to do with them.
+        numbers: of `FITS` the index; of `BLOW` intervals of the first cut, halvings and resolution; of `MET_AT` the
+            place in 1 / GRID.
+
+    Returns:
+        The configurations known by then; rows as the question has them: of `RUSHES` the speeds of all bodies, of
+        `MET_AT` clearance and speed; and 1 where `FITS` is proven, or the share of `BLOW`.
+    """
+    whole, count = rows.whole, rows.whole.shape[0]
+    if what == EXAMINED:
+        known, found = examined(known, way, field, whole)
+        return known, found, 0.0
+    if what == FITS:
+        known, proven, kept = fits(known, way, field, rows, profile, law, numbers[0])
+        return known, kept, 1.0 if proven else 0.0
+    if what == BLOW:
+        first, depths = int(numbers[0]), int(numbers[1])
+        known, share = blow(known, way, field, whole[:, PAIR].copy(), profile, law, first, depths, numbers[2])
+        return known, rows, share
+    if what == RUSHES:
+        known, most = rushes(known, way, whole[:, LOW].copy(), whole[:, HIGH].copy())
+        return known, Rows(whole, most), 0.0
+    met = np.empty((count, 2))  # clearance and speed
+    known, clearance, rush = met_at(known, way, field, int(numbers[0]), whole[:, PAIR].copy())
+    for row in range(count):
+        met[row, 0], met[row, 1] = clearance[row], rush[row]
+    return known, Rows(whole, met), 0.0

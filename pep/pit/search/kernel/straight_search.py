@@ -18,7 +18,7 @@ from pep.pit.search.certify import DEPTH, ROWS_MOST, VIOLATION_RESOLUTION_M
 from pep.pit.search.kernel import interval_tree as trees
 from pep.pit.search.kernel.arithmetic import heap as heaps
 from pep.pit.search.kernel.arithmetic.body_poses import place, put
-from pep.pit.search.kernel.arithmetic.compilation import compiled, lent, merged
+from pep.pit.search.kernel.arithmetic.compilation import compiled, lent
 from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
 from pep.pit.search.kernel.arithmetic.heap import heaped, lower, pop, push
 from pep.pit.search.kernel.arithmetic.index_law import pair_index
@@ -93,7 +93,7 @@ if TYPE_CHECKING:
 NOT_LOOKED: Final = -1
 
 
-@merged
+@lent
 def _by_nodes(
     ends: Floats,
     speeds: Floats,

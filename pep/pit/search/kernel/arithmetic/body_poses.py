@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent, merged
+from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -116,13 +117,13 @@ def more_nodes(nodes: Nodes) -> Nodes:
     """The same configurations with twice the room."""
     count, bodies = nodes.speed.shape
     wide = no_nodes(2 * count, bodies)
-    wide.frames[:count] = nodes.frames
-    wide.turning[:count] = nodes.turning
-    wide.ends[:count] = nodes.ends
-    wide.speed[:count] = nodes.speed
-    wide.swerve[:count] = nodes.swerve
-    wide.spin[:count] = nodes.spin
-    wide.known[:count] = nodes.known
+    copy_into(wide.frames, nodes.frames)
+    copy_into(wide.turning, nodes.turning)
+    copy_into(wide.ends, nodes.ends)
+    copy_into(wide.speed, nodes.speed)
+    copy_into(wide.swerve, nodes.swerve)
+    copy_into(wide.spin, nodes.spin)
+    copy_into(wide.known, nodes.known)
     return wide
 
 
@@ -257,7 +258,7 @@ def squares(
     return vx * vx + vy * vy + vz * vz, bx * bx + by * by + bz * bz
 
 
-@merged
+@lent
 def put(
     frames: Floats,
     turning: Floats,

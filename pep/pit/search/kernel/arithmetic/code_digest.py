@@ -8,12 +8,15 @@ from __future__ import annotations
 import hashlib
 import os
 from types import CodeType, FunctionType, ModuleType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+
+OPTIONS: Final = {"nogil": True, "error_model": "numpy", "no_cfunc_wrapper": True}
+"""Options of numba with which every function is compiled."""
 
 OURS = "pep."
 """Prefix of modules whose members count.
@@ -26,7 +29,7 @@ def digest_of(function: FunctionType) -> str:
     """SHA-256 (hex) of the function, of all functions that it calls and of all numbers that they name."""
     parts = dict(_parts(function, {}))
     text = "\n".join(f"{name}: {parts[name]}" for name in sorted(parts))
-    return hashlib.sha256(f"{os.environ['NUMBA_OPT']}\n{text}".encode()).hexdigest()
+    return hashlib.sha256(f"{os.environ['NUMBA_OPT']} {OPTIONS}\n{text}".encode()).hexdigest()
 
 
 def _parts(function: FunctionType, seen: dict[int, str], options: object = None) -> Iterator[tuple[str, str]]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
@@ -14,9 +14,14 @@ from typing import Any, Final, TypeVar, cast
 os.environ.setdefault("NUMBA_OPT", "1")
 
 from numba import njit
+from numba.core import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
+from numba.core.codegen import JITCodeLibrary
+from numba.core.compiler import Compiler
+from numba.core.registry import cpu_target
+from numba.core.runtime.nrt import rtsys
 
-from pep.pit.search.kernel.arithmetic.code_digest import digest_of
+from pep.pit.search.kernel.arithmetic.code_digest import OPTIONS, digest_of
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -31,7 +36,95 @@ arrays in rows of `LANES`: who compiles has to know how far apart they are to kn
 ENTRIES: Final[list[Any]] = []
 """All entries for Python, as numba's dispatchers."""
 
-_made: Final = partial(njit, nogil=True, error_model="numpy", no_cfunc_wrapper=True)
+_made: Final = partial(njit, **OPTIONS)
+
+
+class _NowhereToRun:
+    """Stands for the place where machine code runs, of what is never emitted by itself."""
+
+    def set_env(self, name: str, environment: object) -> None:
+        """Ignored: nothing is there that would look for its environment."""
+
+
+class _Part(JITCodeLibrary):
+    """The code of a function that only compiled ones call: it becomes machine code as part of them alone.
+
+    Numba itself would optimise and emit each function by itself first, with all that it calls, level by level.
+    """
+
+    codegen = _NowhereToRun()
+
+    def get_pointer_to_function(self, name: str) -> int:
+        """No address, as of all that Python cannot call."""
+        del name
+        self._ensure_finalized()
+        return 0
+
+    def _get_module_for_linking(self) -> Any:
+        """The code, of which each caller takes a copy along; numba itself would copy it once more before."""
+        if self._shared_module is None:
+            self._ensure_finalized()
+            self._shared_module = self._final_module
+            for function in self._shared_module.functions:
+                if not function.is_declaration and function.linkage.name == "external":
+                    function.linkage = "linkonce_odr"
+        return self._shared_module
+
+    def _optimize_final_module(self) -> None:
+        """Left to who calls it."""
+
+    def _finalize_final_module(self) -> None:
+        """Ready to be linked."""
+        self._finalize_dynamic_globals()
+        self._finalized = True
+
+
+@contextmanager
+def _parts_beside() -> Iterator[None]:
+    """Compilations by numba itself in this block make no machine code of their own either."""
+    context = cpu_target.target_context
+    context.refresh()
+    rtsys.initialize(context)  # emitted: it is called by its address
+    codegen = context.codegen()
+    codegen._library_class = _Part  # noqa: SLF001 - numba has no other way to say it
+    try:
+        yield
+    finally:
+        codegen._library_class = JITCodeLibrary  # noqa: SLF001
+
+
+class _WholeCompiler(Compiler):
+    """Compiles functions that Python calls; of what numba has to compile for them beside, only parts."""
+
+    def compile_extra(self, function: Any) -> Any:
+        """As numba's own."""
+        with _parts_beside():
+            return super().compile_extra(function)
+
+    def define_pipelines(self) -> Any:
+        """As numba's own, into a library that becomes machine code."""
+        state = self.state
+        state.library = JITCodeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library.enable_object_caching()
+        return super().define_pipelines()
+
+
+class _PartCompiler(Compiler):
+    """Compiles functions that only compiled ones call."""
+
+    def define_pipelines(self) -> Any:
+        """As numba's own, into a `_Part`."""
+        state = self.state
+        state.library = _Part(state.targetctx.codegen(), state.func_id.func_qualname)
+        return super().define_pipelines()
+
+
+def _part(function: Callable[..., Any], **options: Any) -> Any:
+    """The function for other compiled ones, once for each kind of numbers: a constant is one of its kind."""
+    made: Any = _made(no_cpython_wrapper=True, pipeline_class=_PartCompiler, **options)(function)
+    template = made.get_call_template
+    made.get_call_template = lambda args, kws: template([types.unliteral(arg) for arg in args], kws)
+    return made
 
 
 class _Files(IndexDataCacheFile):
@@ -73,7 +166,7 @@ def compiled(function: F) -> F:
     than the work on one of its numbers. Division by zero follows IEEE 754, as in numpy. No fast-math: the bounds rest
     on the order of operations.
     """
-    return cast("F", _made(no_cpython_wrapper=True)(function))
+    return cast("F", _part(function))
 
 
 def lent(function: F) -> F:
@@ -82,12 +175,7 @@ def lent(function: F) -> F:
     It counts no references, which its callers hold: around a call that computes one distance they would cost more than
     the distance. Numba refuses to compile it when it makes an array.
     """
-    return cast("F", _made(no_cpython_wrapper=True, _nrt=False)(function))
-
-
-def merged(function: F) -> F:
-    """The same again, written out at each call, for functions with many arrays, since all are copied."""
-    return cast("F", _made(no_cpython_wrapper=True, _nrt=False, inline="always")(function))
+    return cast("F", _part(function, _nrt=False))
 
 
 def entry(function: F) -> F:
@@ -95,7 +183,7 @@ def entry(function: F) -> F:
 
     It runs without the interpreter's lock.
     """
-    made: Any = _made()(function)
+    made: Any = _made(pipeline_class=_WholeCompiler)(function)
     with suppress(RuntimeError):  # nowhere to keep it: compiled anew at each start
         kept: Any = _Kept  # likewise
         made._cache = kept(function)  # noqa: SLF001 - numba has no other way to say it

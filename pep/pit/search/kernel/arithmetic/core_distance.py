@@ -28,7 +28,7 @@ from pep.pit.base.pair_columns import (
     B,
 )
 from pep.pit.geometry.clearance import APART_M, BESIDE_M, PARALLEL, ROUNDING_M, TINY
-from pep.pit.search.kernel.arithmetic.compilation import lent, merged
+from pep.pit.search.kernel.arithmetic.compilation import lent
 
 if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
@@ -51,7 +51,7 @@ def _directed(x: float, y: float, z: float) -> Gap:
     return distance, x / distance, y / distance, z / distance
 
 
-@merged
+@lent
 def _nearest(
     px: float, py: float, pz: float, ux: float, uy: float, uz: float,
     cx: float, cy: float, cz: float, vx: float, vy: float, vz: float,
@@ -228,7 +228,7 @@ def _polytope(ends: Floats, at: int, body: int, numbers: Floats, pair: int) -> G
     return (apart, x, y, z) if apart > APART_M else (0.0, 0.0, 0.0, 0.0)
 
 
-@merged
+@lent
 def core_gap(ends: Floats, at: int, body: int, numbers: Floats, pair: int, shape: int) -> Gap:
     """Gap between a body's axis, as placed in row `at`, and a pair's core."""
     if shape == SEGMENT:

@@ -5,7 +5,7 @@ Keys find them in a small table with open addresses.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple, cast
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from pep.pit.path.straight_path import GRID
 from pep.pit.search.kernel.arithmetic.bending import DDQ, DQ, Q, first_at_least
 from pep.pit.search.kernel.arithmetic.body_poses import more_nodes, no_nodes, pose
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.tool_pose import JOINTS, divided, no_stand, solved
 
 if TYPE_CHECKING:
@@ -81,13 +82,12 @@ class CurveConfigurations(NamedTuple):
     room: Floats
 
 
-@entry
 def nothing_known(bodies: int) -> CurveConfigurations:
     """No configuration."""
-    half = PLACES // 2
+    half, nodes, stand = PLACES // 2, cast("Any", no_nodes), cast("Any", no_stand)
     return CurveConfigurations(
-        no_nodes(half, bodies), np.empty((half, JOINTS)), np.empty(half, np.int64), np.full(PLACES, FREE),
-        np.full(PLACES, FREE), np.zeros(2, np.int64), no_stand(), np.empty((11, JOINTS)),
+        nodes.py_func(half, bodies), np.empty((half, JOINTS)), np.empty(half, np.int64), np.full(PLACES, FREE),
+        np.full(PLACES, FREE), np.zeros(2, np.int64), stand.py_func(), np.empty((11, JOINTS)),
     )  # fmt: skip
 
 
@@ -106,14 +106,15 @@ def with_room(known: CurveConfigurations, count: int) -> CurveConfigurations:
     used = known.counts[USED]
     if 2 * (used + count) < known.key.shape[0]:
         return known
-    size, rows, nodes = known.key.shape[0], known.q.shape[0], known.nodes
+    size, nodes = known.key.shape[0], known.nodes
     while 2 * (used + count) >= size:
         size *= 2
     while nodes.speed.shape[0] < size // 2:
         nodes = more_nodes(nodes)
     key, row = np.full(size, FREE), np.full(size, FREE)
     q, keys = np.empty((size // 2, JOINTS)), np.empty(size // 2, np.int64)
-    q[:rows], keys[:rows] = known.q, known.keys
+    copy_into(q, known.q)
+    copy_into(keys, known.keys)
     for each in range(used):
         at = _place_of(key, keys[each])
         key[at], row[at] = keys[each], each
@@ -149,7 +150,7 @@ def _go_to(curve: Curve, key: float, known: CurveConfigurations, q: Floats, dq: 
         known.counts[LOST] += 1
         stand.q[:] = np.nan
         dq[:] = np.nan
-    q[:] = stand.q
+    copy_into(q, stand.q)
 
 
 @compiled

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from pep.pit.search.kernel.arithmetic.compilation import compiled, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -29,7 +30,8 @@ def with_room(heap: Heap, room: int) -> Heap:
         return heap
     wide = Heap(np.empty(2 * room), np.empty(2 * room, np.int64), heap.used)
     count = heap.used[0]
-    wide.key[:count], wide.row[:count] = heap.key[:count], heap.row[:count]
+    copy_into(wide.key, heap.key[:count])
+    copy_into(wide.row, heap.row[:count])
     return wide
 
 

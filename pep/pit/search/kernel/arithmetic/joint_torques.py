@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.search.kernel.arithmetic.compilation import LANES, compiled, entry, lent, merged
+from pep.pit.search.kernel.arithmetic.compilation import LANES, compiled, entry, lent
 
 if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
@@ -62,12 +62,12 @@ def masses_of(model: Any) -> Masses:
     )
 
 
-@merged
+@lent
 def _cross(a: float, b: float, c: float, x: float, y: float, z: float) -> tuple[float, float, float]:
     return b * z - c * y, c * x - a * z, a * y - b * x
 
 
-@merged
+@lent
 def _back_into(here: Floats, n: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Vector of the previous frame, in that of the joint."""
     return (
@@ -77,7 +77,7 @@ def _back_into(here: Floats, n: int, x: float, y: float, z: float) -> tuple[floa
     )
 
 
-@merged
+@lent
 def _out_of(here: Floats, n: int, x: float, y: float, z: float) -> tuple[float, float, float]:
     """Vector of the joint's frame, in the previous one."""
     return (
@@ -87,7 +87,7 @@ def _out_of(here: Floats, n: int, x: float, y: float, z: float) -> tuple[float, 
     )
 
 
-@merged
+@lent
 def _three(rows: Floats, row: int, n: int) -> tuple[float, float, float]:
     return rows[row * LANES + n], rows[(row + 1) * LANES + n], rows[(row + 2) * LANES + n]
 

@@ -10,6 +10,7 @@ from pep.pit.path.line_trace import ENOUGH, FINEST, LOOSE, PIECES_MOST, SLACK
 from pep.pit.path.straight_path import GRID
 from pep.pit.robot.inverse_kinematics import EXACT
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.line_piece import gain_of, no_bounds, on_path, prove_derivatives
 from pep.pit.search.kernel.arithmetic.tool_pose import JOINTS, bend_of, inverted, no_stand, solved, stand_at
 
@@ -199,7 +200,7 @@ def traced(
     )  # fmt: skip
     here, ahead = no_stand(), no_stand()
     back, on = np.empty((JOINTS, JOINTS)), np.empty((JOINTS, JOINTS))
-    here.q[:] = start
+    copy_into(here.q, start)
     stand_at(tool.wrist, here)
     known = inverted(here.jacobian, back, desk.room)
     low, high = np.empty(FIRST, np.int64), np.empty(FIRST, np.int64)
@@ -253,5 +254,7 @@ def _doubled(low: Whole, high: Whole, rows: Floats) -> tuple[Whole, Whole, Float
     count = low.shape[0]
     more, ends = np.empty(2 * count, np.int64), np.empty(2 * count, np.int64)
     wide = np.empty((2 * count, ROWS, JOINTS))
-    more[:count], ends[:count], wide[:count] = low, high, rows
+    copy_into(more, low)
+    copy_into(ends, high)
+    copy_into(wide, rows)
     return more, ends, wide

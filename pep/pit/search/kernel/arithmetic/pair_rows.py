@@ -31,6 +31,7 @@ from pep.pit.geometry.clearance import ROUNDING_M
 from pep.pit.path.straight_path import CHORD, GRID
 from pep.pit.search.kernel.arithmetic.body_poses import more_nodes, place, pose
 from pep.pit.search.kernel.arithmetic.compilation import compiled, entry, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.core_distance import core_gap, interval_gap
 from pep.pit.search.kernel.arithmetic.row_table import (
     BOUND,
@@ -151,7 +152,7 @@ def examine(nodes: Nodes, way: StraightPath, field: Field, asked: Whole, stand: 
     numbers, whole, radius = field.numbers, field.whole, way.arm.radius
     second, third, spin_second = way.bends.second, way.bends.third, way.bends.spin_second
     found = rows.numbers
-    rows.whole[:] = asked
+    copy_into(rows.whole, asked)
     for row in range(asked.shape[0]):
         k = asked[row, PAIR]
         body, shape = whole[k, BODY], whole[k, SHAPE]

@@ -10,6 +10,7 @@ from pep.pit.base.pair_columns import KIND
 from pep.pit.base.tier import TIE
 from pep.pit.path.straight_path import GRID
 from pep.pit.search.kernel.arithmetic.compilation import compiled, lent
+from pep.pit.search.kernel.arithmetic.copying import copy_into
 from pep.pit.search.kernel.arithmetic.index_law import highest_rate, pair_index, rate_at
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ def with_space(rows: Rows, used: int, count: int) -> Rows:
     if used + count <= rows.whole.shape[0]:
         return rows
     wide = room_for(used + max(used, count))
-    wide.whole[:used], wide.numbers[:used] = rows.whole[:used], rows.numbers[:used]
+    copy_into(wide.whole, rows.whole[:used])
+    copy_into(wide.numbers, rows.numbers[:used])
     return wide
 
 

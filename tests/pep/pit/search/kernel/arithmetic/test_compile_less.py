@@ -1,0 +1,48 @@
+"""Compilation: each function once, for all constants, and machine code only for those that Python calls."""
+
+import numpy as np
+from pep.pit.search.engine import chosen
+from pep.pit.search.kernel.arithmetic.compilation import ENTRIES, compiled, entry
+from pep.pit.search.kernel.arithmetic.copying import copy_into
+
+
+@compiled
+def inner(numbers, at):
+    return numbers[at] * 2.0
+
+
+@entry
+def outer(numbers, at):
+    return inner(numbers, 0) + inner(numbers, 1) + inner(numbers, at)
+
+
+@entry
+def copied(wide, narrow):
+    copy_into(wide, narrow)
+
+
+def test_a_function_is_compiled_once_for_all_constants():
+    assert outer(np.array([1.0, 2.0, 4.0]), 2) == 14.0
+    assert len(inner.overloads) == 1
+
+
+def test_an_inner_function_becomes_machine_code_in_its_callers_alone():
+    outer(np.array([1.0, 2.0, 4.0]), 2)
+    (made,) = inner.overloads.values()
+    assert made.library.get_pointer_to_function(made.fndesc.llvm_func_name) == 0
+    (whole,) = outer.overloads.values()
+    assert whole.library.get_pointer_to_function(whole.fndesc.llvm_func_name) != 0
+
+
+def test_every_entry_of_the_kernel_has_one_signature():
+    chosen()
+    ours = [each for each in ENTRIES if each.py_func.__module__.startswith("pep.")]
+    assert {each.py_func.__qualname__: len(each.signatures) for each in ours if len(each.signatures) > 1} == {}
+
+
+def test_rows_are_copied_and_those_behind_them_stay():
+    for shape in ((3,), (3, 2), (3, 2, 2)):
+        wide, narrow = np.zeros((5, *shape[1:])), np.arange(float(np.prod(shape))).reshape(shape)
+        copied(wide, narrow)
+        assert (wide[:3] == narrow).all()
+        assert (wide[3:] == 0).all()
