@@ -1,11 +1,13 @@
 """Progress of long work: on a terminal in one line, elsewhere now and then."""
 
 import io
+import threading
+import time
 
 import pytest
 from pep.pit.assessment import readiness
 from pep.pit.assessment.readiness import Progress, compile_telling
-from ztpm.preparing import EACH_S, WIPED, Preparing
+from ztpm.preparing import EACH_S, WIPED, Preparing, waiting
 
 
 class Terminal(io.StringIO):
@@ -20,6 +22,44 @@ def test_elsewhere_than_on_a_terminal_a_line_comes_every_few_seconds():
         shown.tell(number)
     shown.over()
     assert stream.getvalue() == "0\n3\n"
+
+
+def test_a_silent_wait_is_told_once_in_a_few_seconds():
+    stream, now = io.StringIO(), [0.0]
+    shown = Preparing(stream, clock=lambda: now[0])
+    for now[0] in (0.0, EACH_S - 0.1, EACH_S, EACH_S + 1, 2 * EACH_S - 0.1):
+        shown.wait(now[0])
+    shown.over()  # of one wait: the next goes on where it ended
+    now[0] = 2 * EACH_S
+    shown.wait(now[0])
+    assert stream.getvalue() == f"{EACH_S}\n{2 * EACH_S}\n"
+
+
+def test_those_who_tell_something_are_shown_before_those_who_only_wait():
+    stream, now = io.StringIO(), [0.0]
+    shown = Preparing(stream, clock=lambda: now[0])
+    shown.tell("3 of 15")
+    for now[0] in (1.0, EACH_S - 0.1):
+        shown.tell(f"4 of 15, {now[0]} s")
+    now[0] = EACH_S
+    shown.wait("a minute")
+    assert stream.getvalue() == f"3 of 15\n4 of 15, {EACH_S - 0.1} s\n"
+    now[0] = 2 * EACH_S
+    shown.wait("a minute")
+    assert stream.getvalue().endswith("a minute\n")
+
+
+def test_a_block_that_takes_long_is_told_of_until_its_end():
+    began, stream, before = time.monotonic(), io.StringIO(), threading.active_count()
+    shown = Preparing(stream, clock=lambda: 100 * (time.monotonic() - began))
+    with waiting("it", shown, at_once=True) as end:
+        while stream.getvalue().count("\n") < 3:
+            assert time.monotonic() - began < 60
+        end()
+        told = stream.getvalue()
+        assert {line.partition(",")[0] for line in told.splitlines()} == {"it"}
+        assert threading.active_count() == before
+    assert stream.getvalue() == told
 
 
 def test_on_a_terminal_one_line_changes_and_is_free_afterwards():
@@ -49,7 +89,7 @@ def test_a_compilation_tells_how_far_it_is_until_it_is_over(monkeypatch):
     count = len(told)
     assert [each.seconds for each in told] == [float(each + 1) for each in range(count)]
     assert {each.functions for each in told} == {len(readiness.ENTRIES)}
-    assert len(readiness.ENTRIES) > 20
+    assert len(readiness.ENTRIES) > 10
 
 
 def test_a_compilation_that_fails_says_so_and_tells_nothing_more(monkeypatch):

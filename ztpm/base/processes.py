@@ -19,13 +19,15 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO, TYPE_CHECKING, Any, Final
 
-from ztpm.preparing import Preparing
+from ztpm.preparing import SHOWN
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from ztpm.preparing import Preparing
+
 READY_S: Final = 180.0
-"""Longest wait for a ready line, or for a line about preparation."""
+"""Longest silence: without a ready line, and without one about preparation."""
 STOP_S: Final = 10.0
 """Longest wait for a clean end before the process is killed."""
 KEPT_LINES: Final = 200
@@ -49,6 +51,14 @@ def _said(line: str) -> dict[str, object]:
             if isinstance(said, dict):
                 return said
     return {}
+
+
+def _how(status: int) -> str:
+    """The end of a process, for people."""
+    if status >= 0:
+        return f"with exit status {status}"
+    name = signal.Signals(-status).name if -status in set(signal.Signals) else f"signal {-status}"
+    return f"by {name}" + (", as when memory runs out" if -status == signal.SIGKILL else "")
 
 
 @dataclass
@@ -80,7 +90,7 @@ class Child:
         *arguments: str,
         environment: Mapping[str, str],
         ended: Callable[[], bool] = lambda: False,
-        preparing: Preparing | None = None,
+        preparing: Preparing = SHOWN,
     ) -> Child:
         """Starts a child running `main` of the module, ready. It ends when the calling thread does.
 
@@ -90,11 +100,12 @@ class Child:
             arguments: of the command line.
             environment: variables added to this process's own.
             ended: when it says so, the wait is over.
-            preparing: shows what the child says it prepares; on standard error by default.
+            preparing: shows what the child says it prepares, and for how long it is silent; on standard error by
+                default.
 
         Raises:
-            ChildError: when it ends or says nothing of that kind for `READY_S` seconds, or the wait is over; its last
-                lines are in the message.
+            ChildError: when it ends or says nothing of that kind for `READY_S` seconds, or the wait is over; the
+                message says which, how far it was, and its last lines.
         """
         command: Sequence[str] = (sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), module, *arguments)
         popen = subprocess.Popen(  # noqa: S603 - our own interpreter and our own modules
@@ -111,7 +122,7 @@ class Child:
             assert stream is not None
             threading.Thread(target=child._follow, args=(stream, lines), daemon=True).start()
         try:
-            child._wait_ready(lines, ended, preparing or Preparing())
+            child._wait_ready(lines, ended, preparing)
         except BaseException:
             child.stop()
             raise
@@ -135,25 +146,36 @@ class Child:
     def _wait_ready(
         self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool], preparing: Preparing
     ) -> None:
-        deadline = time.monotonic() + READY_S
-        while (left := deadline - time.monotonic()) > 0 and not ended():
+        try:
+            cause = self._unready(lines, ended, preparing)
+        finally:
+            preparing.over()
+        if cause:
+            raise ChildError("\n".join((f"{self.name} did not become ready: {cause}", *self.output)))
+
+    def _unready(self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool], preparing: Preparing) -> str:
+        """The reason why it never became ready; empty once it is."""
+        heard, far = time.monotonic(), ""
+        while not ended():
             try:
-                line = lines.get(timeout=min(left, POLL_S))
+                line = lines.get(timeout=POLL_S)
             except queue.Empty:
                 line = ""
-            said = _said(line or "")
+            said, now = _said(line or ""), time.monotonic()
             if said.get("ready") is True:
                 self.ready = said
-                preparing.over()
-                return
+                return ""
             if "preparing" in said:
+                heard, far = now, f", after it said: {said['preparing']}"
                 preparing.tell(said["preparing"])
-                deadline = time.monotonic() + READY_S
+            else:
+                preparing.wait(f"starting the {self.name}, {now - self.since:.0f} s")
             # Both pipes may have ended a moment before the process has: then no line says so, and silence must do.
-            if not line and self.popen.poll() is not None:
-                break
-        preparing.over()
-        raise ChildError(f"{self.name} did not become ready:\n" + "\n".join(self.output))
+            if not line and (status := self.popen.poll()) is not None:
+                return f"it ended {_how(status)}{far}"
+            if now - heard > READY_S:
+                return f"silent for {READY_S:.0f} s{far}"
+        return f"nobody waits for it any more{far}"
 
     @property
     def alive(self) -> bool:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.live import Live
@@ -14,6 +14,8 @@ from ztpm.cli.output import FAILURE, console, say_json
 
 if TYPE_CHECKING:
     from ztpm.demo.run import StepReport
+
+STARTING: Final = "starting the cell"
 
 
 def demo(
@@ -26,19 +28,23 @@ def demo(
     """
     from ztpm.demo.run import play
     from ztpm.demo.story import STORY
+    from ztpm.preparing import waiting
     from ztpm.stage.live import stage
 
     started = time.perf_counter()
     told: list[StepReport] = []
     if as_json:
-        with stage() as on_stage:
+        with waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
+            started_up()
             told.extend(play(on_stage, step) for step in STORY.steps)
     else:
         console.print("Starting identity provider, simulated UR3e, sensor, gateway and tool server ...")
-        with stage() as on_stage, Live(console=console, auto_refresh=False, vertical_overflow="visible") as live:
-            for step in STORY.steps:
-                told.append(play(on_stage, step))
-                live.update(_table(told), refresh=True)
+        with waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
+            started_up()
+            with Live(console=console, auto_refresh=False, vertical_overflow="visible") as live:
+                for step in STORY.steps:
+                    told.append(play(on_stage, step))
+                    live.update(_table(told), refresh=True)
     ok = all(step.ok for step in told)
     figures = {
         "steps": len(told),

@@ -61,12 +61,14 @@ def pit(
         fail("USAGE", "--scene FILE and --motion FILE are needed", as_json=as_json, status=USAGE)
     if picture is not None and picture.suffix not in PICTURES:
         fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
-    from pep.pit.base.errors import PitError
-    from policies.evidence.evidence import ImpactFault
-    from ztpm.pit import Arm, to_plain
-    from ztpm.preparing import prepare_physics
+    from ztpm.preparing import prepare_physics, waiting
 
-    question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
+    with waiting("loading the physics"):
+        from pep.pit.base.errors import PitError
+        from policies.evidence.evidence import ImpactFault
+        from ztpm.pit import Arm, to_plain
+
+        question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
     prepare_physics()
     said = question.answer()
     if isinstance(said, ImpactFault):

@@ -32,6 +32,7 @@ def up(
     from ztpm.base.layout import Layout
     from ztpm.base.lock import DirectoryLock, LockedError
     from ztpm.cell.setup import free_addresses, is_empty
+    from ztpm.preparing import waiting
     from ztpm.up import UpError, prepare, run
     from ztpm.up import as_json as told_to_machines
 
@@ -53,33 +54,46 @@ def up(
             passphrase = ask_passphrase(new=new, as_json=as_json)
             if not as_json:
                 console.print(f"{'Making' if new else 'Starting'} the cell in {layout.root} ...")
-            addresses = prepare(
-                layout, passphrase=passphrase, policy=policy, fresh=lambda: free_addresses(secrets.token_bytes(16))
-            )
-            log = EventLog(
-                layout.log, wall_s=time.time, say=lambda told: None if as_json else typer.echo(told, err=True)
-            )
-            if lock.stale_pid is not None:
-                log.note(
-                    "stale-lock", f"an earlier run, process {lock.stale_pid}, ended without an end", pid=lock.stale_pid
+            with waiting("starting the cell", at_once=True) as over:
+                addresses = prepare(
+                    layout, passphrase=passphrase, policy=policy, fresh=lambda: free_addresses(secrets.token_bytes(16))
                 )
+                log = EventLog(layout.log, wall_s=time.time, say=_mute if as_json else _say)
+                if lock.stale_pid is not None:
+                    log.note(
+                        "stale-lock",
+                        f"an earlier run, process {lock.stale_pid}, ended without an end",
+                        pid=lock.stale_pid,
+                    )
 
-            def ready(cell: Up) -> None:
-                if as_json:
-                    say_json(told_to_machines(cell, layout, pid=os.getpid()))
-                    sys.stdout.flush()
-                else:
-                    _overview(cell, layout)
+                def ready(cell: Up) -> None:
+                    over()
+                    if as_json:
+                        say_json(told_to_machines(cell, layout, pid=os.getpid()))
+                        sys.stdout.flush()
+                    else:
+                        _overview(cell, layout)
 
-            from ztpm.stage.stage import LEFT
+                from ztpm.stage.stage import LEFT
 
-            run(layout, addresses, passphrase=passphrase, joints=LEFT, log=log, ended=ended, ready=ready)
+                run(layout, addresses, passphrase=passphrase, joints=LEFT, log=log, ended=ended, ready=ready)
         except UpError as error:
             _undo(layout, made=made)
             fail(error.code, str(error), as_json=as_json, status=USAGE if error.usage else FAILURE)
         except BaseException:
             _undo(layout, made=made)
             raise
+
+
+def _mute(told: str) -> None:
+    """Says nothing."""
+
+
+def _say(told: str) -> None:
+    from ztpm.preparing import SHOWN
+
+    SHOWN.over()  # a line of its own
+    typer.echo(told, err=True)
 
 
 def _undo(layout: Layout, *, made: bool) -> None:

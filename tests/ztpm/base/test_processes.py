@@ -143,18 +143,51 @@ class Terminal(io.StringIO):
 
 def test_a_child_that_prepares_is_waited_for_as_long_as_it_says_so(module, monkeypatch):
     """Its words are shown, and are no output of a child that fails."""
-    monkeypatch.setattr("ztpm.base.processes.READY_S", 5.0)
+    monkeypatch.setattr("ztpm.base.processes.READY_S", 8.0)
     text = (
         "import json, sys, time\n"
-        "for number in range(4):\n"
+        "for number in range(5):\n"
         "    time.sleep(2)\n"
         "    print(json.dumps({'preparing': number}), flush=True)\n"
     )
     stream = Terminal()
     ready = text + "print(json.dumps({'ready': True}), flush=True)\nsys.stdin.read()\n"
-    child = Child.start("a child", module(ready), environment={}, preparing=Preparing(stream))
+    child = Child.start("a child", module(ready), environment={}, preparing=Preparing(stream, clock=lambda: 0.0))
     child.stop()
-    assert [each for each in stream.getvalue().split(WIPED) if each] == ["0", "1", "2", "3"]
+    assert [each for each in stream.getvalue().split(WIPED) if each] == ["0", "1", "2", "3", "4"]
     with pytest.raises(ChildError) as failed:
         Child.start("a child", module(text), environment={}, preparing=Preparing(Terminal()))
     assert "preparing" not in str(failed.value)
+
+
+def test_a_child_that_says_nothing_yet_is_told_of(module, monkeypatch):
+    """Its programs are loaded, or the machine is loaded: the display is never silent for long, child after child."""
+    began, stream = time.monotonic(), io.StringIO()
+    shown = Preparing(stream, clock=lambda: 10 * (time.monotonic() - began))
+    silent = module("import time\ntime.sleep(2)\n" + READY + "sys.stdin.read()\n")
+    for name in ("one", "other"):
+        Child.start(name, silent, environment={}, preparing=shown).stop()
+    told = stream.getvalue().splitlines()
+    assert {line.rpartition(", ")[0] for line in told} == {"starting the one", "starting the other"}
+    assert len(told) >= 4
+
+
+@pytest.mark.parametrize(
+    ("last", "cause", "silent_s"),
+    [
+        ("os._exit(3)", "status 3", 60.0),
+        ("os.kill(os.getpid(), 9)", "SIGKILL", 60.0),
+        ("time.sleep(100)", "silent for 8 s", 8.0),
+    ],
+)
+def test_a_child_that_does_not_become_ready_is_told_with_cause_and_how_far_it_was(
+    module, monkeypatch, last, cause, silent_s
+):
+    monkeypatch.setattr("ztpm.base.processes.READY_S", silent_s)
+    text = (
+        f"import json, os, time\nprint(json.dumps({{'preparing': '7 of 15'}}), flush=True)\ntime.sleep(0.5)\n{last}\n"
+    )
+    with pytest.raises(ChildError) as failed:
+        Child.start("a child", module(text), environment={}, preparing=Preparing(io.StringIO()))
+    assert cause in str(failed.value)
+    assert "7 of 15" in str(failed.value)
