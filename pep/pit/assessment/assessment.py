@@ -13,7 +13,7 @@ import numpy as np
 from capabilities.values.units import Unit
 from pep.pit.base.errors import UnprovenError
 from pep.pit.base.tier import HIGHEST, TIE
-from pep.pit.path.straight_path import GRID
+from pep.pit.search.certify import Proof, proven
 from policies.evidence.evidence import Contribution, ImpactReading
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Tier
     from pep.pit.base.motion import Floats, Joints
     from pep.pit.scene.view import View
-    from pep.pit.search.certify import Certified, Proof
+    from pep.pit.search.certify import Certified
 
 ENGINE: Final = "numpy-1"
 MILLI: Final = 1000  # index_milli
@@ -75,7 +75,7 @@ class Evident(Certificate):
 class RowsCertificate(Certificate):
     """Rows of a search: a pair, an interval of the path in 1 / GRID, and the index proven there.
 
-    For every pair that is no retreat the intervals cover the whole path, so a checker that recomputes each row confirms
+    For every pair that is no retreat the intervals tile the whole path, so a checker that recomputes each row confirms
     the index without any search. `pep.pit.proof.proof_document` writes the whole proof down, and `pep.pit.checker`
     checks it.
 
@@ -92,9 +92,8 @@ class RowsCertificate(Certificate):
     index: Floats
 
     def proves(self, index: float) -> bool:
-        """As `Certificate.proves`: all rows, which tile the path for each pair that was asked about."""
-        tiled = np.bincount(self.pair, weights=self.high - self.low, minlength=int(self.asked.max(initial=-1)) + 1)
-        return bool((tiled[self.asked] == GRID).all() and self.index.max(initial=0.0) <= index + TIE)
+        """As `Certificate.proves`: all rows, which tile the path of each pair that was asked about."""
+        return proven(self.asked, Proof(self.pair, self.low, self.high, self.index), index)
 
     @property
     def rows(self) -> tuple[tuple[int, int, int, float], ...]:
@@ -119,8 +118,8 @@ class SearchCertificate(RowsCertificate):
     _certified: Certified
 
     def proves(self, index: float) -> bool:
-        """As `Certificate.proves`, by the search's own word: it went through all of the path."""
-        return self._certified.upper <= index + TIE or index >= HIGHEST
+        """As `Certificate.proves`: all rows as the search left them, which are not put together for it."""
+        return self._certified.proves(self.asked, index)
 
     @cached_property
     def _proof(self) -> Proof:

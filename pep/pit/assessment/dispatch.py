@@ -80,7 +80,7 @@ class PathQuestion:
                 legs = self._line_legs(motion)
             case _:
                 assert_never(motion)
-        return as_one(motion.start, legs)
+        return as_one(motion.start, len(motion.legs), legs)
 
     def _seed(self, number: int) -> bytes:
         return self.seed + number.to_bytes(4, "big")  # 4 bytes: more legs than any path may have

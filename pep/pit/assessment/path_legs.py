@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from capabilities.values.units import Unit
 from pep.pit.assessment.assessment import LISTED, Assessment, Certificate
+from pep.pit.base.tier import HIGHEST
 from policies.evidence.evidence import Contribution, ImpactFault
 
 if TYPE_CHECKING:
@@ -28,13 +29,20 @@ class AssessedLeg:
 
 @dataclass(frozen=True, eq=False)
 class LegsCertificate(Certificate):
-    """Proofs of all legs, in order, each with its answer; it has no rows of its own."""
+    """Proofs of all legs, in order, each with its answer; it has no rows of its own.
 
+    Attributes:
+        asked: the legs of the path.
+        answers: fewer where one of them has the highest index, which none behind it can raise.
+    """
+
+    asked: int
     answers: tuple[Assessment, ...]
 
     def proves(self, index: float) -> bool:
         """As `Certificate.proves`: each leg's own proof does, of at most that."""
-        return bool(self.answers) and all(answer.index <= index for answer in self.answers)
+        whole = len(self.answers) == self.asked or index >= HIGHEST
+        return whole and bool(self.answers) and all(answer.index <= index for answer in self.answers)
 
     @property
     def legs(self) -> tuple[Certificate, ...]:
@@ -42,8 +50,8 @@ class LegsCertificate(Certificate):
         return tuple(answer.certificate for answer in self.answers)
 
 
-def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessment | ImpactFault:
-    """Answer for all legs, at least one.
+def as_one(start: Joints, asked: int, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessment | ImpactFault:
+    """Answer for all `asked` legs, at least one.
 
     An appended leg never lowers it. A leg that is a fault makes it one. Legs are asked for one by one, and none after a
     fault.
@@ -68,7 +76,7 @@ def as_one(start: Joints, legs: Iterable[AssessedLeg | ImpactFault]) -> Assessme
         violations=tuple(sorted({word for answer in answers for word in answer.violations})),
         lower_tier_speed=None,  # each leg has a speed of its own
         start=start,
-        certificate=LegsCertificate(tuple(answers)),
+        certificate=LegsCertificate(asked, tuple(answers)),
     )
 
 

@@ -2,7 +2,7 @@
 
 Each row is one pair on one interval of the path. Its own proven clearance meets its own proven speed there, so a slow
 link near the table and a fast one far from it do not add up to a fast one near it. Rows that cannot raise the answer
-are kept as leaves; the others are halved. The leaves of every pair cover the whole path: they are the certificate.
+are kept as leaves; the others are halved. The leaves of every pair tile the whole path: they are the certificate.
 """
 
 from __future__ import annotations
@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 import numpy as np
 
 from pep.pit.base.errors import UnprovenError
+from pep.pit.base.tier import TIE
 from pep.pit.path.straight_path import GRID
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.path.path import Leaves, Route
+    from pep.pit.path.path import Keys, Leaves, Route
     from pep.pit.scene.obstacles import PairKind
     from pep.pit.scene.pairs import Pairs
 
@@ -105,6 +106,30 @@ class Certified:
     def proof(self) -> Proof:
         """Certificate of the search: for every pair its intervals cover the whole path."""
         return Proof(self.leaves.pair, self.leaves.low, self.leaves.high, self.leaf_index)
+
+    def proves(self, asked: NDArray[np.intp], index: float) -> bool:
+        """True where the rows tile the path of each of these pairs, and prove no higher index."""
+        return proven(asked, self.proof, index)
+
+
+def proven(asked: NDArray[np.intp], proof: Proof, index: float) -> bool:
+    """True where the rows of `proof` tile the path of each asked pair, no other, and have no higher index."""
+    pair, low, high, bound = proof
+    inside = bool((low >= 0).all()) and bool((high <= GRID).all())
+    begin, path = pair * GRID, asked * GRID
+    return inside and tiled(begin + low, begin + high, path, path + GRID) and bool(bound.max(initial=0) <= index + TIE)
+
+
+def tiled(begin: Keys, end: Keys, first: Keys, last: Keys) -> bool:
+    """True where the intervals from `begin` to `end` cover those from `first` to `last` once, and nothing else.
+
+    These lie apart from each other. How many intervals lie over a place changes only where one begins or ends: it is
+    the same number everywhere when all changes are the same.
+    """
+    begins, ends = np.concatenate([begin, last]), np.concatenate([end, first])
+    begins.sort()
+    ends.sort()
+    return bool((begin < end).all()) and np.array_equal(begins, ends)
 
 
 def first_cut(path: Route, pairs: Pairs, rows: NDArray[np.intp], *, since: int = 0) -> Leaves:

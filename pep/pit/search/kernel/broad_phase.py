@@ -75,6 +75,8 @@ _CLEAR_OF_THINGS: Final = _SPIN
 _CLEAR_OF_PEOPLE: Final = 6 * FIRST
 _KNOWN: Final = 7 * FIRST
 
+EVERYWHERE: Final = (1 << FIRST) - 1  # far apart on all spans of the first cut
+
 _FRAME: Final = 12 * FIRST  # numbers of a link's frame on all spans; as many of its turning follow
 
 
@@ -175,8 +177,8 @@ def _reaching(swept: Floats, cut: int, bodies: Whole, rates: Floats, table: Floa
 
 
 @lent
-def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, spans: Whole) -> int:
-    """Counts the pairs that are near anywhere, writes them to `near`, and their spans, as bits, to `spans`.
+def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, far: Whole) -> int:
+    """Counts the pairs that are near anywhere, writes them to `near`, and where each pair is far apart to `far`.
 
     A pair that is far apart counts no more than any motion there, and hides no violation.
     """
@@ -189,17 +191,20 @@ def _near(swept: Floats, cut: int, balls: Floats, pairs: Whole, near: Whole, spa
             u, v, w = swept[body, _X + i] - x, swept[body, _Y + i] - y, swept[body, _Z + i] - z
             apart = rest + (swept[body, _CLEAR_OF_PEOPLE + i] if people else swept[body, _CLEAR_OF_THINGS + i])
             is_far = (apart >= 0.0) & (u * u + v * v + w * w >= apart * apart)
-            found |= (1 - is_far) << i
-        near[used], spans[used] = pair, found
-        used += found != 0
+            found |= is_far << i
+        near[used], far[pair] = pair, found
+        used += found != EVERYWHERE
     return used
 
 
 @compiled
 def first_rows(
-    tree: Tree, way: StraightPath, table: Floats, field: Field, pairs: Whole, law: Floats, rows: SearchRows
+    tree: Tree, way: StraightPath, table: Floats, field: Field, pairs: Whole, law: Floats, rows: SearchRows, far: Whole
 ) -> None:
-    """Rows of the first cut but those far apart, each known by its balls; `rows` has room for all."""
+    """Rows of the first cut but those far apart, each known by its balls; `rows` has room for all.
+
+    `far` gets, for each pair, the spans on which it is far apart, as bits.
+    """
     count, numbers, whole, balls = pairs.shape[0], field.numbers, field.whole, field.balls
     spans, rates, nodes = tree.spans, tree.rates, tree.nodes
     moved, cut = np.zeros(table.shape[0], np.bool_), tree.counts[SPANS]
@@ -208,16 +213,16 @@ def first_rows(
     bodies = np.flatnonzero(moved)
     known = swept(nodes, spans[0, AT_MID], cut, way.arm, bodies)
     _reaching(known, cut, bodies, rates, table, law)
-    near, on = np.empty(count + 1, np.int64), np.empty(count + 1, np.int64)
-    count = _near(known, cut, balls, pairs, near, on)
+    near = np.empty(count + 1, np.int64)
+    count = _near(known, cut, balls, pairs, near, far)
     row_whole, row_numbers, doubts, ends = rows.whole, rows.numbers, rows.doubts, nodes.ends
     used = doubtful = 0
     for k in range(FIRST):
         at = spans[k, AT_MID]
         for each in range(count):
-            if not on[each] >> k & 1:
-                continue
             pair = near[each]
+            if far[pair] >> k & 1:
+                continue
             body, kind, below = whole[pair, BODY], whole[pair, KIND], numbers[pair, VIOLATED_BELOW]
             strays, rush = known[body, _STRAYS + k], known[body, _RUSH + k]
             speed = rush * rates[k, HIGHEST_RATE]
@@ -225,6 +230,7 @@ def first_rows(
                 place(nodes, at, way.arm, body)
                 clear = plane_gap(ends, at, body, numbers, pair)[0] - numbers[pair, RADII] - strays
                 if clear >= max(calm_beyond(kind, numbers, pair, speed, law), below):
+                    far[pair] |= 1 << k
                     continue
             else:
                 x, y = known[body, _X + k] - numbers[pair, CENTER], known[body, _Y + k] - numbers[pair, CENTER + 1]

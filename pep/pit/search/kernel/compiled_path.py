@@ -217,7 +217,7 @@ class CompiledPath(Path):
         _ASKED.pack_into(
             room.numbers.data, 0, *move.start, *move.target, *timing_of(profile), *law_of(pairs, stop), *speeds
         )
-        status, upper, attained, falls, many, broken, found = certify(
+        status, upper, attained, falls, many, broken, found, far = certify(
             *room, numbers, whole, *field, rows, groups, floor, LOOKS if told else 0, slower is not None
         )
         check_time()
@@ -226,7 +226,7 @@ class CompiledPath(Path):
         if status == HIDDEN:
             raise UnprovenError("violation")
         return StraightCertified(
-            StraightFindings(pairs, rows, many, broken, found),
+            StraightFindings(pairs, rows, many, broken, found, far),
             upper=upper,
             attained=attained,
             slower=None if falls == NOBODY else falls,
@@ -283,6 +283,7 @@ def compile_all() -> None:
     found = path.certify(
         pairs, profile, stop, rows=rows, floor=MOVING, check_time=_no_limit, slower=Slower(0.05, 8.0, 0.01, 0.5)
     )
+    found.proves(rows, found.upper)
     path.fits(pairs, profile, stop, found.leaves, index=MOVING, check_time=_no_limit)
     path.blow_ratio(replace(pairs, kind=np.zeros_like(pairs.kind)), profile, stop, check_time=_no_limit)
     path.examine(pairs, np.zeros(1, np.int64), np.full(1, GRID), rows[:1])

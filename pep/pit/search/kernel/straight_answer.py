@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 
-from pep.pit.base.tier import MOVING
+from pep.pit.base.tier import MOVING, TIE
 from pep.pit.path.path import Leaves
-from pep.pit.path.straight_path import GRID
 from pep.pit.search.certify import Certified, Proof, Witness
 from pep.pit.search.kernel.interval_tree import FIRST
+from pep.pit.search.kernel.row_cover import CELL, LEAF_INDEX, tiled_index
 from pep.pit.search.kernel.search_columns import LEAF_NUMBERS, MET
 
 if TYPE_CHECKING:
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from pep.pit.scene.pairs import Pairs
 
 
+_CELLS: Final = 1 << np.arange(FIRST)[:, None]
+
+
 class StraightFindings(NamedTuple):
     """Findings of `kernel.straight.certify`, with their question.
 
@@ -29,6 +32,7 @@ class StraightFindings(NamedTuple):
         pairs, rows: all pairs, and those in question.
         told, broken: numbers of witnesses and violations.
         found: those, in `MET` columns, then leaves, in `LEAF` columns.
+        far: for each pair the spans of the first cut on which it was found far apart, as bits.
     """
 
     pairs: Pairs
@@ -36,12 +40,18 @@ class StraightFindings(NamedTuple):
     told: int
     broken: int
     found: Floats
+    far: NDArray[np.int64]
+
+    @property
+    def leaves(self) -> Floats:
+        """The leaves alone."""
+        return self.found[self.told + self.broken :]
 
 
 class StraightCertified(Certified):
     """Answer as of `Certified`, with leaves for rows that were looked at one by one only.
 
-    The rest of the proof is known to be far apart.
+    The rest of the proof is what was found to be far apart.
     """
 
     def __init__(self, found: StraightFindings, *, upper: float, attained: float, slower: float | None) -> None:
@@ -61,36 +71,33 @@ class StraightCertified(Certified):
     @cached_property
     def violated(self) -> dict[PairKind, Witness]:
         """As `Certified.violated`."""
-        pairs, _, told, broken, found = self._found
+        pairs, _, told, broken, found, _ = self._found
         return {pairs.kind_of(w.pair): w for w in _witnesses(found[told : told + broken])}
 
     @cached_property
     def leaves(self) -> Leaves:
         """As `Certified.leaves`."""
-        found = np.ascontiguousarray(self._leaves)
+        found = np.ascontiguousarray(self._found.leaves.T)
         return Leaves(*found[:LEAF_NUMBERS].astype(np.int64), *found[LEAF_NUMBERS:-1])
 
     @cached_property
     def leaf_index(self) -> Floats:
         """As `Certified.leaf_index`."""
-        return self._leaves[-1].copy()
+        return self._found.leaves[:, LEAF_INDEX].copy()
 
-    @property
-    def _leaves(self) -> Floats:
-        return self._found.found[self._found.told + self._found.broken :].T
+    def proves(self, asked: NDArray[np.intp], index: float) -> bool:
+        """As `Certified.proves`."""
+        return bool(tiled_index(self._found.leaves, self._found.far, asked) <= index + TIE)
 
     @property
     def proof(self) -> Proof:
         """As `Certified.proof`."""
-        leaves, found = self.leaves, self._found
-        step = GRID // FIRST
-        far = np.ones((FIRST, len(found.pairs)), dtype=np.bool_)
-        far[leaves.low // step, leaves.pair] = False
-        span, row = np.nonzero(far[:, found.rows])
+        leaves, rows = self.leaves, self._found.rows
+        cell, row = np.nonzero(self._found.far[rows] & _CELLS)
         return Proof(
-            np.concatenate([leaves.pair, found.rows[row]]),
-            np.concatenate([leaves.low, span * step]),
-            np.concatenate([leaves.high, span * step + step]),
+            np.concatenate([leaves.pair, rows[row]]),
+            np.concatenate([leaves.low, cell * CELL]),
+            np.concatenate([leaves.high, cell * CELL + CELL]),
             np.concatenate([self.leaf_index, np.full(len(row), MOVING)]),
         )
 

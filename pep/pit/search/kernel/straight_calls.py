@@ -157,7 +157,7 @@ def certify(
     floor: float,
     looks: int,
     slows: bool,
-) -> tuple[int, float, float, float, int, int, Floats]:
+) -> tuple[int, float, float, float, int, int, Floats, Whole]:
     """The proven index of these pairs on this path.
 
     Few arrays and no tuples of them: numba looks at each that Python hands over, which takes as long as the search when
@@ -178,8 +178,8 @@ def certify(
         `ANSWERED`, `TOO_MANY` or `HIDDEN`, the proven and the attained index, and the highest speed at which the index
         of these pairs is proven to be a whole tier lower, or -1; then how many witnesses there are and how many
         violations, and an array of those: first the witnesses in `MET` columns, highest first, then the violations,
-        then the leaves in `LEAF` columns. Which pairs of the first cut have no leaf are far apart there and count no
-        more than any motion.
+        then the leaves in `LEAF` columns; last, for each pair, the spans of the first cut on which it is far apart and
+        counts no more than any motion, as bits: there it has no leaf.
     """
     arm, field = arm_in(arm_numbers, arm_whole), Field(pair_balls, pair_numbers, pair_whole)
     joints = arm.offsets.shape[0]
@@ -192,8 +192,9 @@ def certify(
     table = table_of(arm, way.bends)
     met = Met(none_met(groups), none_met(KINDS), np.empty((groups, looks), np.int64))
     tree, rows, heap = laid_out(Room(numbers, whole, flags, room), table.shape[0], joints)
+    far = np.zeros(field.whole.shape[0], np.int64)
     tree, rows, heap, status, best = searched(
-        tree, rows, heap, way, table, field, pairs, profile, law, floor, looks, met
+        tree, rows, heap, way, table, field, pairs, profile, law, floor, looks, met, far
     )
     witnesses, violated = ranked(met.witnesses), ranked(met.violated)
     told, broken = witnesses.shape[0], violated.shape[0]
@@ -205,4 +206,4 @@ def certify(
     slower, target = NOBODY, math.ceil(min(upper, HIGHEST) - TIE) - 1.0
     if slows and status == ANSWERED and broken == 0 and target >= MOVING:
         slower = _slower(tree, rows, heap, way, table, field, profile, law, stop, met, target)
-    return status, upper, best, slower, told, broken, found
+    return status, upper, best, slower, told, broken, found, far

@@ -391,14 +391,17 @@ def searched(
     floor: float,
     looks: int,
     met: Met,
+    far: Whole,
 ) -> tuple[Tree, SearchRows, Heap, int, float]:
     """Rows of these pairs on this path, settled; there is room for those of the first cut.
+
+    `far` gets, for each pair, the spans of the first cut that have no row, as bits.
 
     Returns:
         The tree, rows and heap, the status, and the highest index that was met.
     """
     plant(tree, way, profile)
-    first_rows(tree, way, table, field, pairs, law, rows)
+    first_rows(tree, way, table, field, pairs, law, rows, far)
     heaped(heap.key, heap.row, heap.used, rows.numbers[: rows.used[0], BOUND])
     best, status = floor, ANSWERED
     while True:
