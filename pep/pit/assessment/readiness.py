@@ -47,7 +47,12 @@ class Progress:
 
 @cache
 def compile_all() -> None:
-    """Compiles every function of the kernel, or reads earlier compilations."""
+    """Compiles every function of the kernel, or reads earlier compilations.
+
+    All that stands afterwards is left out of the collector's looks, until `gc.unfreeze`: the compiler and the kernel
+    stay as long as the process, and each full look at them would hold up all of it, an arm's watch too. Garbage is
+    collected before. A process whose collector is off keeps it as it is.
+    """
     collects = gc.isenabled()
     gc.disable()  # looking through all that a compiler makes takes longer and longer
     try:
@@ -59,6 +64,9 @@ def compile_all() -> None:
         robot, cell = Robot.load("ur3e"), CellParameters()
         pairs = pairs_of(robot, cell.surveyed, cell, grown_m=0.0)
         settle(ready_of(robot, pairs, cell, sighted_s=0.0), SERVO, np.zeros((STEP, JOINTS)), 0.0, 0.0)
+        if collects:
+            gc.collect()
+            gc.freeze()
     finally:
         if collects:
             gc.enable()
