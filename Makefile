@@ -46,7 +46,7 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 	$(RUN) ztpm eval conduct
 	$(RUN) pytest -q --campaign -m "campaign or hypothesis"
 
-soundness:  ## 100,000 motions and scenes against MuJoCo, their certificates and corrupted ones; goes on where it was ended
+soundness:  ## 20,000 motions, half of them lines, paths and streams, against MuJoCo, their certificates and corrupted ones; goes on where it was ended
 	uv run --extra all --extra bench --group dev python -m tests.pep.pit.campaign --ledger .soundness
 
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended

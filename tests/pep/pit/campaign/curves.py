@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pinocchio
+from pep.base.stop_model import patience_s
 from tests.pep.pit.campaign.dense import World
 from tests.pep.pit.campaign.facts import MODEL as FACTS
 from tests.pep.pit.campaign.timing import Timing
@@ -30,14 +31,16 @@ from tests.pep.pit.lines import (
 )
 from tests.pep.pit.scenes import CELL, random_move, random_scene
 
-from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedL
+from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedJ, SpeedL
 
 TURN_LEVER_M = 0.1
 """Lever, metre, by which a turn of the tool counts as way where that exceeds the line (PHY-18)."""
-SAMPLES = 160
-STEP_S = 0.004
-BRAKING = 16
+STEP_S = 0.001
+"""Time between two samples of a motion."""
 LEGS_MOST = 4
+VALUES, EACH = 5, 25
+"""Values of a stream in one question: of so many values of the stream one."""
+PERIOD_S, LOOKAHEAD_S = 0.002, 0.1
 SPEED_LIMITS = np.array([joint["speed_limit_rad_s"] for joint in FACTS["joints"]])
 
 
@@ -95,6 +98,20 @@ def curved_question(rng):
     return asked(scene, form(rng))
 
 
+def random_stream(rng):
+    """Values of a program's stream, one after the other: what the arm does with one is where the next begins."""
+    served = bool(rng.integers(0, 2))
+    q, qd = np.array(random_start(rng)), rng.uniform(-0.6, 0.6, 6) * rng.choice([0.1, 0.5, 1.0])
+    for _ in range(VALUES):
+        q, qd = q + PERIOD_S * EACH * qd, qd + rng.uniform(-0.05, 0.05, 6)
+        start, now = tuple(q.tolist()), tuple(qd.tolist())
+        if served:
+            target = q + LOOKAHEAD_S * (qd + rng.uniform(-0.1, 0.1, 6))
+            yield ServoJ(start, now, tuple(target.tolist()), PERIOD_S, LOOKAHEAD_S)
+        else:
+            yield SpeedJ(start, now, float(rng.uniform(0.5, 8)), float(rng.uniform(PERIOD_S, 0.2)))
+
+
 def random_joint_path(rng):
     """Legs as random moves are, one after the other."""
     first = random_move(rng, 0.6)
@@ -148,7 +165,14 @@ def played(motion, rng):
             ways = [_held(motion, motion.duration_s + share * CELL.stop_delay_s) for share in (0.0, rng.random(), 1.0)]
         case ServoJ():
             ways = [_servo(motion, rng.random(6)) for _ in range(4)]
+        case SpeedJ():
+            ways = [_sped(motion)]
     return None if any(way is None for way in ways) else ways
+
+
+def instants(until_s):
+    """Instants from 0 to the end, both among them, no farther apart than `STEP_S`."""
+    return np.linspace(0, until_s, max(2, int(np.ceil(until_s / STEP_S)) + 1))
 
 
 def _line(start, target, speed, acceleration):
@@ -158,7 +182,7 @@ def _line(start, target, speed, acceleration):
     way = max(float(np.linalg.norm(line)), TURN_LEVER_M * float(np.linalg.norm(turn)))
     peak = min(speed, (acceleration * way) ** 0.5)
     timing = Timing(acceleration, acceleration, peak, way / peak - peak / acceleration)
-    made, rate = timing.lead(np.linspace(0, timing.duration_s, SAMPLES))
+    made, rate = timing.lead(instants(timing.duration_s))
     track = marched(start, line, turn, made / way)
     if track is None:
         return None
@@ -172,8 +196,9 @@ def _held(motion, until_s):
     position, rotation = placed(q, scratch)
     ramp = np.abs(full).max() / motion.acceleration_m_s2
     places, speeds, share, qd = [q], [np.zeros(6)], 0.0, np.zeros(6)
-    for t in np.linspace(0, until_s, max(2, int(until_s / STEP_S)))[1:]:
-        step = until_s / (max(2, int(until_s / STEP_S)) - 1)
+    times = instants(until_s)
+    step = times[1]
+    for t in times[1:]:
         before, share = share, min(1.0, t / ramp)
         position = position + (before + share) / 2 * step * full[:3]
         rotation = pinocchio.exp3((before + share) / 2 * step * full[3:]) @ rotation
@@ -192,7 +217,18 @@ def _servo(motion, share):
     wanted = (np.array(motion.target) - start) / max(motion.lookahead_s, 0.03)  # U12: the least lookahead
     qd = now + share * (wanted - now)
     held = CELL.watch_age_limit_s + CELL.reaction_s + motion.period_s + CELL.stop_delay_s
-    times = np.linspace(0, held, 24)
+    return _driven_on(start, qd, held)
+
+
+def _sped(motion):
+    """Joint speeds through their time, the controller's patience, and the stop."""
+    held = motion.duration_s + patience_s(CELL.stop_deceleration_rad_s2) + CELL.stop_delay_s
+    return _driven_on(np.array(motion.start), np.array(motion.qd_rad_s), held)
+
+
+def _driven_on(start, qd, held_s):
+    """These speeds for so long, and the stop."""
+    times = instants(held_s)
     places = start + times[:, None] * qd
     return _stopped(list(places), [qd] * len(times), places[-1], qd)
 
@@ -200,7 +236,8 @@ def _servo(motion, share):
 def _stopped(places, speeds, q, qd):
     """The same, and after it the joints' own stop."""
     lead = float(np.abs(qd).max())
-    for left in np.linspace(1, 0, BRAKING) if lead else ():
+    stop_s = lead / CELL.stop_deceleration_rad_s2
+    for left in 1 - instants(stop_s) / stop_s if lead else ():
         gone = lead * (1 - left * left) / (2 * CELL.stop_deceleration_rad_s2)
         places, speeds = [*places, q + qd * gone], [*speeds, qd * left]
     return Played(places, speeds)

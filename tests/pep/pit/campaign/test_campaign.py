@@ -22,6 +22,7 @@ from tests.model.pit.path import NumpyPath, bending
 from tests.pep.pit import twin
 from tests.pep.pit.campaign import __main__ as campaign
 from tests.pep.pit.campaign import bracket, dense, facts, laws, stage, trials
+from tests.pep.pit.campaign.curves import curved_question, instants, played, random_stream
 from tests.pep.pit.campaign.laws import FAR_M
 from tests.pep.pit.campaign.questions import drawn, long_move
 from tests.pep.pit.campaign.timing import spaced
@@ -29,7 +30,7 @@ from tests.pep.pit.checker.test_checker import asked
 from tests.pep.pit.corruption import Corrupted
 from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, random_move, random_scene, sweep, tcp, with_glass, with_person
 
-from pep.pit import Contact, Person, Region, Scene, Sphere, Thing, Workspace, assess
+from pep.pit import Contact, JointPath, Person, Region, Scene, Sphere, Thing, Workspace, assess
 from pep.pit.checker import Verified
 
 pytestmark = pytest.mark.long
@@ -54,7 +55,12 @@ def test_p9_a_slice_of_the_campaign_meets_every_claim():
 def test_p9_no_sample_of_a_motion_that_is_no_straight_joint_motion_is_above_its_answer():
     found = campaign.piece(9, 0, CURVED, 1.0)
     assert found.failed == []
-    assert found.counts["curved"] == CURVED
+    assert found.counts["curved"] + found.counts["streams"] == CURVED
+    assert found.counts["certificates"] == found.counts["curved"] - found.counts["curved, unproven"]
+    assert found.counts["samples, curved"] > 500 * CURVED
+    assert found.counts["stream, ServoJ"]
+    assert found.counts["stream, SpeedJ"]
+    assert found.most["index below a sample, stream"] <= trials.UNDER
     forms = {"MoveL", "LinePath", "JointPath", "SpeedL", "ServoJ"}
     assert all(found.counts[form] for form in forms)
     left_out = ("curved, unproven", "curved, beyond a limit", "curved, not followed")
@@ -70,6 +76,37 @@ def test_a_curved_answer_that_is_too_low_and_violations_that_are_not_told_are_se
     told = " ".join(campaign.piece(9, 0, CURVED, 1.0).failed)
     assert all(f"{form}: index" in told for form in ("MoveL", "LinePath", "JointPath", "SpeedL"))
     assert ": violations {" in told
+
+
+def test_a_value_of_a_stream_whose_index_is_too_low_is_seen(monkeypatch):
+    true = trials.Stream.step
+    monkeypatch.setattr(
+        trials.Stream, "step", lambda *a, **k: unchecked((said := true(*a, **k)), index=said.index - 0.6)
+    )
+    told = " ".join(campaign.piece(9, 0, CURVED, 1.0).failed)
+    assert all(f"stream of {form}: index" in told for form in ("ServoJ", "SpeedJ"))
+
+
+def test_a_certificate_of_a_curved_motion_that_is_not_verified_is_seen(monkeypatch):
+    true = trials.verify
+    monkeypatch.setattr(trials, "verify", lambda text: true(text[:-1]))
+    assert "not verified" in " ".join(campaign.piece(9, 0, 2, 1.0).failed)
+
+
+def test_motions_are_sampled_every_millisecond():
+    rng, met = np.random.default_rng(12), set()
+    motions = [curved_question(rng)["motion"] for _ in range(40)] + list(random_stream(rng)) + list(random_stream(rng))
+    for motion in motions:
+        for way in () if isinstance(motion, JointPath) else played(motion, rng) or ():
+            gone = np.abs(np.diff(way.q, axis=0))
+            fastest = np.maximum(np.abs(way.qd[1:]), np.abs(way.qd[:-1]))
+            assert (gone <= 0.001 * (fastest + 0.1 * way.timing.peak) + 1e-9).all()
+            met.add(type(motion).__name__)
+    assert met >= {"MoveL", "LinePath", "SpeedL", "ServoJ"}
+    for until_s in (0.0005, 0.001, 0.0123, 2.0):
+        times = instants(until_s)
+        assert (times[0], times[-1]) == (0.0, until_s)
+        assert np.diff(times).max() <= 0.001 + 1e-12
 
 
 def lying(monkeypatch, change):

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 from evaluation.pit.ruler import REACH_M, Ruler
+from pep.pit.assessment.stream import Bounded, Stream
 from pep.pit.base.errors import ProofError
 from pep.pit.proof.proof_document import document
 from pep.pit.scene.pairs import pairs_of
@@ -13,19 +14,23 @@ from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from policies.evidence.evidence import ImpactFault
 from tests.pep.pit.campaign.bracket import CLOSE, CLOSE_M, closed
-from tests.pep.pit.campaign.curves import CurvedWorld, curved_question, played, straight_legs
+from tests.pep.pit.campaign.curves import CurvedWorld, curved_question, instants, played, random_stream, straight_legs
 from tests.pep.pit.campaign.dense import POSITION_LIMITS, World
 from tests.pep.pit.campaign.questions import drawn, patient
 from tests.pep.pit.campaign.timing import driven
-from tests.pep.pit.corruption import corrupted
-from tests.pep.pit.scenes import SEED
+from tests.pep.pit.checker.corruption_courses import corrupted as corrupted_course
+from tests.pep.pit.checker.test_checker import asked
+from tests.pep.pit.corruption import corrupted as corrupted_move
+from tests.pep.pit.scenes import SEED, random_scene
 
 from pep.pit import JointPath, assess
 from pep.pit.checker import Code, Unverified, Verified, verify
 
 CORRUPT_EACH = 10
-CONTROL, CONTROL_EACH = 1001, 50
-"""Even samples of every fiftieth trial."""
+CONTROL_EACH = 50
+"""Of so many trials one is sampled every millisecond as well."""
+STREAMS = 0.25
+"""Share of streams among what is no straight joint motion."""
 UNDER = 1e-6
 """Greatest difference of two ways of computing an index.
 
@@ -66,7 +71,10 @@ def trial(seed, number, share=0.0):
 
     rng = np.random.default_rng([seed, number, 2])
     if rng.random() < share:
-        curved_trial(rng, found, fail)
+        if rng.random() < STREAMS:
+            stream_trial(rng, found, fail)
+        else:
+            curved_trial(rng, number, found, fail)
         return found
     question = drawn(seed, number)
     answer = assess(**question, seed=SEED)
@@ -146,7 +154,7 @@ def sampled(question, answer, found, fail, *, control=False):
 def controlled(world, seen, found, fail, *, at_least_m):
     """Evenly dense samples find nothing that those before them left out."""
     world.forget()
-    world.look(np.linspace(0, world.run.timing.duration_s, CONTROL), at_least_m=at_least_m)
+    world.look(instants(world.run.timing.duration_s), at_least_m=at_least_m)
     even = world.seen()
     found.counts["controls"] += 1
     found.reach("index of a control above the samples", max(even.high - seen.high, even.low - seen.low))
@@ -191,8 +199,8 @@ def asked_clearance(question):
 # ---- motions that are no straight joint motion
 
 
-def curved_trial(rng, found, fail):
-    """No sample is above the answer; of joint paths, which are straight, the answer is near too."""
+def curved_trial(rng, number, found, fail):
+    """No sample is above the answer, whose certificate holds; of joint paths, which are straight, it is near too."""
     question = patient(curved_question(rng))
     answer = assess(**question, seed=SEED)
     motion = question["motion"]
@@ -204,10 +212,14 @@ def curved_trial(rng, found, fail):
     if isinstance(answer, ImpactFault):
         fail(f"a fault: {answer}")
         return
+    try:
+        certified(question, answer, rng, number, found, fail, corrupted=corrupted_course)
+    except ProofError as error:
+        fail(f"no certificate: {error.detail}")
     if "joint_limit" in answer.violations:
         found.counts["curved, beyond a limit"] += 1
         return
-    low, high, violated = curved_seen(question, motion, rng, fail)
+    low, high, violated = curved_seen(question, motion, rng, found, fail)
     if low is None:
         found.counts["curved, not followed"] += 1
         return
@@ -225,31 +237,70 @@ def curved_trial(rng, found, fail):
         found.reach("index above the samples, curved", answer.index - high)
 
 
-def curved_seen(question, motion, rng, fail):
+def stream_trial(rng, found, fail):
+    """No sample is above what is told of each value of a stream."""
+    question = patient(asked(random_scene(rng, things=2, regions=2), None))
+    more = question["scene"], question["cell"], question["perception_age_s"], question["touch"]
+    stream = Stream(question["robot"], question["cell"], touch=question["touch"], clock=lambda: 0.0)
+    seen_at = None
+    found.counts["streams"] += 1
+    for motion in random_stream(rng):
+        if seen_at is None:
+            seen_at = motion.start
+            stream.see(question["scene"], age_s=question["perception_age_s"], at_rad=seen_at)
+        answer = stream.step(motion, authorised_milli=4000, seed=SEED)
+        found.counts[f"stream, {type(motion).__name__}"] += 1
+        if isinstance(answer, ImpactFault):
+            fail(f"a fault: {answer}")
+            return
+        settled = isinstance(answer, Bounded)
+        found.counts["stream, settled at once"] += settled
+        if not settled and "joint_limit" in answer.violations:
+            found.counts["stream, beyond a limit"] += 1
+            continue
+        low, _, violated = seen_in(played(motion, rng), question["robot"], motion, more, found)
+        found.reach("index below a sample, stream", low - answer.index)
+        if low > answer.index + UNDER:
+            fail(f"stream of {type(motion).__name__}: index {answer.index}, sampled {low}")
+        told = set() if settled else {str(kind) for kind in answer.violations}
+        if not violated <= told:
+            fail(f"stream of {type(motion).__name__}: violations {violated}, told {told}")
+
+
+def seen_in(ways, robot, motion, more, found):
+    """Highest index with and without allowances, and what is violated, in these ways of doing a motion."""
+    worlds = [CurvedWorld(robot, more[0], motion, *more[1:], run=way) for way in ways]
+    for world in worlds:
+        world.look(world.run.times)
+    return worst_of(worlds, found)
+
+
+def worst_of(worlds, found):
+    """The same in these worlds, which were sampled."""
+    seen = [world.seen() for world in worlds]
+    found.counts["samples, curved"] += sum(s.samples for s in seen)
+    return max(s.low for s in seen), max(s.high for s in seen), set().union(*(s.violated for s in seen))
+
+
+def curved_seen(question, motion, rng, found, fail):
     """Highest index with and without allowances, and what is violated; nothing where the arm cannot follow."""
     more = question["scene"], question["cell"], question["perception_age_s"], question["touch"]
-    worlds = []
-    if isinstance(motion, JointPath):
-        for leg in straight_legs(motion):
-            if driven(leg, question["cell"]) is not None:
-                worlds.append(World(question["robot"], more[0], leg, *more[1:]))
-                if not closed(worlds[-1]):
-                    fail(f"{len(worlds[-1].times)} samples leave something between them")
-    else:
+    if not isinstance(motion, JointPath):
         ways = played(motion, rng)
-        if ways is None:
-            return None, None, None
-        for way in ways:
-            worlds.append(CurvedWorld(question["robot"], more[0], motion, *more[1:], run=way))
-            worlds[-1].look(way.times)
-    seen = [world.seen() for world in worlds]
-    return max(s.low for s in seen), max(s.high for s in seen), set().union(*(s.violated for s in seen))
+        return (None, None, None) if ways is None else seen_in(ways, question["robot"], motion, more, found)
+    worlds = []
+    for leg in straight_legs(motion):
+        if driven(leg, question["cell"]) is not None:
+            worlds.append(World(question["robot"], more[0], leg, *more[1:]))
+            if not closed(worlds[-1]):
+                fail(f"{len(worlds[-1].times)} samples leave something between them")
+    return worst_of(worlds, found)
 
 
 # ---- the certificate
 
 
-def certified(question, answer, rng, number, found, fail):
+def certified(question, answer, rng, number, found, fail, corrupted=corrupted_move):
     """The proof is verified, and refused when it is corrupted."""
     began = time.perf_counter()
     text = document(answer, **question)
