@@ -1,8 +1,9 @@
-"""Verifying an exported ledger offline: pure, from lines and public keys to an answer.
+"""Verifying an exported ledger, or an enforcement point's journal, offline: pure, from lines and public keys.
 
 Checked in this order for each entry: one canonical JSON form, the seven fields, the number, the link to the entry
 before; for an enforcement point's record inside it, that record's own number and link. At the end the signed
-checkpoint must name exactly this ledger.
+checkpoint must name exactly this ledger. A journal is a chain of such records alone, and nobody signed its end: the
+ledger that took it in holds that.
 """
 
 from __future__ import annotations
@@ -16,9 +17,8 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.statements import checkpoint
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import StatementError
-from capabilities.values.strict_json import is_canonical
+from capabilities.values.strict_json import JsonError, read_canonical
 from ztpm_idp.domain.ledger import FIRST_PREV, RECORD_FIELDS, VERSION
-from ztpm_idp.provider.body_json import BodyError, parse_json
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -57,15 +57,34 @@ class DefectCode(StrEnum):
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """The ledger is whole.
+    """The ledger is whole, from the entry that was asked for as the first.
 
     Attributes:
-        size: number of entries.
+        size: number of the last entry.
         head: hash of the last, hex.
+        as_of_ms: when its checkpoint was signed, or its last entry made.
     """
 
     size: int
     head: str
+    as_of_ms: int
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedJournal:
+    """The journal is unbroken up to its last record, whose own change only a ledger would show.
+
+    Attributes:
+        pep: the enforcement point that wrote it.
+        size: number of records.
+        head: hash of the last, hex.
+        unfinished_bytes: of a record that was being written when its writer died; 0 when there is none.
+    """
+
+    pep: str
+    size: int
+    head: str
+    unfinished_bytes: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,14 +107,46 @@ class _Found(Exception):  # noqa: N818  it carries the defect out
         self.defect = Defect(seq, code)
 
 
-def verify(lines: Iterable[bytes | str], trust: TrustBundle) -> Verified | Defect:
+def is_journal(line: bytes) -> bool:
+    """True where this first line of a file is a record, and so the file a journal."""
+    try:
+        value, _ = read_canonical(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
+    except (JsonError, StatementError):
+        return False
+    return isinstance(value, dict) and value.keys() == RECORD_FIELDS
+
+
+def verify_journal(lines: Iterable[bytes]) -> VerifiedJournal | Defect:
+    """Result of checking that these lines are an enforcement point's unbroken journal.
+
+    Args:
+        lines: of the file, with their line ends; a last one without is a record that was never finished.
+    """
+    journals, unfinished, pep = _Journals(), 0, ""
+    try:
+        for seq, line in enumerate(lines, start=1):
+            if not line.endswith(b"\n"):
+                unfinished = len(line)
+                break
+            record = _value_of(line[:-1], seq)
+            pep = pep or str(record.get("pep"))
+            journals.take(pep, record, line[:-1], seq)
+    except _Found as found:
+        return found.defect
+    size, head = journals.ends.get(pep, (0, FIRST_PREV))
+    return VerifiedJournal(pep, size, head, unfinished)
+
+
+def verify(lines: Iterable[bytes | str], trust: TrustBundle, *, first: int = 1) -> Verified | Defect:
     """Result of checking that these lines are the whole, unchanged ledger that the identity provider signed.
 
     Args:
         lines: of the export, without line ends; the last one is the checkpoint.
         trust: names the issuer and the ledger's keys.
+        first: number of the first entry that is wanted. Of what is before it nothing is said; each entry from it on
+            is bound to the checkpoint.
     """
-    walk = _Walk(trust)
+    walk = _Walk(trust, first)
     try:
         for line in lines:
             walk.take(line.encode() if isinstance(line, str) else line)
@@ -104,14 +155,57 @@ def verify(lines: Iterable[bytes | str], trust: TrustBundle) -> Verified | Defec
         return found.defect
 
 
+def _value_of(line: bytes, seq: int) -> dict[str, Any]:
+    """Object of a canonical line."""
+    try:
+        value, canonical = read_canonical(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
+    except (JsonError, StatementError):
+        raise _Found(seq, DefectCode.LINE_MALFORMED) from None
+    if not canonical:
+        raise _Found(seq, DefectCode.NOT_CANONICAL)
+    if not isinstance(value, dict):
+        raise _Found(seq, DefectCode.ENTRY_MALFORMED)
+    return value
+
+
+class _Journals:
+    """Chains of enforcement points' records.
+
+    Attributes:
+        ends: number and hash of the last record of each enforcement point.
+    """
+
+    def __init__(self, *, whole: bool = True) -> None:
+        """Each chain begins with its first record, unless they are not `whole`."""
+        self.ends: dict[str, tuple[int, str]] = {}
+        self._whole = whole
+
+    def take(self, pep: str, record: object, spelled: bytes, seq: int) -> None:
+        """One more record of that enforcement point, which is spelled so."""
+        if not isinstance(record, dict) or record.keys() != RECORD_FIELDS:
+            raise _Found(seq, DefectCode.RECORD_MALFORMED)
+        number, prev = record["seq"], record["prev"]
+        if type(number) is not int or type(prev) is not str or record["pep"] != pep or record["v"] != VERSION:
+            raise _Found(seq, DefectCode.RECORD_MALFORMED)
+        begins = (0, FIRST_PREV) if self._whole else (number - 1, prev)
+        last, head = self.ends.get(pep, begins)
+        if number <= last:
+            raise _Found(seq, DefectCode.RECORD_REPLAYED)
+        if number != last + 1:
+            raise _Found(seq, DefectCode.RECORD_GAP)
+        if prev != head:
+            raise _Found(seq, DefectCode.RECORD_CHAIN_BROKEN)
+        self.ends[pep] = number, hashlib.sha256(spelled).hexdigest()
+
+
 class _Walk:
     """State of one verification."""
 
-    def __init__(self, trust: TrustBundle) -> None:
+    def __init__(self, trust: TrustBundle, first: int) -> None:
         self._trust = trust
-        self._size = 0
-        self._head = FIRST_PREV
-        self._journals: dict[str, tuple[int, str]] = {}
+        self._size = first - 1
+        self._head: str | None = FIRST_PREV if first == 1 else None
+        self._journals = _Journals(whole=first == 1)
         self._checkpoint: checkpoint.Checkpoint | None = None
 
     def take(self, line: bytes) -> None:
@@ -119,15 +213,7 @@ class _Walk:
         seq = self._size + 1
         if self._checkpoint is not None:
             raise _Found(seq, DefectCode.AFTER_CHECKPOINT)
-        try:
-            value = parse_json(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
-            canonical = is_canonical(line, value)
-        except (BodyError, StatementError):
-            raise _Found(seq, DefectCode.LINE_MALFORMED) from None
-        if not canonical:
-            raise _Found(seq, DefectCode.NOT_CANONICAL)
-        if not isinstance(value, dict):
-            raise _Found(seq, DefectCode.ENTRY_MALFORMED)
+        value = _value_of(line, seq)
         if value.keys() == {"checkpoint"}:
             self._checkpoint = self._open(value["checkpoint"], seq)
         else:
@@ -143,9 +229,11 @@ class _Walk:
             raise _Found(self._size, DefectCode.CHECKPOINT_OF_ANOTHER)
         if signed.size != self._size:
             raise _Found(self._size, DefectCode.CUT)
+        if self._head is None:
+            raise _Found(self._size + 1, DefectCode.CUT)  # nothing of what was asked for is there
         if signed.head != self._head:
             raise _Found(self._size, DefectCode.CHAIN_BROKEN)
-        return Verified(self._size, self._head)
+        return Verified(self._size, self._head, signed.as_of_ms)
 
     def _entry(self, value: dict[str, Any], seq: int, line: bytes) -> None:
         whole = value.keys() == ENTRY_FIELDS and all(type(value[name]) is int for name in ("v", "seq", "at_ms"))
@@ -158,27 +246,17 @@ class _Walk:
             raise _Found(seq, DefectCode.ENTRY_MALFORMED)
         if value["seq"] != seq:
             raise _Found(seq, DefectCode.OUT_OF_SEQUENCE)
-        if value["prev"] != self._head:
+        if self._head is not None and value["prev"] != self._head:
             raise _Found(max(1, seq - 1), DefectCode.CHAIN_BROKEN)
         if value["kind"] == "pep-record":
             self._record(value["actor"], value["body"], seq, line)
 
     def _record(self, actor: str, body: dict[str, Any], seq: int, line: bytes) -> None:
-        record = body.get("record")
-        if body.keys() != {"record"} or not isinstance(record, dict) or record.keys() != RECORD_FIELDS:
+        if body.keys() != {"record"}:
             raise _Found(seq, DefectCode.RECORD_MALFORMED)
-        if type(record["seq"]) is not int or record["pep"] != actor or record["v"] != VERSION:
-            raise _Found(seq, DefectCode.RECORD_MALFORMED)
-        last, head = self._journals.get(actor, (0, FIRST_PREV))
-        if record["seq"] <= last:
-            raise _Found(seq, DefectCode.RECORD_REPLAYED)
-        if record["seq"] != last + 1:
-            raise _Found(seq, DefectCode.RECORD_GAP)
-        if record["prev"] != head:
-            raise _Found(seq, DefectCode.RECORD_CHAIN_BROKEN)
         # The line is canonical, and so is the part of it that is the record: no quote within a text stands unescaped.
         spelled = line[line.index(_BEFORE) + len(_BEFORE) : line.rindex(_BEHIND)]
-        self._journals[actor] = (last + 1, hashlib.sha256(spelled).hexdigest())
+        self._journals.take(actor, body["record"], spelled, seq)
 
     def _open(self, text: object, seq: int) -> checkpoint.Checkpoint:
         if not isinstance(text, str):

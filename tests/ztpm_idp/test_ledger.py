@@ -9,7 +9,7 @@ import random
 import pytest
 import rfc8785
 from tests.ztpm_idp.world import AUDIENCE, LOWER, SLOWER
-from ztpm_idp.ledger_file import Defect, DefectCode, Verified
+from ztpm_idp.ledger_file import Defect, DefectCode, Verified, VerifiedJournal
 
 from capabilities.keys import keys
 from capabilities.statements import checkpoint
@@ -289,3 +289,131 @@ def test_a_long_ledger_is_exported_in_pages(world, monkeypatch):
     ship(world, journal(40))
     monkeypatch.setattr(feed, "EXPORT_PAGE", 7)
     assert ledger_file.verify(lines_of(world), world.trust).size == 45
+
+
+# ---- parts
+
+
+def part_of(world, first, last):
+    return b"".join(world.people["carol"].ledger_pages(first=first, last=last)).splitlines()
+
+
+def test_a_part_is_bound_to_a_checkpoint_of_its_own_and_is_never_taken_for_the_whole(world):
+    full(world)
+    lines, trust = lines_of(world), world.trust
+    size = len(lines) - 1
+    at_ms = [json.loads(line)["at_ms"] for line in lines[:-1]]
+    for first, last in [(1, 1), (1, size - 2), (3, 3), (4, 9), (size - 1, size), (size, size), (2, size + 5)]:
+        part, end = part_of(world, first, last), min(last, size)
+        assert part[:-1] == lines[first - 1 : end]
+        found = ledger_file.verify(part, trust, first=first)
+        assert isinstance(found, Verified)
+        assert (found.size, found.head) == (end, hashlib.sha256(lines[end - 1]).hexdigest())
+        if end < size:
+            assert found.as_of_ms == at_ms[end - 1], "a ledger that has gone on since is none of now"
+        else:
+            assert found.as_of_ms >= at_ms[-1]
+        if first > 1:
+            assert ledger_file.verify(part, trust) == Defect(1, DefectCode.OUT_OF_SEQUENCE)
+    part = part_of(world, 4, 9)
+    assert ledger_file.verify(part[1:], trust, first=4).code == DefectCode.OUT_OF_SEQUENCE
+    assert ledger_file.verify(part[:-2] + part[-1:], trust, first=4).code == DefectCode.CUT
+    assert ledger_file.verify(part[:-1], trust, first=4).code == DefectCode.CHECKPOINT_MISSING
+    assert ledger_file.verify([*part[:-1], lines[-1]], trust, first=4).code == DefectCode.CUT
+    for number, line in enumerate(part[:-1]):
+        flipped = [*part]
+        flipped[number] = line.replace(b'"v":1}', b'"v":2}')
+        assert isinstance(ledger_file.verify(flipped, trust, first=4), Defect)
+        flipped[number] = line.replace(b'"at_ms":1', b'"at_ms":2')
+        assert isinstance(ledger_file.verify(flipped, trust, first=4), Defect), number
+
+
+def test_nothing_behind_the_end_is_whole(world):
+    full(world)
+    size = len(lines_of(world)) - 1
+    part = part_of(world, size + 1, size + 9)
+    assert len(part) == 1
+    assert ledger_file.verify(part, world.trust, first=size + 1) == Defect(size + 1, DefectCode.CUT)
+
+
+def test_records_in_a_part_are_chained_from_the_first_that_is_there(world):
+    world.pep()
+    ship(world, journal(6))
+    lines = lines_of(world)
+    taken = [n for n, line in enumerate(lines, 1) if b'"kind":"pep-record"' in line]
+    part = part_of(world, taken[2], taken[-1])
+    assert isinstance(ledger_file.verify(part, world.trust, first=taken[2]), Verified)
+    entries = [json.loads(line) for line in part[:-1]]
+    entries[1]["body"]["record"]["at_ms"] = 5
+    again, prev = [], entries[0]["prev"]
+    for entry in entries:
+        again.append(rfc8785.dumps(entry | {"prev": prev}))
+        prev = hashlib.sha256(again[-1]).hexdigest()
+    signed = checkpoint.sign(checkpoint.Checkpoint(world.trust.issuer, taken[-1], prev, 1), world.idp_keys.ledger)
+    found = ledger_file.verify([*again, rfc8785.dumps({"checkpoint": signed})], world.trust, first=taken[2])
+    assert found == Defect(taken[4], DefectCode.RECORD_CHAIN_BROKEN)
+
+
+@pytest.mark.parametrize(
+    "query", ["first=0&last=5", "first=5&last=4", "first=1", "last=1", "first=1&last=x", "first=1&last=2&more=3", "first=-1&last=1"]
+)  # fmt: skip
+def test_a_range_that_is_none_is_refused(world, query):
+    with pytest.raises(ClientError) as caught:
+        world.people["carol"]._send("GET", "/ledger/export?" + query, b"", None)
+    assert (caught.value.code, caught.value.status) == ("QUERY_MALFORMED", 400)
+
+
+@pytest.mark.parametrize("most", [1, 7, 40, 44, 45, 46])
+def test_a_long_ledger_is_asked_for_in_pages(world, monkeypatch, most):
+    from ztpm_idp.client import callers
+
+    world.pep()
+    ship(world, journal(40))
+    whole = lines_of(world)
+    monkeypatch.setattr(callers, "PAGE_ENTRIES", most)
+    assert lines_of(world)[:-1] == whole[:-1]
+    assert ledger_file.verify(lines_of(world), world.trust).size == 45
+    assert isinstance(ledger_file.verify(part_of(world, 7, 30), world.trust, first=7), Verified)
+
+
+# ---- journals
+
+
+def written(count):
+    return [rfc8785.dumps(record) + b"\n" for record in journal(count)]
+
+
+def test_a_journal_is_read_up_to_its_last_record():
+    lines = written(5)
+    assert ledger_file.is_journal(lines[0][:-1])
+    head = hashlib.sha256(lines[-1][:-1]).hexdigest()
+    assert ledger_file.verify_journal(lines) == VerifiedJournal("cell-1", 5, head, 0)
+    torn = [*lines, written(6)[5][:40]]
+    assert ledger_file.verify_journal(torn) == VerifiedJournal("cell-1", 5, head, 40)
+    assert ledger_file.verify_journal([]).size == 0
+
+
+def test_every_change_of_a_journal_is_found_but_its_last_records_own():
+    lines, chance = written(6), random.Random(8)
+    for number, line in enumerate(lines[:-1]):
+        for place in [0, len(line) - 2, *chance.sample(range(len(line) - 1), 12)]:
+            flipped = [*lines]
+            flipped[number] = line[:place] + bytes([line[place] ^ (1 << chance.randrange(8))]) + line[place + 1 :]
+            assert isinstance(ledger_file.verify_journal(flipped), Defect), (number, place)
+    assert ledger_file.verify_journal(lines[1:]).code == DefectCode.RECORD_GAP
+    assert ledger_file.verify_journal(lines[:2] + lines[3:]).code == DefectCode.RECORD_GAP
+    assert ledger_file.verify_journal([*lines[:2], lines[1], *lines[2:]]).code == DefectCode.RECORD_REPLAYED
+    other = rfc8785.dumps(json.loads(lines[3]) | {"pep": "cell-2"}) + b"\n"
+    assert ledger_file.verify_journal([*lines[:3], other]) == Defect(4, DefectCode.RECORD_MALFORMED)
+
+
+@pytest.mark.parametrize("change", [{"prev": []}, {"prev": None}, {"seq": True}, {"v": 2}, {"more": 1}, {"pep": []}])
+def test_a_record_of_another_form_is_none(change):
+    line = rfc8785.dumps(journal(1)[0] | change) + b"\n"
+    assert isinstance(ledger_file.verify_journal([line]), Defect)
+
+
+def test_a_ledger_is_no_journal(world):
+    full(world)
+    assert not any(map(ledger_file.is_journal, lines_of(world)))
+    assert not any(map(ledger_file.is_journal, [b"", b"{", b"[]", b"5", b"\xff"]))

@@ -1,10 +1,13 @@
-"""`ztpm audit verify` and `show`: the ledger, offline."""
+"""`ztpm audit export`, `verify` and `show`: the ledger, and journals of enforcement points, offline."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import os
+import sys
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 from rich.table import Table
@@ -12,20 +15,132 @@ from rich.text import Text
 
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
-from ztpm.cli.output import USAGE, console, fail, plain, say_json
+from capabilities.values.units import INT_LIMIT
+from ztpm.cli.output import USAGE, console, fail, instant, plain, say_json
+from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, operator, refusals
 
-app = typer.Typer(no_args_is_help=True, help="The ledger, offline.")
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from typing import BinaryIO
+
+app = typer.Typer(no_args_is_help=True, help="The ledger and journals, offline.")
 
 CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
+MILLI: Final = 1000
 
-LedgerFile = Annotated[Path, typer.Argument(help="An exported ledger (NDJSON).", exists=True, dir_okay=False)]
-TrustFile = Annotated[Path, typer.Option("--trust", help="The trust bundle.", exists=True, dir_okay=False)]
+RecordFile = Annotated[
+    Path, typer.Argument(help="An exported ledger, or a journal (JSON lines).", exists=True, dir_okay=False)
+]
+TrustFile = Annotated[
+    Path | None, typer.Option("--trust", help="The trust bundle; a ledger needs it.", exists=True, dir_okay=False)
+]
+
+
+@app.command("export")
+def export(
+    *,
+    first: Annotated[int, typer.Option("--from", min=1, max=INT_LIMIT, help="First entry.")] = 1,
+    last: Annotated[
+        int, typer.Option("--to", min=1, max=INT_LIMIT, help="Last entry (default: the newest).", show_default=False)
+    ] = INT_LIMIT,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="New file, which only you may read (default: standard output).")
+    ] = None,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Write the ledger's entries as JSON lines, and the signed checkpoint that they end in.
+
+    For administrators and approvers: ztpm audit export --as alice --out ledger.ndjson
+    """
+    if first > last:
+        fail("RANGE_EMPTY", "--from is behind --to", as_json=as_json, status=USAGE)
+    if as_json and out is None:
+        fail("OUT_MISSING", "--json tells of a file, so give --out", as_json=as_json, status=USAGE)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+    count = -1  # the checkpoint is no entry
+    with refusals(as_json=as_json), person, _new(out, as_json=as_json) as file:
+        for page in person.ledger_pages(first=first, last=last):
+            file.write(page)
+            count += page.count(b"\n")
+    if out is None:
+        return
+    if as_json:
+        say_json({"ok": True, "out": str(out), "first": first, "entries": count})
+        return
+    asked = f" --from {first}" if first > 1 else ""
+    typer.echo(f"{count} entries. To check them: ztpm audit verify {out} --trust TRUST{asked}")
+
+
+@contextmanager
+def _new(out: Path | None, *, as_json: bool) -> Iterator[BinaryIO]:
+    """The new file, which is gone again where it did not become whole; or standard output."""
+    if out is None:
+        yield sys.stdout.buffer
+        return
+    try:
+        file = os.fdopen(os.open(out, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
+    except FileExistsError:
+        fail("FILE_EXISTS", f"{out} is left as it is", as_json=as_json, status=USAGE)
+    except OSError as error:
+        fail("FILE_UNWRITABLE", f"{out}: {error.strerror}", as_json=as_json, status=USAGE)
+    try:
+        with file:
+            yield file
+    except BaseException as error:
+        out.unlink()
+        if isinstance(error, OSError):
+            fail("FILE_UNWRITABLE", f"{out}: {error.strerror}", as_json=as_json)
+        raise
 
 
 @app.command("verify")
-def verify(file: LedgerFile, trust: TrustFile, *, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
-    """Check every link, every PEP's own chain and the signed checkpoint; name the first entry that is wrong."""
+def verify(
+    file: RecordFile,
+    *,
+    trust: TrustFile = None,
+    first: Annotated[
+        int, typer.Option("--from", min=1, max=INT_LIMIT, help="First entry of a ledger that was exported in part.")
+    ] = 1,
+    as_json: Annotated[bool, typer.Option("--json")] = False,
+) -> None:
+    """Check every link of a ledger or journal, and a ledger's signed checkpoint; name the first entry that is wrong."""
+    from ztpm_idp.ledger_file import is_journal
+
+    with file.open("rb") as lines:
+        journal = is_journal(lines.readline().removesuffix(b"\n"))
+        lines.seek(0)
+        if journal and first > 1:
+            fail("NOT_A_LEDGER", "a journal is read from its first record on", as_json=as_json, status=USAGE)
+        if journal:
+            _journal(lines, as_json=as_json)
+        elif trust is None:
+            fail("TRUST_MISSING", "a ledger needs --trust", as_json=as_json, status=USAGE)
+        else:
+            _ledger(lines, trust, first, as_json=as_json)
+
+
+def _journal(lines: BinaryIO, *, as_json: bool) -> None:
+    from ztpm_idp.ledger_file import Defect, verify_journal
+
+    found = verify_journal(lines)
+    if isinstance(found, Defect):
+        fail(str(found.code), f"a journal: record {found.seq}", as_json=as_json, more={"read": "journal"})
+    if as_json:
+        say_json({"ok": True, "read": "journal", **asdict(found)})
+        return
+    torn = f" {found.unfinished_bytes} bytes of a record were never finished." if found.unfinished_bytes else ""
+    typer.echo(
+        f"A journal of {plain(found.pep)}: {found.size} records, unbroken, head {found.head}. Nobody signed its end: "
+        f"the ledger holds that.{torn}"
+    )
+
+
+def _ledger(lines: BinaryIO, trust: Path, first: int, *, as_json: bool) -> None:
     from ztpm_idp.ledger_file import Defect
     from ztpm_idp.ledger_file import verify as verify_ledger
 
@@ -33,18 +148,22 @@ def verify(file: LedgerFile, trust: TrustFile, *, as_json: Annotated[bool, typer
         bundle = TrustBundle.from_json(trust.read_bytes())
     except CapabilityError as error:
         fail(str(error.code), f"{trust}: {error.detail}", as_json=as_json, status=USAGE)
-    result = verify_ledger(file.read_bytes().splitlines(), bundle)
-    if isinstance(result, Defect):
-        fail(str(result.code), f"entry {result.seq}", as_json=as_json)
+    found = verify_ledger((line.rstrip(b"\r\n") for line in lines), bundle, first=first)
+    if isinstance(found, Defect):
+        fail(str(found.code), f"a ledger: entry {found.seq}", as_json=as_json, more={"read": "ledger"})
     if as_json:
-        say_json({"ok": True, "size": result.size, "head": result.head})
-    else:
-        typer.echo(f"{result.size} entries, unbroken, head {result.head}, checkpoint signed by the ledger's key.")
+        say_json({"ok": True, "read": "ledger", "first": first, **asdict(found)})
+        return
+    which = f"{found.size} entries" if first == 1 else f"entries {first} to {found.size}, a part"
+    typer.echo(
+        f"A ledger: {which}, unbroken, head {found.head}, checkpoint signed by the ledger's key as of "
+        f"{instant(found.as_of_ms // MILLI)}."
+    )
 
 
 @app.command("show")
 def show(
-    file: LedgerFile,
+    file: RecordFile,
     *,
     kind: Annotated[str, typer.Option(help="Only entries or records of this kind.")] = "",
     as_json: Annotated[bool, typer.Option("--json")] = False,

@@ -16,7 +16,7 @@ import hashlib
 import secrets
 import time
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import quote
 
 import rfc8785
@@ -25,12 +25,13 @@ from capabilities.keys.keys import b64u, public_raw, thumbprint
 from capabilities.statements import attestation, opening
 from capabilities.values.errors import StatementError
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
+from capabilities.values.units import INT_LIMIT
 from ztpm_idp.client import person_answers
 from ztpm_idp.client.caller import Caller, ClientError, Issued
 from ztpm_idp.client.people import PeopleCaller
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     import httpx2
 
@@ -44,6 +45,10 @@ class Evidence:
 
     agent: str
     jws: str
+
+
+PAGE_ENTRIES: Final = 2_000
+"""Entries of the ledger that are asked for at once: some megabytes."""
 
 
 class Agent(Caller):
@@ -343,7 +348,22 @@ class Operator(PeopleCaller):
 
     def export_ledger(self) -> bytes:
         """The whole ledger as JSON lines, the last one its signed checkpoint."""
-        return self._send("GET", "/ledger/export", b"", None).content
+        return b"".join(self.ledger_pages())
+
+    def ledger_pages(self, *, first: int = 1, last: int = INT_LIMIT) -> Iterator[bytes]:
+        """Lines of the entries from `first` to `last`, or as far as there are any, then the checkpoint of the last."""
+        while True:
+            through = min(last, first + PAGE_ENTRIES - 1)
+            path = f"/ledger/export?first={first}&last={through}"
+            answer = self._send("GET", path, b"", None)
+            if not (lines := answer.content.splitlines(keepends=True)):
+                raise ClientError("ANSWER_MALFORMED", answer.status_code)
+            signed = lines.pop()
+            yield b"".join(lines)
+            first += len(lines)
+            if first <= through or first > last:  # there are no more, or none is wanted
+                yield signed
+                return
 
 
 def issue_request(agent: str, scope: Scope, *, purpose: str) -> dict[str, object]:

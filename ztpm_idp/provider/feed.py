@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+import hashlib
+import json
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.statements import answers, checkpoint, conduct, registry, revocation
 from capabilities.values.scope import Tier
+from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import (
@@ -337,24 +340,27 @@ def _answered(event: Event) -> str:
             return ""
 
 
-async def ledger_export(provider: Deployment) -> AsyncIterator[bytes]:
-    """The ledger's lines as of now, and the signed checkpoint that they end in.
+async def ledger_export(provider: Deployment, *, first: int = 1, last: int = INT_LIMIT) -> AsyncIterator[bytes]:
+    """The ledger's lines from `first` to `last` as of now, and the signed checkpoint that they end in.
 
-    Entries never change, so pages need no snapshot.
+    Entries never change, so pages need no snapshot. A checkpoint of a ledger that has gone on since is as of its last
+    entry, not as of now: nobody shall take it for the newest.
     """
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
         counters = await view.counters()
-    after = 0
-    while after < counters.ledger_size:
+    size, head, after = counters.ledger_size, counters.ledger_head, first - 1
+    through = min(last, size)
+    while after < through:
         async with provider.store.read() as view:
-            lines = await view.ledger_lines(after=after, through=counters.ledger_size, most=EXPORT_PAGE)
+            lines = await view.ledger_lines(after=after, through=through, most=EXPORT_PAGE)
         after += len(lines)
+        if after == through < size:
+            size, head = through, hashlib.sha256(lines[-1]).hexdigest()
+            as_of_ms = json.loads(lines[-1])["at_ms"]
         yield b"".join(line + b"\n" for line in lines)
     signed = checkpoint.sign(
-        checkpoint.Checkpoint(
-            issuer=provider.settings.issuer, size=counters.ledger_size, head=counters.ledger_head, as_of_ms=as_of_ms
-        ),
+        checkpoint.Checkpoint(issuer=provider.settings.issuer, size=size, head=head, as_of_ms=as_of_ms),
         provider.keys.ledger,
     )
     yield b'{"checkpoint":"' + signed.encode() + b'"}\n'

@@ -280,13 +280,13 @@ def query_of(request: Request, *names: str) -> tuple[str, ...]:
 
 
 def since_of(text: str) -> int:
-    """The epoch or version that a question asks after.
+    """The epoch, version or entry that a question asks after.
 
     Raises:
         Problem: `QUERY_MALFORMED`.
     """
     if not _SINCE.fullmatch(text) or int(text) > INT_LIMIT:
-        raise Problem(IdpCode.QUERY_MALFORMED, "since")
+        raise Problem(IdpCode.QUERY_MALFORMED, "a number that is none")
     return int(text)
 
 

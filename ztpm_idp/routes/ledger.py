@@ -7,6 +7,7 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import StreamingResponse
 
+from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
@@ -14,7 +15,7 @@ from ztpm_idp.provider import wire
 from ztpm_idp.provider.body_json import BODY_BYTES
 from ztpm_idp.provider.feed import ledger_export
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, authenticated_within, body_of, provider_of
+from ztpm_idp.routes.caller import Call, authenticated, authenticated_within, body_of, provider_of, query_of, since_of
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -31,12 +32,17 @@ async def take_records(request: Request, call: Batch) -> dict[str, int]:
 
 @router.get("/ledger/export", response_class=StreamingResponse)
 async def export(request: Request, call: Caller) -> StreamingResponse:
-    """Every entry as one JSON line, then the signed checkpoint."""
+    """Every entry as one JSON line, or those of a range with both its ends, then the signed checkpoint of the last."""
     match call.party:
         case RegisteredPerson(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
             pass
         case _:
             raise Problem(IdpCode.NOT_PERMITTED)
+    first, last = map(since_of, query_of(request, "first", "last")) if request.query_params else (1, INT_LIMIT)
+    if not 1 <= first <= last:
+        raise Problem(IdpCode.QUERY_MALFORMED, "first and last")
     return StreamingResponse(
-        ledger_export(provider_of(request)), media_type="application/x-ndjson", headers={"Cache-Control": "no-store"}
-    )  # fmt: skip
+        ledger_export(provider_of(request), first=first, last=last),
+        media_type="application/x-ndjson",
+        headers={"Cache-Control": "no-store"},
+    )

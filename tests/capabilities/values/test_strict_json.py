@@ -87,7 +87,7 @@ NOT_CANONICAL = [
 def test_canonical_bytes_are_told_as_by_their_one_writer(raw, expected):
     value = strict_json.read(raw, limit_bytes=1_000, limit_depth=8)
     assert (rfc8785.dumps(value) == raw) is expected
-    assert strict_json.is_canonical(raw, value) is expected
+    assert strict_json.read_canonical(raw, limit_bytes=1_000, limit_depth=8) == (value, expected)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -100,7 +100,76 @@ def test_canonical_bytes_are_told_as_by_their_one_writer_of_any_float(seed):
         )
         for raw in (rfc8785.dumps([number]), json.dumps([number]).encode()):
             value = strict_json.read(raw, limit_bytes=1_000, limit_depth=8)
-            assert strict_json.is_canonical(raw, value) is (rfc8785.dumps(value) == raw), raw
+            found = strict_json.read_canonical(raw, limit_bytes=1_000, limit_depth=8)
+            assert found == (value, rfc8785.dumps(value) == raw), raw
+
+
+REFUSED = [
+    b"", b"{", b'{"a":1,"a":1}', b"NaN", b"[Infinity]", b"[-Infinity]", b"[1e999]", b"[01]", b"[1,]", b"\xef\xbb\xbf[]", b'["\xff"]',
+    b'["\xed\xa0\x80"]', b'["\xc0\x80"]', b'["\\ud800"]', b'["\\udc00\\ud800"]', b'["\x01"]', b"[9007199254740992]",
+    b"9007199254740992", b"-9007199254740992", b'{"a":18446744073709551616}', b"[[[[[[[[[]]]]]]]]]", b'{"a":"' + b"x" * 1_000 + b'"}',
+    b"[1" + b"0" * 400 + b"]", b"\x00", b'["a\nb"]',
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("raw", REFUSED)
+def test_what_is_refused_is_refused_in_the_same_words_by_the_quick_reader(raw):
+    with pytest.raises(strict_json.JsonError) as slow:
+        strict_json.read(raw, limit_bytes=1_000, limit_depth=8)
+    with pytest.raises(strict_json.JsonError) as quick:
+        strict_json.read_canonical(raw, limit_bytes=1_000, limit_depth=8)
+    assert (quick.value.defect, quick.value.detail) == (slow.value.defect, slow.value.detail)
+
+
+def any_value(drawn, depth=0):
+    """A value of any form, its texts of any characters but halves of pairs."""
+    texts = [
+        "",
+        "a",
+        "\u00e4",
+        "\u20ac",
+        "\U0001f600",
+        "\ufb33",
+        '"',
+        "\\",
+        "/",
+        "\x7f",
+        "\x00",
+        "\x1f",
+        "\n",
+        "\u2028",
+        "1e5",
+        ":1",
+    ]
+    text = "".join(drawn.choice(texts) for _ in range(drawn.randint(0, 4)))
+    numbers = [0, -1, 2**53 - 1, 1 - 2**53, 1e15, 123456789012345, 0.5, -1e-7, 1e21, 12345678.25, 5e-324]
+    plain = [None, True, False, text, drawn.choice(numbers), drawn.uniform(-10, 10)]
+    if depth > 3 or drawn.random() < 0.5:
+        return drawn.choice(plain)
+    inner = [any_value(drawn, depth + 1) for _ in range(drawn.randint(0, 3))]
+    return inner if drawn.random() < 0.5 else {text + str(k): each for k, each in enumerate(inner)}
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_quick_reader_is_the_strict_one_on_canonical_texts_and_others(seed):
+    drawn, limits, told = random.Random(seed), {"limit_bytes": 10_000, "limit_depth": 9}, set()
+    for _ in range(300):
+        raw = rfc8785.dumps(any_value(drawn))
+        assert strict_json.read_canonical(raw, **limits) == (strict_json.read(raw, **limits), True), raw
+        raw = bytearray(raw)
+        at = drawn.randrange(len(raw))
+        raw[at : at + 1] = drawn.choice(
+            [b"", b" ", b"0", b"e", b"-", b'"', b"\\", b"[", b":", bytes([drawn.randrange(256)])]
+        )
+        try:
+            value = strict_json.read(bytes(raw), **limits)
+        except strict_json.JsonError:
+            with pytest.raises(strict_json.JsonError):
+                strict_json.read_canonical(bytes(raw), **limits)
+            continue
+        told.add(rfc8785.dumps(value) == raw)
+        assert strict_json.read_canonical(bytes(raw), **limits) == (value, rfc8785.dumps(value) == raw), raw
+    assert told == {True, False}
 
 
 @pytest.mark.parametrize("inside", [b"[" * 9, b'\\"' * 5 + b"[" * 9, b"\\\\", b"{}[]" * 9])
