@@ -75,11 +75,17 @@ def commands(text: str) -> list[list[str]]:
     return [words for line in lines if (words := shlex.split(line))[:1] == ["ztpm"]]
 
 
+@cache
+def grammar() -> object:
+    """The whole command line, put together once."""
+    return typer.main.get_command(command_line())
+
+
 def assert_command(words: list[str]) -> None:
     """The command line knows these words and takes these options."""
     own = words[1 : words.index("--") if "--" in words else None]
     options = {word.split("=")[0] for word in own if word.startswith("--")}
-    at = typer.main.get_command(command_line())
+    at = grammar()
     for word in own:
         if word.startswith("--") or not hasattr(at, "commands"):
             break

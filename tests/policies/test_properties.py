@@ -9,7 +9,7 @@ import sys
 
 import pytest
 from capabilities.values.scope import Tier
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
 from policies.decision.combine import AllOf, Always, AnyOf, Check
 from policies.evidence.evidence import PerceptionReading
@@ -42,7 +42,6 @@ from policies import (
 
 SEVERITY = {Effect.PERMIT: 0, Effect.DEFER: 1, Effect.DENY: 2}
 SET = load_shipped("paper-default")
-many = settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.too_slow])
 
 
 @st.composite
@@ -68,7 +67,6 @@ NEEDED = ("chain", "proof", "request_fault", "robot_fault", "tool", "trust", "im
 READINGS = (*NEEDED, "perception", "robot", "approval", "opening")
 
 
-@many
 @given(cases(), st.dictionaries(st.sampled_from(READINGS), ANYTHING, min_size=1))
 def test_nonsense_in_evidence_never_raises(case, nonsense):
     request, evidence, policies, _ = case
@@ -77,7 +75,6 @@ def test_nonsense_in_evidence_never_raises(case, nonsense):
         assert isinstance(decide(request, strange, one), Decision)
 
 
-@many
 @given(st.sampled_from([n for n in NEEDED if n != "at_ms"]), ANYTHING)
 def test_nonsense_in_place_of_a_needed_reading_is_never_permitted(name, nonsense):
     """In the ordinary motion, which is permitted: any one reading replaced by something of no kind that it can have."""
@@ -117,7 +114,6 @@ def test_what_is_no_request_evidence_or_set_is_denied(thing):
     assert (decision.effect, decision.reason) == (Effect.DENY, Reason.POLICY_ERROR)
 
 
-@many
 @given(cases())
 def test_the_order_of_policies_and_parts_does_not_matter(case):
     request, evidence, policies, pick = unasked(case)
@@ -144,7 +140,6 @@ def test_the_order_of_policies_and_parts_does_not_matter(case):
     assert dataclasses.replace(mine, policy_digest="") == dataclasses.replace(its, policy_digest="")
 
 
-@many
 @given(cases())
 def test_a_policy_written_twice_says_no_more(case):
     request, evidence, policies, _ = unasked(case)
@@ -158,7 +153,6 @@ def test_a_policy_written_twice_says_no_more(case):
     assert (mine.effect, mine.reason, mine.tier) == (its.effect, its.reason, its.tier)
 
 
-@many
 @given(cases(), st.sampled_from([Effect.DENY, Effect.DEFER]))
 def test_adding_a_prohibition_or_question_never_makes_the_answer_milder(case, effect):
     request, evidence, policies, pick = unasked(case)
@@ -169,7 +163,6 @@ def test_adding_a_prohibition_or_question_never_makes_the_answer_milder(case, ef
     assert SEVERITY[decide(request, evidence, more).effect] >= SEVERITY[decide(request, evidence, policies).effect]
 
 
-@many
 @given(cases())
 def test_raising_the_tier_never_makes_the_answer_milder(case):
     request, evidence, policies, pick = unasked(case)
@@ -185,7 +178,6 @@ def test_raising_the_tier_never_makes_the_answer_milder(case):
         assert answers == sorted(answers)
 
 
-@many
 @given(cases())
 def test_raising_the_base_tier_never_makes_the_answer_milder(case):
     request, evidence, policies, _ = unasked(case)
@@ -214,7 +206,6 @@ def contradicts(evidence):
     return impact.perception == FRESH and {sensor.state for sensor in perception.sensors} != {FRESH}
 
 
-@many
 @given(cases(), st.sampled_from(["chain", "proof", "request_fault", "robot_fault", "tool", "trust", "impact"]))
 def test_knowing_less_never_makes_the_answer_milder(case, name):
     """But a contradiction between two readings goes with one of them, at a point that asks for no physics."""
@@ -225,7 +216,6 @@ def test_knowing_less_never_makes_the_answer_milder(case, name):
         assert SEVERITY[decide(request, less, one).effect] >= SEVERITY[decide(request, evidence, one).effect]
 
 
-@many
 @given(cases())
 def test_what_people_say_lifts_no_denial(case):
     """But tier 4's, and that one only to a question."""
@@ -289,7 +279,6 @@ def worse(evidence):
     return [*steps, {"approval": None}, {"opening": None}]
 
 
-@many
 @given(cases())
 def test_less_of_an_approval_or_a_worse_world_never_permits_more(case):
     request, evidence, policies, _ = case
@@ -338,7 +327,6 @@ def test_each_member_of_an_approval_is_needed():
             assert (effect is Effect.PERMIT) == harmless, (tier, change)
 
 
-@many
 @given(cases())
 def test_a_lower_pit_bound_never_makes_the_answer_milder(case):
     request, evidence, policies, _ = unasked(case)
@@ -351,7 +339,6 @@ def test_a_lower_pit_bound_never_makes_the_answer_milder(case):
     assert answers == sorted(answers)
 
 
-@many
 @given(cases())
 def test_every_refusal_has_exactly_one_leading_finding_with_its_remedy(case):
     request, evidence, policies, _ = case

@@ -9,7 +9,7 @@ import json
 import pytest
 from tests.vectors.decisions import corpus
 
-pytestmark = [pytest.mark.version, pytest.mark.long]
+pytestmark = [pytest.mark.long, pytest.mark.xdist_group("recorded decisions")]  # taken again once, by one worker
 
 
 @pytest.fixture(scope="module")

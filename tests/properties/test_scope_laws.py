@@ -99,7 +99,6 @@ def test_no_bound_is_stumbled_over(a, b, value):
 
 
 @pytest.mark.clause("VAL-12", "VAL-15")
-@settings(max_examples=150)
 @given(families(3), st.data())
 def test_scopes(three, data):
     a, b, c = three
@@ -116,7 +115,6 @@ def test_scopes(three, data):
 
 
 @pytest.mark.clause("VAL-11", "VAL-15")
-@settings(max_examples=150)
 @given(hops(), st.data())
 def test_hops(drawn, data):
     parent, restriction = drawn
@@ -139,7 +137,6 @@ def test_hops(drawn, data):
 
 
 @pytest.mark.clause("VAL-16")
-@settings(max_examples=150)
 @given(hops())
 def test_every_refusal_is_explained(drawn):
     parent, restriction = drawn

@@ -96,7 +96,6 @@ def test_both_halves_of_s_occur_before_they_are_lowered():
 
 
 @given(st.binary(min_size=64, max_size=64), st.booleans(), st.integers(0, 511))
-@settings(max_examples=200)
 def test_libsodium_and_openssl_agree_on_ed25519(noise, real, bit):
     """Random and nearly right signatures under a key of large order: no answer differs."""
     key, message = key_of("signer"), b"message"

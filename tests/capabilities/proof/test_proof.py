@@ -9,7 +9,7 @@ from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.token.token_text import token_to_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, raw_of
 
@@ -293,7 +293,6 @@ def test_a_proof_has_one_spelling():
 
 
 @pytest.mark.clause("PRF-1", "PRF-3")
-@settings(max_examples=300, deadline=None)
 @given(st.integers(0, len(made()) - 1), st.integers(0, 127))
 def test_no_mutant_is_accepted(at, character):
     proof = made()

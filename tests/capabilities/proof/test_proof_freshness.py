@@ -8,7 +8,7 @@ import pytest
 from capabilities.proof.freshness import Memory, before_start, earliest_iat_s, retention_ms, stale
 from capabilities.values.caps import DEFAULT, Caps
 from capabilities.values.errors import Fault, FaultCode
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from capabilities.proof import freshness
@@ -119,7 +119,6 @@ MOVES = st.one_of(
 
 @pytest.mark.long
 @pytest.mark.clause("PRF-7", "PRF-8", "PRF-9")
-@settings(max_examples=1_500, deadline=None)
 @given(st.lists(MOVES, min_size=4, max_size=40))
 def test_no_proof_is_accepted_twice(moves):
     """At the end every proof is presented at every boundary of the next 90 s as well."""

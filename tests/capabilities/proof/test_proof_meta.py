@@ -10,7 +10,7 @@ from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.token.token_text import token_to_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode, StatementError
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, raw_of
 
@@ -216,7 +216,6 @@ JSON = st.recursive(
 
 
 @pytest.mark.long
-@settings(max_examples=150, deadline=None)
 @given(st.dictionaries(st.text(max_size=5).filter(lambda name: name != META), JSON, max_size=4), JSON, st.data())
 def test_any_params_hold_as_sent_and_in_no_other_form(params, other, data):
     sent = attached(params)

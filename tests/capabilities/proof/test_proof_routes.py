@@ -11,7 +11,7 @@ import pytest
 from capabilities.proof.proof import Proof, check_proof, prove, token_digest
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.world import CELL, NOW, key_of, raw_of
 
@@ -253,7 +253,6 @@ def test_strange_methods_addresses_and_tokens_are_compared_all_the_same(text):
 VALUES = st.none() | st.booleans() | st.integers(-5, 5) | st.sampled_from(["POST", CELL, JTI, "x", "", "\x00", "ä"])
 
 
-@settings(max_examples=400, deadline=None)
 @given(
     claims=st.dictionaries(st.sampled_from([*CLAIMS, "exp"]), VALUES, max_size=2),
     dropped=st.sets(st.sampled_from(sorted(CLAIMS)), max_size=1),
@@ -278,7 +277,6 @@ def test_any_defects_together_have_one_result(claims, dropped, header, spell, si
     assert isinstance(found, Proof) == (right and at == NOW)
 
 
-@settings(max_examples=400, deadline=None)
 @given(st.integers(0, len(canonical()) - 1), st.characters(), st.sampled_from(["replace", "insert", "cut", "delete"]))
 def test_any_mutant_has_one_result_and_is_refused(at, character, how):
     text = canonical()

@@ -14,7 +14,7 @@ from capabilities.proof.session_opening import AnsweredSession, PendingSession, 
 from capabilities.token.token_text import token_to_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.proof.test_session_agreement import LOW_ORDER, P
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, chain_of_four, key_of, mint_root, raw_of
@@ -497,7 +497,6 @@ TEXT = answered(begun()).text
 
 
 @pytest.mark.clause("SES-5")
-@settings(max_examples=300, deadline=None)
 @given(st.integers(0, len(TEXT) - 1), st.integers(0, 255), st.sampled_from(["replace", "insert", "delete", "cut"]))
 def test_no_mutant_of_an_answer_opens_a_session(at, value, how):
     mutant = {

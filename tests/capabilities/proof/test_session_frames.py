@@ -425,5 +425,5 @@ class Sessions(RuleBasedStateMachine):
             assert [end.over for end in self.ends] == [twin.over for twin in self.twins]
 
 
-Sessions.TestCase.settings = settings(max_examples=150, stateful_step_count=40, deadline=None)
+Sessions.TestCase.settings = settings(stateful_step_count=40)
 test_any_moves_agree_with_the_twin = Sessions.TestCase

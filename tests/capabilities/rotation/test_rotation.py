@@ -16,7 +16,7 @@ from capabilities.token.mint import mint
 from capabilities.values.caps import DEFAULT
 from capabilities.values.chain import Attestation, Chain, EvidenceKind
 from capabilities.values.errors import BadKeyError, Fault, FaultCode
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.keys.test_keys import curve_of
 from tests.capabilities.world import (
@@ -182,7 +182,6 @@ def test_one_prepared_key_at_a_time_and_not_too_many():
         max_size=25,
     )
 )
-@settings(max_examples=80, deadline=None)
 def test_any_steps_leave_a_ring_that_can_be(steps):
     """Any steps in any order keep one signer a role, no way back, and growing versions and times."""
     ring, at, prepared = RING, NOW, 0

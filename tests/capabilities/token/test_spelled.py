@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 from capabilities.token.checks import Checks
 from capabilities.values.errors import TokenError
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tests.capabilities.world import (
     MOVE,
@@ -100,7 +100,6 @@ numbers = st.none() | st.integers(0, LARGEST) | st.sampled_from([0, 1, 127, 128,
 
 @pytest.mark.clause("BLK-9")
 @given(numbers, numbers, numbers)
-@settings(max_examples=150, deadline=None)
 def test_numbers_of_every_length(not_before, not_after, ceiling):
     demanded = Checks(None, not_before, not_after, ceiling)
     made = block.AuthorityBlock(TOKEN_ID, SPONSOR, 0, grant_to("orchestrator", "alice"), SCOPE)

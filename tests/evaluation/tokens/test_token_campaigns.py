@@ -22,7 +22,6 @@ from evaluation.tokens.campaigns import (
     injection,
     mutants,
     mutation,
-    registry,
     requests,
     searches,
     twin,
@@ -196,14 +195,6 @@ def test_work_is_shared_whole():
     assert len(set(seeds_of(1, 4))) == 4
     assert together(max, [(1, 2)]) == [2]
     assert together(max, [(1, 2), (5, 3)]) == [2, 5]
-
-
-def test_the_campaigns_are_rows_of_the_command():
-    settings = Settings(quick=True, seed=3, vectors=None, clock_ns=lambda: 0, told=lambda what: None)
-    assert {"A1", "A2", "A5"} <= {row.id for row in registry.CAMPAIGNS}
-    outcome = searches.ATTENUATION.run(settings)
-    assert outcome.met, outcome
-    assert (outcome.figures["widened"], outcome.figures["texts injected"]) == (0, 0)
 
 
 def test_an_injected_text_misses_the_bar(monkeypatch):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.tier import ratio_index
@@ -244,7 +244,6 @@ def test_p8_drift_is_seen_when_the_state_is_carried():
 # ---- P10: no jump but one
 
 
-@settings(max_examples=300, deadline=None)
 @given(ratio=st.floats(1e-3, 1), step=st.floats(0, 1e-6))
 def test_p10_the_index_of_a_ratio_jumps_at_its_limit_alone(ratio, step):
     more = min(1.0, ratio + step)

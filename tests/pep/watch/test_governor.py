@@ -9,7 +9,7 @@ import random
 from dataclasses import dataclass, field, replace
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.watch.governor import MARGIN, Governor, Offer, Pacing, ReportedSpeeds
 
@@ -326,7 +326,6 @@ def test_what_is_no_speed_is_full_speed(wrong, first):
     assert rig.governor.hear(heard, now_ms=rig.now) != ""
 
 
-@settings(max_examples=150, deadline=None)
 @given(seed=st.integers(0, 2**32), change=st.floats(0.5, 8.0), wire_ms=st.integers(0, 80))
 def test_whatever_comes_the_arm_is_never_faster_than_it_counts_as(seed, change, wire_ms):
     """Over random offers and controllers the arm is no faster than `running`, or the motion ended in time."""

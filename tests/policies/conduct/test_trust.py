@@ -5,7 +5,7 @@ from dataclasses import replace
 from fractions import Fraction
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from policies.conduct.decay import TICKS, decayed, ticks_between
 from policies.conduct.report import Edge, Report, ReportError
@@ -304,7 +304,6 @@ def twin(history, when, parameters):
 
 
 @given(st.lists(drawn, max_size=25), st.integers(0, 10 * DAY))
-@settings(max_examples=200)
 def test_the_score_is_what_its_twin_says(history, later):
     in_order = sorted({(one.reporter, one.request_id): one for one in history}.values(), key=lambda one: one.at)
     when = T + 3 * DAY + later

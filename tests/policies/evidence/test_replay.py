@@ -32,8 +32,9 @@ def ordinary():
 
 
 @pytest.mark.long
-def test_random_triples_are_decided_the_same_from_their_record():
-    for seed in range(2_000):
+@pytest.mark.parametrize("count", [300, pytest.param(5_000, marks=pytest.mark.campaign)])
+def test_random_triples_are_decided_the_same_from_their_record(count):
+    for seed in range(count):
         request, evidence, policies = triples.triple(random.Random(seed).choice)
         again = case_json.read(carried(request, evidence))
         assert again.request == request, seed
@@ -150,10 +151,11 @@ def test_what_is_missing_is_refused(path, where):
 
 
 @pytest.mark.long
-def test_mutilated_documents_are_refused_or_read_and_nothing_else():
+@pytest.mark.parametrize("count", [600, pytest.param(10_000, marks=pytest.mark.campaign)])
+def test_mutilated_documents_are_refused_or_read_and_nothing_else(count):
     chance = random.Random(4)
     strange = [None, True, -1, 2**60, 1.5, "", "not collected", [], {}, {"set": [{}]}, {"hex": "zz"}, {"type": []}]
-    for _ in range(3_000):
+    for _ in range(count):
         document = ordinary()
         where = document
         while isinstance(where, (dict, list)) and where:

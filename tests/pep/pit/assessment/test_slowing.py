@@ -389,7 +389,6 @@ def test_the_way_down_lasts_until_it_could_be_stopped_instead(running):
     assert paced(Scripted(at=0.2, near=False), CELL, running, spare=lambda: None).pace is None
 
 
-@settings(max_examples=200)
 @given(running=st.floats(0.05, 1.0), highest=st.floats(0.0, 1.0), step=st.sampled_from([0.01, 0.05, 0.07, 0.3]))
 def test_the_highest_setting_is_found_with_few_questions(running, highest, step):
     cell = replace(CELL, slider_step=step)

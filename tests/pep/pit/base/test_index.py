@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from capabilities.values.scope import Tier
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.pit.base.tier import TIE, person_index, ratio_index, thing_index, tier_of, zone_index
 from pep.pit.scene.cell import CellParameters
@@ -21,7 +21,6 @@ SPEED = st.just(0.0) | st.floats(1e-6, 3)  # slower commands are refused
 OMEGA = st.floats(0, 6)
 AGE = st.floats(0, 2)
 HARM = st.floats(0.05, 3)
-bounded = settings(max_examples=100, deadline=None)
 
 
 def at(age, omega):
@@ -47,7 +46,6 @@ def zone(d, v, omega, tier):
     return float(index[0])
 
 
-@bounded
 @given(d=DISTANCE, v=SPEED, age=AGE, omega=OMEGA, harm=HARM, z=st.floats(0, 0.2))
 def test_equals_the_slow_twin(d, v, age, omega, harm, z):
     assert person(d, v, age, omega, harm, z) == pytest.approx(
@@ -57,7 +55,6 @@ def test_equals_the_slow_twin(d, v, age, omega, harm, z):
     assert zone(d, v, omega, 3) == pytest.approx(twin.zone(d, v, 3, omega=omega), abs=1e-9)
 
 
-@bounded
 @given(near=DISTANCE, more=st.floats(0, 1), v=SPEED, age=AGE, omega=OMEGA, harm=HARM)
 def test_p1_closer_never_lowers(near, more, v, age, omega, harm):
     assert person(near, v, age, omega, harm) >= person(near + more, v, age, omega, harm) - TIE
@@ -66,7 +63,6 @@ def test_p1_closer_never_lowers(near, more, v, age, omega, harm):
     assert zone(near, v, omega, 4) >= zone(near + more, v, omega, 4) - TIE
 
 
-@bounded
 @given(d=DISTANCE, v=SPEED, faster=st.floats(0, 2), age=AGE, omega=OMEGA, quicker=st.floats(0, 3), harm=HARM)
 def test_p2_faster_never_lowers(d, v, faster, age, omega, quicker, harm):
     assert person(d, v + faster, age, omega + quicker, harm) >= person(d, v, age, omega, harm) - TIE
@@ -75,13 +71,11 @@ def test_p2_faster_never_lowers(d, v, faster, age, omega, quicker, harm):
     assert zone(d, v + faster, omega + quicker, 2) >= zone(d, v, omega, 2) - TIE
 
 
-@bounded
 @given(d=DISTANCE, v=SPEED, age=AGE, older=st.floats(0, 3), omega=OMEGA, z=st.floats(0, 0.2), vaguer=st.floats(0, 0.5))
 def test_p3_older_or_vaguer_never_lowers(d, v, age, older, omega, z, vaguer):
     assert person(d, v, age + older, omega, z=z + vaguer) >= person(d, v, age, omega, z=z) - TIE
 
 
-@bounded
 @given(region=st.sampled_from(list(Region)), mass=st.floats(0.5, 12), heavier=st.floats(0, 10))
 def test_p4_heavier_never_raises_the_speed_that_is_borne(region, mass, heavier):
     light, heavy = (contact_speed_m_s(region, mass_kg=m, area_m2=1.96e-4) for m in (mass, mass + heavier))
@@ -89,7 +83,6 @@ def test_p4_heavier_never_raises_the_speed_that_is_borne(region, mass, heavier):
     assert person(0.1, 1.0, 0.1, 1.0, heavy) >= person(0.1, 1.0, 0.1, 1.0, light) - TIE
 
 
-@bounded
 @given(d=DISTANCE, v=st.floats(1e-3, 3), omega=OMEGA, harm=HARM)
 def test_p10_continuous_in_distance(d, v, omega, harm):
     step = 1e-7
@@ -103,7 +96,6 @@ def test_p10_continuous_in_distance(d, v, omega, harm):
         assert abs(index(d + step) - index(d)) <= 4 * steepest * step + 1e-9
 
 
-@bounded
 @given(d=DISTANCE, v=st.floats(1e-3, 3), omega=OMEGA)
 def test_p10_continuous_in_speed(d, v, omega):
     step = 1e-9

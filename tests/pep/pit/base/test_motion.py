@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.pit.base.motion import Profile, profile_of
 
@@ -11,7 +11,6 @@ from pep.pit import MoveJ
 PROFILES = st.builds(Profile, st.floats(1e-3, 6), st.floats(1e-3, 6), st.floats(1e-2, 40))
 
 
-@settings(max_examples=200, deadline=None)
 @given(profile=PROFILES, share=st.floats(0, 1))
 def test_rate_along_the_path_is_rate_in_time(profile, share):
     s, rate = profile.at(share * profile.duration_s)
@@ -21,7 +20,6 @@ def test_rate_along_the_path_is_rate_in_time(profile, share):
     assert profile.time_of(s) == pytest.approx(share * profile.duration_s, rel=1e-6, abs=1e-6 * profile.duration_s)
 
 
-@settings(max_examples=100, deadline=None)
 @given(profile=PROFILES, a=st.floats(0, 1), b=st.floats(0, 1))
 def test_supremum_of_the_rate(profile, a, b):
     low, high = min(a, b), max(a, b)
@@ -32,7 +30,6 @@ def test_supremum_of_the_rate(profile, a, b):
         assert bound * profile.way_rad == pytest.approx(profile.peak_rad_s)
 
 
-@settings(max_examples=100, deadline=None)
 @given(profile=PROFILES)
 def test_the_way_is_the_integral_of_the_speed(profile):
     times = np.linspace(0, profile.duration_s, 4001)

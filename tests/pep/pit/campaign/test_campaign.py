@@ -573,7 +573,7 @@ def test_ratios_are_below_the_proven_ones_and_near(scene):
 def test_the_ruler_measures_what_is_sampled_and_nothing_beyond_its_reach():
     rows = np.arange(ROBOT.world_bodies)
     reached = []
-    for x in np.linspace(0.3, 1.8, 16).tolist():
+    for x in np.linspace(0.3, 1.8, 6).tolist():
         scene = Scene(objects=(Thing("ball", "rigid", Sphere((x, 0.1, 0.3), 0.05), 0.0),))
         pairs, path = pairs_of(ROBOT, scene, CELL, grown_m=0.0), NumpyPath(ROBOT, sweep())
         least = Ruler(trials.chosen(), ROBOT, CELL, pairs, rows).least(sweep())

@@ -267,8 +267,9 @@ def test_corrupted_courses_are_refused(texts, seed):
     assert len(all_refused(texts, corrupted, 4243, seed, count=60)) > 15
 
 
+@pytest.mark.parametrize("most", [3, pytest.param(1_000, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("name", KINDS)
-def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name):
+def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name, most):
     assert len(KINDS) >= 25
     fit = 0
     for k, text in enumerate(texts):
@@ -282,6 +283,8 @@ def test_each_kind_of_corrupted_course_is_refused_for_its_own_reason(texts, name
         said = verify(bad)
         assert isinstance(said, Unverified), (name, k)
         assert said.code in EXPECTED[name], (name, k, said)
+        if fit == most:
+            break
     assert fit > 0, name
 
 

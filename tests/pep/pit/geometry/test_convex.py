@@ -98,7 +98,6 @@ def directions(count, seed):
 # ---- the hull
 
 
-@settings(max_examples=150, deadline=None)
 @given(corners)
 def test_a_hull_is_closed_convex_and_no_larger_than_its_points(points):
     hull = spanning(points)
@@ -121,7 +120,6 @@ def test_a_hull_is_closed_convex_and_no_larger_than_its_points(points):
     assert np.abs(along(every, ways).max(axis=0) - along(hull.vertices, ways).max(axis=0)).max() < 1e-12
 
 
-@settings(max_examples=60, deadline=None)
 @given(corners)
 def test_a_hulls_volume_is_that_of_qhull(points):
     hull = spanning(points)
@@ -591,7 +589,6 @@ def test_nearest_points_of_a_rounded_polytope():
     assert near.on_part_m[0] == pytest.approx(0.45)
 
 
-@settings(max_examples=60, deadline=None)
 @given(st.integers(0, 10**6))
 def test_an_enclosing_capsule_holds_every_corner_and_is_not_vast(seed):
     rng = np.random.default_rng([2212, seed])
@@ -622,7 +619,6 @@ def test_a_gripped_polytope_is_held_as_a_capsule_around_it():
     assert _outermost(shape, axis) == pytest.approx(reach - 0.003, abs=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
 @given(corners)
 def test_widths_are_the_least_and_the_greatest_of_all_directions(points):
     if spanning(points) is None:

@@ -5,7 +5,7 @@ import re
 from dataclasses import fields
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.command.command_table import EVERY_CYCLE, READS, ROWS, CommandClass, Wait, decode, encode, row_of
 from pep.rtde.command.image_changes import Change, Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
@@ -107,7 +107,6 @@ def packages(offset):
 
 
 @pytest.mark.clause("RTDE-3")
-@settings(max_examples=600)
 @given(commands, offsets)
 def test_every_command_survives_the_registers(command, offset):
     assert decode(image_of(command, offset)) == command
@@ -298,7 +297,6 @@ def test_the_registers_are_those_that_the_script_reads(script):
 
 @pytest.mark.long
 @pytest.mark.clause("RTDE-3", "RTDE-5")
-@settings(max_examples=500)
 @given(st.data(), offsets)
 def test_nothing_that_a_client_writes_raises(data, offset):
     image = blank(offset)
@@ -311,7 +309,6 @@ def test_nothing_that_a_client_writes_raises(data, offset):
         image = after
 
 
-@settings(max_examples=300)
 @given(st.data(), offsets)
 def test_a_refused_or_decoded_command_never_holds_what_is_not_finite(data, offset):
     found = decode(blank(offset).merge(data.draw(packages(offset))))
@@ -440,7 +437,6 @@ def test_one_command_in_the_place_of_another_is_a_new_one():
     assert step(image, {INT[0]: 254})[1] == InputRefusal(Reason.TOOL_UNKNOWN, "command id")
 
 
-@settings(max_examples=200)
 @given(commands, offsets)
 def test_the_same_package_again_says_nothing(command, offset):
     image = image_of(command, offset)

@@ -7,7 +7,7 @@ import pytest
 from capabilities.values.chain import Refusal
 from capabilities.values.scope import Grant, Limit, OneOf, Range
 from capabilities.values.units import si
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.base.operations import (
     MOVE_PATH,
@@ -325,7 +325,6 @@ def test_each_later_value_of_a_stream_has_that_answer_too(number, angle, period)
 HARDLY = st.sampled_from((1e308, -1e308, -0.0, math.ulp(0.0), 1e-310, 0.0, 1.0, MASS)) | st.floats()
 
 
-@settings(max_examples=300)
 @given(
     st.sampled_from(sorted(ROWS)),
     st.lists(HARDLY, min_size=18, max_size=18),

@@ -201,17 +201,18 @@ def played(line, deeds):
 
 
 @pytest.mark.long
-def test_the_short_way_comes_to_what_the_long_one_comes_to(monkeypatch):
+@pytest.mark.parametrize("count", [60, pytest.param(1_000, marks=pytest.mark.campaign)])
+def test_the_short_way_comes_to_what_the_long_one_comes_to(count, monkeypatch):
     short, follow = [], LeasedLine._next
     monkeypatch.setattr(LeasedLine, "_next", lambda *given: short.append(follow(*given)) or short[-1])
-    for seed in range(250):
+    for seed in range(count):
         drawn, deeds = Deeds(seed), []
         for _ in range(40):
             deeds += drawn.next()
         ours, other = played(LeasedLine, deeds), played(TheLongWay, deeds)
         assert ours.told == other.told, seed
         assert ours.commands._merged({}).values == pytest.approx(other.commands._merged({}).values, nan_ok=True)
-    assert sum(said is not None for said in short) > 1_500
+    assert sum(said is not None for said in short) > 6 * count
 
 
 @pytest.mark.parametrize("command", [SERVO, SPEED])

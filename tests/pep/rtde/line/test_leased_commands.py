@@ -640,7 +640,6 @@ def moves(command):
 
 
 @given(st.lists(events, max_size=40), st.booleans())
-@settings(max_examples=400)
 def test_nothing_that_moves_reaches_the_script_but_what_the_judge_has_forwarded(said, ending):
     line, script = Line(), Script(PROFILE)
     script.start()

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.base.errors import ConfigError, PepFault
 from pep.rtde.script.control_script import (
@@ -285,7 +285,6 @@ waypoints = st.builds(
 
 
 @pytest.mark.clause("RTDE-8")
-@settings(max_examples=100)
 @given(st.lists(waypoints, max_size=8).map(tuple))
 def test_any_path_survives_its_text(scripts, path):
     program = with_path(render_path(path))
@@ -296,7 +295,6 @@ def test_any_path_survives_its_text(scripts, path):
     assert max(map(len, render_path(path).split(b"\n"))) <= MAX_LINE
 
 
-@settings(max_examples=200)
 @given(st.data())
 def test_whatever_comes_never_raises(scripts, data):
     recogniser = Recogniser(scripts_for(11, scripts))

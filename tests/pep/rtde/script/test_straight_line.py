@@ -1,7 +1,7 @@
 """Programs that are a list of known statements, and everything else, which is refused."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.command.command_values import StopJ, StopL
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
@@ -209,7 +209,6 @@ statements = st.one_of(
 
 
 @pytest.mark.long
-@settings(max_examples=300)
 @given(st.lists(statements, min_size=1, max_size=8).map(tuple))
 def test_any_program_survives_its_text(found):
     program = StraightLine(found)
@@ -240,7 +239,6 @@ words = st.sampled_from(
 )
 
 
-@settings(max_examples=500)
 @given(st.one_of(st.text(max_size=80), st.lists(words, max_size=40).map(" ".join)))
 def test_whatever_is_sent_never_raises(text):
     found = straight_line(text)

@@ -174,14 +174,12 @@ statements = st.recursive(
 
 
 @pytest.mark.long
-@settings(max_examples=300, deadline=None)
 @given(st.lists(statements, max_size=4))
 def test_every_tree_survives_its_text(body):
     tree = t.Program(tuple(body))
     assert parse(render(tree)) == tree
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.text(st.sampled_from("abp x1.5e-+*^()[]=<>:,'\"#\n") | st.characters(), max_size=60))
 def test_any_text_parses_to_a_fixed_point_or_is_refused(text):
     try:

@@ -4,7 +4,7 @@ import math
 import struct
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.wire.codec import Framer, Recipe, RtdeFrame
 from pep.rtde.wire.messages import FrameKind, WireError, WireFault
@@ -56,7 +56,6 @@ def torn(data, cuts):
     return pieces
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.sampled_from([1, 2]), st.data(), st.lists(st.integers(0, 9), max_size=60))
 def test_requests_survive_the_wire(protocol, data, cuts):
     sent = data.draw(st.lists(requests(protocol), max_size=5))
@@ -67,7 +66,6 @@ def test_requests_survive_the_wire(protocol, data, cuts):
     assert framer.pending == 0
 
 
-@settings(max_examples=300, deadline=None)
 @given(st.sampled_from([1, 2]), st.data(), st.lists(st.integers(0, 9), max_size=60))
 def test_answers_survive_the_wire(protocol, data, cuts):
     sent = data.draw(st.lists(answers(protocol), max_size=5))
@@ -77,7 +75,6 @@ def test_answers_survive_the_wire(protocol, data, cuts):
     assert read == sent
 
 
-@settings(max_examples=500, deadline=None)
 @given(st.sampled_from([1, 2]), st.lists(st.binary(max_size=40), max_size=6), st.booleans())
 def test_any_bytes_are_messages_or_a_wire_error(protocol, pieces, framed):
     framer = Framer()
@@ -98,7 +95,6 @@ def test_any_bytes_are_messages_or_a_wire_error(protocol, pieces, framed):
         pass
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.data())
 def test_values_survive_their_recipe(data):
     known = {VariableType.BOOL: st.booleans(), VariableType.UINT8: byte, VariableType.UINT32: st.integers(0, 2**32 - 1)}

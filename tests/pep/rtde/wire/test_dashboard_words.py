@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.wire.dashboard_grammar import LINES, MAX_LINE, ArgumentKind, DashboardLine, LineClass, parse_line
 from pep.rtde.wire.refusal import InputRefusal
@@ -101,7 +101,6 @@ def test_files_do_not_climb_and_lines_end():
 SAFE = re.compile(rb"[A-Za-z0-9 .,:_/-]{1,256}\n")
 
 
-@settings(max_examples=500)
 @given(
     st.one_of(
         st.binary(max_size=300), st.builds(lambda w, t: f"{w} {t}".encode(), st.sampled_from(sorted(LINES)), st.text())

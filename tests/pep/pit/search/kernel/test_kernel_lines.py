@@ -76,11 +76,12 @@ def same_trace(ours, theirs):
         assert ours.dq == pytest.approx(theirs.dq, rel=1e-6, abs=1e-9)
 
 
+@pytest.mark.parametrize("count", [30, pytest.param(120, marks=pytest.mark.campaign)])
 @pytest.mark.parametrize("seed", range(4))
-def test_p12_traces_are_the_same_piece_by_piece(seed):
+def test_p12_traces_are_the_same_piece_by_piece(seed, count):
     rng = np.random.default_rng(71000 + seed)
     told = []
-    for k in range(60):
+    for k in range(count):
         start, twist = about_the_base(rng) if k % 10 == 0 else any_line(rng)
         fastest = ANY if rng.integers(0, 2) else np.full(6, 30.0)
         theirs = trace(ROBOT, twist, start, fastest=fastest, check_time=unhurried)
@@ -90,9 +91,10 @@ def test_p12_traces_are_the_same_piece_by_piece(seed):
     assert {(None, True), ("singular", True), ("singular", False), ("joint_limit", True)} <= set(told)
 
 
-def test_p12_parts_of_a_line_are_the_same_too():
+@pytest.mark.parametrize("count", [5, pytest.param(60, marks=pytest.mark.campaign)])
+def test_p12_parts_of_a_line_are_the_same_too(count):
     rng = np.random.default_rng(72)
-    for _ in range(15):
+    for _ in range(count):
         start, twist = any_line(rng)
         since, until = 0, GRID // 4 * 3
         asked = {"since": since, "until": until, "pieces": 16, "fastest": ANY, "check_time": unhurried}
