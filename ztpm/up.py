@@ -126,7 +126,7 @@ def run(
         passphrase,
         joints,
         read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2,
-        start_child=partial(Child.start, ended=ended.is_set),
+        begin_child=partial(Child.begin, ended=ended.is_set),
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())

@@ -4,23 +4,17 @@ Each defect is a few lines that undo one check from outside; the product has no 
 check must then fail to be as told (tests/e2e/test_defences.py). One defect undoes nothing, it breaks a part that others must do without.
 """
 
-import os
 import runpy
 import sys
-from pathlib import Path
 
-from ztpm.base.processes import Child
+from tests.e2e import forked
 
-TOP = Path(__file__).parents[2]
 DEFECTS = {}
 
 
-def start(defect, child, module, *arguments, environment):
-    """A child of a cell with that defect, as `Child.start` starts one without."""
-    path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
-    return Child.start(
-        child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path}
-    )
+def begin(defect, child, module, *arguments, environment):
+    """A child of a cell with that defect, as `forked.begin` begins one without."""
+    return forked.begin(child, "tests.e2e.sabotage", defect, module, *arguments, environment=environment)
 
 
 def defect(function):

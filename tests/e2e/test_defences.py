@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 
 import pytest
-from tests.e2e import sabotage
+from tests.e2e import forked, sabotage
 from ztpm.base.processes import Child
 from ztpm.cell.cell import Cell
 from ztpm.demo.run import StepReport, play
@@ -137,12 +137,12 @@ def theatre(broken: tuple[str, ...] = (), defect: str = "") -> Iterator[Theatre]
     """A theatre on a fresh cell of which these processes have that defect from the beginning."""
     defects = dict.fromkeys(broken, defect)
 
-    def start(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
+    def begin(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
         if child not in defects:
-            return Child.start(child, module, *arguments, environment=environment)
-        return sabotage.start(defects[child], child, module, *arguments, environment=environment)
+            return forked.begin(child, module, *arguments, environment=environment)
+        return sabotage.begin(defects[child], child, module, *arguments, environment=environment)
 
-    with stage(start=start) as on_stage:
+    with stage(begin=begin) as on_stage:
         yield Theatre(on_stage, defects)
 
 

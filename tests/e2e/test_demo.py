@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 STEPS = [
-    "init", "register", "attest", "issue", "delegate", "widen-refused", "unattested-refused", "move-empty", "scope-refused",
-    "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "fragile-trusted", "fragile-untrusted", "trust-fell",
-    "human-deferred", "deferral-expires", "ceiling-refused", "through-person-denied", "not-finite-refused", "revoked-refused", "sponsor-disabled",
+    "init", "register", "attest", "issue", "delegate", "move-empty", "widen-refused", "unattested-refused", "scope-refused",
+    "limit-refused", "replay-refused", "stolen-refused", "tampered-refused", "not-finite-refused", "fragile-trusted", "fragile-untrusted", "trust-fell",
+    "human-deferred", "deferral-expires", "ceiling-refused", "through-person-denied", "revoked-refused", "sponsor-disabled",
     "stale-feed-refused", "audit-verifies", "approved-moves", "approval-used-up", "approval-changed-world",
     "agent-approval-refused", "zone-denied", "one-of-two-refused", "dual-authorised", "stale-world-deferred",
     "forged-frame-refused", "place-on-table", "human-enters-stops", "revoke-in-motion", "idp-killed-in-motion", "restart-keeps",
@@ -34,7 +34,19 @@ def test_demo_is_as_told() -> None:
     assert story["ok"] is True
     assert done.returncode == 0
     for step in story["steps"]:
-        assert step.keys() == {"id", "told", "decision", "reason", "tier", "latency_ms", "moved_rad", "ok"}
+        assert step.keys() == {
+            "id",
+            "told",
+            "decision",
+            "reason",
+            "tier",
+            "latency_ms",
+            "moved_rad",
+            "recorded",
+            "attack",
+            "stop_ms",
+            "ok",
+        }
         assert (step["moved_rad"] > 0.01) == (step["id"] in MOVING)
 
 

@@ -17,10 +17,9 @@ import pytest
 from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.rtde.command.limits import widest
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY
-from tests.e2e import sabotage
+from tests.e2e import forked, sabotage
 from tests.e2e.tls import TlsAddresses, reached_by_tls
 from ztpm.base.layout import OPERATORS, Layout, write_private
-from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
 from ztpm.cell.setup import free_addresses, initialise
 from ztpm.demo.motion import Motion
@@ -98,11 +97,11 @@ class House:
 
         self.broken = {}  # defects by name of the process that starts with one
 
-        def start(child, *command, environment):
-            begin = partial(sabotage.start, self.broken[child]) if child in self.broken else Child.start
-            return begin(child, *command, environment=environment | NO_WAY)
+        def begin(child, *command, environment):
+            one = partial(sabotage.begin, self.broken[child]) if child in self.broken else forked.begin
+            return one(child, *command, environment=environment | NO_WAY)
 
-        self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start)
+        self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin)
         self.stage = Stage(cell=self.cell, people={})
         self.stage.people = {name: self.stage.operator_from_disk(name) for name in OPERATORS}
         self.cell.register(self.stage.person("carol"))

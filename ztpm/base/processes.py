@@ -71,6 +71,7 @@ class Child:
         ready: the JSON object of its ready line.
         output: the last lines it wrote, for a failure report.
         since: monotonic time of its start, seconds.
+        ended, preparing: as of `begin`.
     """
 
     name: str
@@ -78,12 +79,24 @@ class Child:
     ready: dict[str, object] = field(default_factory=dict)
     output: collections.deque[str] = field(default_factory=lambda: collections.deque(maxlen=KEPT_LINES))
     since: float = field(default_factory=time.monotonic)
+    ended: Callable[[], bool] = lambda: False
+    preparing: Preparing = SHOWN
+    _lines: queue.SimpleQueue[str | None] = field(default_factory=queue.SimpleQueue)
     _answers: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
     _asking: threading.Lock = field(default_factory=threading.Lock)
     _unanswered: bool = False
 
     @classmethod
-    def start(
+    def start(cls, name: str, module: str, *arguments: str, environment: Mapping[str, str], **options: Any) -> Child:
+        """A child as of `begin`, ready.
+
+        Raises:
+            ChildError: see `until_ready`.
+        """
+        return cls.begin(name, module, *arguments, environment=environment, **options).until_ready()
+
+    @classmethod
+    def begin(
         cls,
         name: str,
         module: str,
@@ -92,20 +105,16 @@ class Child:
         ended: Callable[[], bool] = lambda: False,
         preparing: Preparing = SHOWN,
     ) -> Child:
-        """Starts a child running `main` of the module, ready. It ends when the calling thread does.
+        """Begins a child running `main` of the module. It ends when the calling thread does.
 
         Args:
             name: for messages.
             module: to run; its `main` takes no arguments and returns its exit status or nothing.
             arguments: of the command line.
             environment: variables added to this process's own.
-            ended: when it says so, the wait is over.
+            ended: when it says so, the wait for the child is over.
             preparing: shows what the child says it prepares, and for how long it is silent; on standard error by
                 default.
-
-        Raises:
-            ChildError: when it ends or says nothing of that kind for `READY_S` seconds, or the wait is over; the
-                message says which, how far it was, and its last lines.
         """
         command: Sequence[str] = (sys.executable, "-m", "ztpm.base.parent_watch", str(os.getpid()), module, *arguments)
         popen = subprocess.Popen(  # noqa: S603 - our own interpreter and our own modules
@@ -116,19 +125,28 @@ class Child:
             env={**os.environ, "PYTHONUNBUFFERED": "1", **environment},
             start_new_session=True,
         )
-        child = cls(name=name, popen=popen)
-        lines: queue.SimpleQueue[str | None] = queue.SimpleQueue()
-        for stream in (popen.stdout, popen.stderr):
-            assert stream is not None
-            threading.Thread(target=child._follow, args=(stream, lines), daemon=True).start()
-        try:
-            child._wait_ready(lines, ended, preparing)
-        except BaseException:
-            child.stop()
-            raise
-        return child
+        return cls(name, popen, ended=ended, preparing=preparing)
 
-    def _follow(self, stream: IO[bytes], lines: queue.SimpleQueue[str | None]) -> None:
+    def until_ready(self) -> Child:
+        """The child, once it says that it is ready.
+
+        Raises:
+            ChildError: when it ends or says nothing of that kind for `READY_S` seconds, or the wait is over; the
+                message says which, how far it was, and its last lines; it has ended.
+        """
+        try:
+            self._wait_ready()
+        except BaseException:
+            self.stop()
+            raise
+        return self
+
+    def __post_init__(self) -> None:
+        for stream in (self.popen.stdout, self.popen.stderr):
+            assert stream is not None
+            threading.Thread(target=self._follow, args=(stream,), daemon=True).start()
+
+    def _follow(self, stream: IO[bytes]) -> None:
         for raw in stream:
             line = raw.decode("utf-8", "replace").rstrip()
             if line.startswith(ANSWER):
@@ -140,25 +158,23 @@ class Child:
             if not line.startswith(PREPARING):
                 self.output.append(line)
             if not self.ready:  # no caller waits for lines afterwards
-                lines.put(line)
-        lines.put(None)
+                self._lines.put(line)
+        self._lines.put(None)
 
-    def _wait_ready(
-        self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool], preparing: Preparing
-    ) -> None:
+    def _wait_ready(self) -> None:
         try:
-            cause = self._unready(lines, ended, preparing)
+            cause = self._unready()
         finally:
-            preparing.over()
+            self.preparing.over()
         if cause:
             raise ChildError("\n".join((f"{self.name} did not become ready: {cause}", *self.output)))
 
-    def _unready(self, lines: queue.SimpleQueue[str | None], ended: Callable[[], bool], preparing: Preparing) -> str:
+    def _unready(self) -> str:
         """The reason why it never became ready; empty once it is."""
         heard, far = time.monotonic(), ""
-        while not ended():
+        while not self.ended():
             try:
-                line = lines.get(timeout=POLL_S)
+                line = self._lines.get(timeout=POLL_S)
             except queue.Empty:
                 line = ""
             said, now = _said(line or ""), time.monotonic()
@@ -167,9 +183,9 @@ class Child:
                 return ""
             if "preparing" in said:
                 heard, far = now, f", after it said: {said['preparing']}"
-                preparing.tell(said["preparing"])
+                self.preparing.tell(said["preparing"])
             else:
-                preparing.wait(f"starting the {self.name}, {now - self.since:.0f} s")
+                self.preparing.wait(f"starting the {self.name}, {now - self.since:.0f} s")
             # Both pipes may have ended a moment before the process has: then no line says so, and silence must do.
             if not line and (status := self.popen.poll()) is not None:
                 return f"it ended {_how(status)}{far}"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final, Self
 
@@ -12,7 +13,7 @@ from ztpm.base.processes import Child
 from ztpm.cell.setup import GATEWAY_ID, PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection
+    from collections.abc import Callable, Collection, Iterator
     from types import TracebackType
 
     from ztpm_idp.client import Operator
@@ -39,7 +40,7 @@ class Cell:
         passphrase: of its keys.
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
-        start_child: starts a child; `Child.start` unless a test breaks one.
+        begin_child: begins a child; `Child.begin` unless a test breaks one.
         idp, robot, sensor, gateway, tools: its processes, once started.
     """
 
@@ -48,12 +49,13 @@ class Cell:
     passphrase: bytes
     joints: tuple[float, ...]
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
-    start_child: Callable[..., Child] = Child.start
+    begin_child: Callable[..., Child] = Child.begin
     idp: Child = field(init=False)
     robot: Child = field(init=False)
     sensor: Child = field(init=False)
     gateway: Child = field(init=False)
     tools: Child = field(init=False)
+    _beside: list[Child] | None = None
 
     @classmethod
     def start(
@@ -63,7 +65,7 @@ class Cell:
         *,
         passphrase: bytes,
         joints: tuple[float, ...],
-        start: Callable[..., Child] | None = None,
+        begin: Callable[..., Child] = Child.begin,
     ) -> Cell:
         """Starts identity provider, controller and sensor; `start_enforcement` starts the others, after `register`.
 
@@ -72,7 +74,7 @@ class Cell:
             addresses: the same as there.
             passphrase: the same as there.
             joints: the simulated arm's first configuration, 6 angles in rad.
-            start: starts a child in place of `Child.start`.
+            begin: begins a child in place of `Child.begin`.
 
         Raises:
             ztpm.base.processes.ChildError: when a process does not become ready.
@@ -80,11 +82,12 @@ class Cell:
         from ztpm.point.gateway_config import read_gateway_config
 
         stop_deceleration = read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2
-        cell = cls(layout, addresses, passphrase, joints, stop_deceleration, start or Child.start)
+        cell = cls(layout, addresses, passphrase, joints, stop_deceleration, begin)
         try:
-            cell.start_idp()
-            cell.start_robot()
-            cell.start_sensor()
+            with cell.beside():
+                cell.start_idp()
+                cell.start_robot()
+                cell.start_sensor()
         except BaseException:
             cell.stop()
             raise
@@ -95,11 +98,38 @@ class Cell:
         """Processes that were started, by attribute, in the order of `PROCESSES`."""
         return {name: vars(self)[name] for name in PROCESSES if name in vars(self)}
 
+    @contextmanager
+    def beside(self) -> Iterator[None]:
+        """Processes that are started within begin beside each other; afterwards each is ready.
+
+        Raises:
+            ztpm.base.processes.ChildError: when one does not become ready.
+        """
+        if self._beside is not None:  # the outer one waits
+            yield
+            return
+        self._beside = begun = []
+        try:
+            yield
+        finally:
+            self._beside = None
+        for child in begun:
+            child.until_ready()
+
+    def _start(self, name: str, module: str, *arguments: str, environment: dict[str, str]) -> None:
+        """Starts the process of that attribute anew: ready, unless others begin beside it."""
+        self.end(name)
+        child = self.begin_child(PROCESSES[name], module, *arguments, environment=environment)
+        if self._beside is None:
+            child.until_ready()
+        else:
+            self._beside.append(child)
+        vars(self)[name] = child
+
     def start_idp(self) -> None:
         """Starts the identity provider."""
-        self.end("idp")
-        self.idp = self.start_child(
-            PROCESSES["idp"],
+        self._start(
+            "idp",
             "ztpm.point.provider_server",
             "--config",
             str(self.layout.idp_config),
@@ -111,10 +141,9 @@ class Cell:
 
         Connections to an earlier controller are lost.
         """
-        self.end("robot")
         pose = ",".join(repr(angle) for angle in self.joints)
-        self.robot = self.start_child(
-            PROCESSES["robot"], "ursim.__main__", "--host", self.addresses.host, f"--joints={pose}",
+        self._start(
+            "robot", "ursim.__main__", "--host", self.addresses.host, f"--joints={pose}",
             f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
         )  # fmt: skip
 
@@ -136,9 +165,8 @@ class Cell:
         Args:
             options: further ones of its command line.
         """
-        self.end("sensor")
-        self.sensor = self.start_child(
-            PROCESSES["sensor"], "ursim.sensor.sensor", "--key-file", str(self.layout.sensor_key), "--sensor",
+        self._start(
+            "sensor", "ursim.sensor.sensor", "--key-file", str(self.layout.sensor_key), "--sensor",
             SENSOR_ID, "--calibration", SENSOR_CALIBRATION,
             "--to", f"{self.addresses.gateway_host}:{self.addresses.perception_port}", *options,
             environment=self._secret,
@@ -150,17 +178,15 @@ class Cell:
         Args:
             options: further ones of its command line.
         """
-        self.end("gateway")
-        self.gateway = self.start_child(
-            PROCESSES["gateway"], "ztpm.point.gateway_server", "--config", str(self.layout.gateway_config), *options,
+        self._start(
+            "gateway", "ztpm.point.gateway_server", "--config", str(self.layout.gateway_config), *options,
             environment=self._secret,
         )  # fmt: skip
 
     def start_tools(self) -> None:
         """Starts the tool server."""
-        self.end("tools")
-        self.tools = self.start_child(
-            PROCESSES["tools"],
+        self._start(
+            "tools",
             "ztpm.point.tool_proxy",
             "--config",
             str(self.layout.cell_config),
@@ -169,8 +195,9 @@ class Cell:
 
     def start_enforcement(self) -> None:
         """Starts every enforcement point: agents can call the tools, programs can open a lease."""
-        self.start_gateway()
-        self.start_tools()
+        with self.beside():
+            self.start_gateway()
+            self.start_tools()
 
     @property
     def _secret(self) -> dict[str, str]:

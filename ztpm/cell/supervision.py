@@ -43,6 +43,8 @@ TOLD_LINES: Final = 20
 SCENE_BYTES: Final = 1_048_576
 STOP_S: Final = 5.0
 """Longest wait for the dashboard's stop, when everything ends."""
+REPORTS: Final = "--reports"
+"""Option by which the gateway answers this process (ztpm/base/report_server.py)."""
 EMPTY_SCENE: Final[dict[str, object]] = {"people": [], "objects": []}
 
 
@@ -139,11 +141,12 @@ class Supervision:
         """
         self.cell.start_robot()
         self._log.note("started", "the controller runs")
-        self._start_sensor()
-        self._log.note("started", "the sensor runs")
-        self._start_gateway()
-        self._log.note("started", "the gateway runs")
-        self.cell.start_tools()
+        with self.cell.beside():
+            self._start_sensor()
+            self.cell.start_gateway(REPORTS)
+            self.cell.start_tools()
+        self._guard_arm()
+        self._log.note("started", "sensor, gateway and tool server run")
 
     def run(self) -> None:
         """Keeps the processes running until the end is asked for.
@@ -240,7 +243,10 @@ class Supervision:
             return
 
     def _start_gateway(self) -> None:
-        self.cell.start_gateway("--reports")
+        self.cell.start_gateway(REPORTS)
+        self._guard_arm()
+
+    def _guard_arm(self) -> None:
         self._guard = threading.Thread(target=self._arm_stands_after, args=(self.cell.gateway,), daemon=True)
         self._guard.start()
 

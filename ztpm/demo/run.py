@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from ztpm.stage.calls import Answer
     from ztpm.stage.stage import Stage
+    from ztpm.stage.stopping import Stopped
 
 MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still (the simulator's and the sensor's noise is far below)."""
@@ -27,6 +28,7 @@ class Expect:
         moves: whether the arm must move (True) or must not (False).
         recorded: whether the PEP's journal must hold a record with this decision and reason.
         ledger: kind of the entry that the identity provider's ledger must have gained, or None.
+        attack: a request beyond what was lent, or forged, stolen or repeated.
     """
 
     decision: str
@@ -35,6 +37,7 @@ class Expect:
     moves: bool = False
     recorded: bool = True
     ledger: str | None = None
+    attack: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +48,7 @@ class StepObservation:
         told: one sentence, with the observed values in it.
         decision, reason, tier, latency_ms: of the decisive call.
         ok: all other expectations of the step itself hold.
+        stop: stop whose cause had an instant, as measured.
     """
 
     told: str
@@ -53,11 +57,12 @@ class StepObservation:
     tier: int | None = None
     latency_ms: float = 0.0
     ok: bool = True
+    stop: Stopped | None = None
 
     @classmethod
-    def answer(cls, told: str, answer: Answer, *, ok: bool = True) -> StepObservation:
+    def answer(cls, told: str, answer: Answer, *, ok: bool = True, stop: Stopped | None = None) -> StepObservation:
         """Observation of an answer from the tool server."""
-        return cls(told, answer.decision, answer.reason, answer.tier, answer.latency_ms, ok)
+        return cls(told, answer.decision, answer.reason, answer.tier, answer.latency_ms, ok, stop)
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +81,15 @@ class StoryStep:
 
 @dataclass(frozen=True, slots=True)
 class StepReport:
-    """One played step, as reported."""
+    """One played step, as reported.
+
+    Attributes:
+        moved_rad: way of the joint that went farthest.
+        recorded: the PEP's journal has a record with this decision and reason.
+        attack: see `Expect`.
+        stop_ms: from the cause of a stop to standstill, or None.
+        ok: everything is as told.
+    """
 
     id: str
     told: str
@@ -85,13 +98,17 @@ class StepReport:
     tier: int | None
     latency_ms: float
     moved_rad: float
+    recorded: bool
+    attack: bool
+    stop_ms: float | None
     ok: bool
 
 
 @dataclass
 class Story:
-    """The steps, in order."""
+    """The steps of a chapter, or of all, in order."""
 
+    title: str
     steps: list[StoryStep] = field(default_factory=list)
 
     def step(
@@ -139,22 +156,27 @@ def play(on_stage: Stage, step: StoryStep) -> StepReport:
     except Exception as error:  # noqa: BLE001 - the story goes on, and tells the error
         elapsed = (time.perf_counter() - started) * 1e3
         return StepReport(
-            step.id, f"{type(error).__name__}: {error}"[:400], "NONE", "STEP_FAILED", None, elapsed, 0.0, ok=False
-        )
+            step.id, f"{type(error).__name__}: {error}"[:400], "NONE", "STEP_FAILED", None, elapsed, 0.0,
+            recorded=False, attack=step.expect.attack, stop_ms=None, ok=False,
+        )  # fmt: skip
     moved = max(abs(now - then) for now, then in zip(on_stage.joints, before, strict=True))
     expect = step.expect
-    recorded = not expect.recorded or (seen.decision, seen.reason) in map(_verdict, on_stage.journal())
+    recorded = (seen.decision, seen.reason) in map(_verdict, on_stage.journal())
     entered = expect.ledger is None or expect.ledger in on_stage.new_ledger_kinds()
     ok = (
         seen.ok
-        and recorded
+        and (recorded or not expect.recorded)
         and entered
         and seen.decision == expect.decision
         and expect.reason in (None, seen.reason)
         and expect.tier in (None, seen.tier)
         and (moved > MOVED_RAD) == expect.moves
     )
-    return StepReport(step.id, seen.told, seen.decision, seen.reason, seen.tier, seen.latency_ms, moved, ok)
+    stop_ms = None if seen.stop is None else (seen.stop.reaction_s + seen.stop.braking_s) * 1e3
+    return StepReport(
+        step.id, seen.told, seen.decision, seen.reason, seen.tier, seen.latency_ms, moved,
+        recorded=recorded, attack=expect.attack, stop_ms=stop_ms, ok=ok,
+    )  # fmt: skip
 
 
 def _verdict(row: dict[str, Any]) -> tuple[object, object]:

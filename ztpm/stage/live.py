@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from ztpm.base.layout import OPERATORS, Layout
+from ztpm.base.processes import Child
 from ztpm.cell.cell import Cell
 from ztpm.cell.setup import free_addresses, initialise
 from ztpm.stage.stage import LEFT, Stage
@@ -16,18 +17,16 @@ from ztpm.stage.stage import LEFT, Stage
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from ztpm.base.processes import Child
-
 DEFER_TIMEOUT_S: Final = 4
 """The cell waits this long for an answer to a deferral, so that the story stays short."""
 
 
 @contextmanager
-def stage(*, start: Callable[..., Child] | None = None, directory: Path | None = None) -> Iterator[Stage]:
+def stage(*, begin: Callable[..., Child] = Child.begin, directory: Path | None = None) -> Iterator[Stage]:
     """Stage on a fresh cell, removed afterwards.
 
     Args:
-        start: starts a process in place of `Child.start`; the tests of the defences break one here.
+        begin: begins a process in place of `Child.begin`; the tests of the defences break one here.
         directory: kept afterwards; a temporary one by default.
     """
     with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
@@ -35,7 +34,7 @@ def stage(*, start: Callable[..., Child] | None = None, directory: Path | None =
         addresses = free_addresses(secrets.token_bytes(16))
         passphrase = secrets.token_urlsafe(24).encode()
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEFER_TIMEOUT_S)
-        with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, start=start) as cell:
+        with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin) as cell:
             on_stage = Stage(cell=cell, people={})
             on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
             cell.register(on_stage.people["carol"])

@@ -1,4 +1,4 @@
-"""The story, in four chapters: authority is lent, people answer, a moving arm is watched, and programs lease it."""
+"""The story, in seven chapters, from lent authority to programs that lease the arm."""
 
 from __future__ import annotations
 
@@ -6,8 +6,9 @@ from typing import Final
 
 from ztpm.demo.run import Story
 from ztpm.demo.story.answering import ANSWERING
-from ztpm.demo.story.lending import LENDING
+from ztpm.demo.story.lending import ENDING, LENDING, REFUSING, SURROUNDINGS
 from ztpm.demo.story.moving import MOVING
 from ztpm.demo.story.programs import PROGRAMS
 
-STORY: Final = Story([*LENDING.steps, *ANSWERING.steps, *MOVING.steps, *PROGRAMS.steps])
+CHAPTERS: Final = (LENDING, REFUSING, SURROUNDINGS, ENDING, ANSWERING, MOVING, PROGRAMS)
+STORY: Final = Story("the demo", [step for chapter in CHAPTERS for step in chapter.steps])

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ztpm.stage.calls import Answer
     from ztpm.stage.stage import Stage
 
-ANSWERING: Final = Story()
+ANSWERING: Final = Story("people answer")
 DELEGATED: Final = ("delegate",)
 NEAR, FAR = pose(-0.2), pose(0.2)
 """A short move past the person, and back."""
@@ -114,7 +114,7 @@ def _changed_world(stage: Stage) -> StepObservation:
 
 @ANSWERING.step(
     "agent-approval-refused",
-    Expect("DENY", "NOT_PERMITTED", recorded=False, ledger="vote-refused"),
+    Expect("DENY", "NOT_PERMITTED", recorded=False, ledger="vote-refused", attack=True),
     needs=DELEGATED,
     prepare=beside_a_person,
 )
@@ -143,7 +143,9 @@ def maintainer(stage: Stage) -> None:
     stage.bring(LEFT)
 
 
-@ANSWERING.step("zone-denied", Expect("DENY", "TIER_SAFETY_CRITICAL", 4), needs=DELEGATED, prepare=maintainer)
+@ANSWERING.step(
+    "zone-denied", Expect("DENY", "TIER_SAFETY_CRITICAL", 4, attack=True), needs=DELEGATED, prepare=maintainer
+)
 def _zone(stage: Stage) -> StepObservation:
     answer = stage.move("maintainer", to=IN_THE_ZONE, speed=1.0)
     told = "into the zone that the signed cell file declares tier 4: nobody opened it, so nobody is even asked"

@@ -1,4 +1,4 @@
-"""Chapter on lent, refused and ended authority: each step uses the doors that anyone would use."""
+"""Chapters on lent, refused and ended authority: each step uses the doors that anyone would use."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ from ztpm_idp.ledger_file import verify as verify_ledger
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-LENDING: Final = Story()
+LENDING: Final = Story("authority is lent")
+REFUSING: Final = Story("more than was lent is refused")
+SURROUNDINGS: Final = Story("the world matters")
+ENDING: Final = Story("authority ends")
 DELEGATED: Final = ("delegate",)
 THETA: Final = load_shipped("paper-default").parameters.trust_theta_permille
 """Least trust, in permille, at which the cell's policies let a tier 2 act pass without a person."""
@@ -106,6 +109,14 @@ def outcome(answer: Answer) -> str:
     return " ".join(str(said[name]) for name in ("outcome", "reason") if said.get(name))
 
 
+@LENDING.step("move-empty", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED)
+def _move_empty(stage: Stage) -> StepObservation:
+    stage.scene()
+    answer = stage.move("robotic")
+    told = f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s ({outcome(answer)})"
+    return StepObservation.answer(told, answer, ok=outcome(answer) == "reached")
+
+
 def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
     """Decision, code, status and latency of the identity provider's answer to an action."""
     started = time.perf_counter()
@@ -116,8 +127,10 @@ def asked_of_idp(action: Callable[[], object]) -> tuple[str, str, int, float]:
     return "PERMIT", "DELEGATED", 201, (time.perf_counter() - started) * 1e3
 
 
-@LENDING.step(
-    "widen-refused", Expect("DENY", "NOT_NARROWER", recorded=False, ledger="delegation-refused"), needs=DELEGATED
+@REFUSING.step(
+    "widen-refused",
+    Expect("DENY", "NOT_NARROWER", recorded=False, ledger="delegation-refused", attack=True),
+    needs=DELEGATED,
 )
 def _widen(stage: Stage) -> StepObservation:
     greedy = stage.agents["greedy"]
@@ -133,7 +146,7 @@ def _widen(stage: Stage) -> StepObservation:
     return StepObservation(told, decision, code, None, latency, ok=status == 403)
 
 
-@LENDING.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED"), needs=DELEGATED)
+@REFUSING.step("unattested-refused", Expect("DENY", "HOP_NOT_ATTESTED", attack=True), needs=DELEGATED)
 def _unattested(stage: Stage) -> StepObservation:
     orchestrator, vision = stage.agents["orchestrator"], stage.agents["vision"]
     _, code, status, _ = asked_of_idp(
@@ -152,22 +165,14 @@ def _unattested(stage: Stage) -> StepObservation:
     )
 
 
-@LENDING.step("move-empty", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED)
-def _move_empty(stage: Stage) -> StepObservation:
-    stage.scene()
-    answer = stage.move("robotic")
-    told = f"empty workspace (C0): the arm swept {2 * abs(LEFT[0]):.1f} rad at {SPEED_RAD_S} rad/s ({outcome(answer)})"
-    return StepObservation.answer(told, answer, ok=outcome(answer) == "reached")
-
-
-@LENDING.step("scope-refused", Expect("DENY", "NOT_GRANTED"), needs=DELEGATED)
+@REFUSING.step("scope-refused", Expect("DENY", "NOT_GRANTED", attack=True), needs=DELEGATED)
 def _scope(stage: Stage) -> StepObservation:
     answer = stage.ask("stray", "gripper_move", {"width_m": 0.04, "speed_m_s": 0.05, "force_n": 40})
     told = f"the stray agent called the gripper, which its hop dropped: {answer.content.get('primitive')}"
     return StepObservation.answer(told, answer, ok=answer.content.get("primitive") == "TEA-1")
 
 
-@LENDING.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST"), needs=DELEGATED)
+@REFUSING.step("limit-refused", Expect("DENY", "LIMIT_EXCEEDED_BY_REQUEST", attack=True), needs=DELEGATED)
 def _limit(stage: Stage) -> StepObservation:
     answer = stage.move("stray", speed=0.8)
     said = answer.content
@@ -186,7 +191,7 @@ def _limit(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=ok)
 
 
-@LENDING.step("replay-refused", Expect("DENY", "REPLAYED"), needs=DELEGATED)
+@REFUSING.step("replay-refused", Expect("DENY", "REPLAYED", attack=True), needs=DELEGATED)
 def _replay(stage: Stage) -> StepObservation:
     honest = stage.ask("stray", "read_state", {})
     assert honest.exchange is not None
@@ -195,7 +200,7 @@ def _replay(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
 
 
-@LENDING.step("stolen-refused", Expect("DENY", "PROOF_WRONG_KEY"), needs=DELEGATED)
+@REFUSING.step("stolen-refused", Expect("DENY", "PROOF_WRONG_KEY", attack=True), needs=DELEGATED)
 def _stolen(stage: Stage) -> StepObservation:
     answer = stage.move("vision", token=stage.tokens["robotic"])
     return StepObservation.answer(
@@ -205,7 +210,7 @@ def _stolen(stage: Stage) -> StepObservation:
     )
 
 
-@LENDING.step("tampered-refused", Expect("DENY", "SIGNATURE_INVALID"), needs=DELEGATED)
+@REFUSING.step("tampered-refused", Expect("DENY", "SIGNATURE_INVALID", attack=True), needs=DELEGATED)
 def _tampered(stage: Stage) -> StepObservation:
     honest = stage.ask("robotic", "read_state", {})
     token = bytearray(raw(stage.tokens["robotic"]))
@@ -217,7 +222,20 @@ def _tampered(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=honest.decision == "PERMIT" and answer.status == 401)
 
 
-@LENDING.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
+@REFUSING.step("not-finite-refused", Expect("DENY", "NOT_FINITE", attack=True), needs=DELEGATED)
+def _not_finite(stage: Stage) -> StepObservation:
+    stage.scene()
+    arguments = {"q_rad": [0.1, *LEFT[1:]], "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
+    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "move_joint", "arguments": arguments}}
+    body = json.dumps(call).replace("[0.1", "[NaN", 1).encode()
+    answer = send(
+        stage.agents["robotic"].auth(stage.tokens["robotic"]), stage.cell.addresses.audience, body, PLAIN_CALL
+    )
+    told = f"a target of NaN, properly signed: {answer.status}, a fault without a tier"
+    return StepObservation.answer(told, answer, ok=answer.status == 400 and answer.tier is None)
+
+
+@SURROUNDINGS.step("fragile-trusted", Expect("PERMIT", "PERMITTED", 2, moves=True), needs=DELEGATED)
 def _fragile_trusted(stage: Stage) -> StepObservation:
     stage.scene(objects=[under_the_path()])
     answer = stage.move("robotic")
@@ -225,7 +243,7 @@ def _fragile_trusted(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=outcome(answer) == "reached")
 
 
-@LENDING.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
+@SURROUNDINGS.step("fragile-untrusted", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=DELEGATED)
 def _fragile_untrusted(stage: Stage) -> StepObservation:
     stage.scene(objects=[under_the_path()])
     stage.person("alice").set_trust("robotic", 500)
@@ -238,7 +256,7 @@ def _fragile_untrusted(stage: Stage) -> StepObservation:
     )
 
 
-@LENDING.step("trust-fell", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=("widen-refused",))
+@SURROUNDINGS.step("trust-fell", Expect("DEFER", "TRUST_TOO_LOW", 2), needs=("widen-refused",))
 def _trust_fell(stage: Stage) -> StepObservation:
     stage.scene(objects=[under_the_path()])
     until(lambda: trust(stage, "greedy") < THETA, "what the attempt cost in the PEP's evidence")
@@ -255,7 +273,7 @@ def trust(stage: Stage, agent: str) -> int:
     return int(newest.get("score_permille", -1))
 
 
-@LENDING.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
+@SURROUNDINGS.step("human-deferred", Expect("DEFER", "TIER_NEEDS_APPROVAL", 3), needs=DELEGATED)
 def _human(stage: Stage) -> StepObservation:
     stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
     answer = stage.move("robotic")
@@ -267,14 +285,14 @@ def _human(stage: Stage) -> StepObservation:
     )
 
 
-@LENDING.step("deferral-expires", Expect("DENY", "APPROVAL_TIMEOUT"), needs=("human-deferred",))
+@SURROUNDINGS.step("deferral-expires", Expect("DENY", "APPROVAL_TIMEOUT"), needs=("human-deferred",))
 def _expires(stage: Stage) -> StepObservation:
     until(lambda: stage.open_ask in stage.ended_asks(), "the deferral's end in the journal")
     answer = stage.move("robotic")
     return StepObservation.answer(f"nobody answered for {DEFER_TIMEOUT_S} s: silence denies", answer)
 
 
-@LENDING.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3), needs=DELEGATED)
+@SURROUNDINGS.step("ceiling-refused", Expect("DENY", "ABOVE_CEILING", 3, attack=True), needs=DELEGATED)
 def _ceiling(stage: Stage) -> StepObservation:
     stage.scene(people=[person("person-1", *front(PERSON_AXIS_M))])
     token = hand_down(stage, "config", arm_only(speed_high=SLOWER, ceiling=Tier.CONSEQUENTIAL))
@@ -286,7 +304,7 @@ def _ceiling(stage: Stage) -> StepObservation:
     )
 
 
-@LENDING.step("through-person-denied", Expect("DENY", "PHYSICS_VIOLATION"), needs=DELEGATED)
+@SURROUNDINGS.step("through-person-denied", Expect("DENY", "PHYSICS_VIOLATION"), needs=DELEGATED)
 def _through(stage: Stage) -> StepObservation:
     stage.scene(people=[person("person-1", *front(0.45))])
     answer = stage.move("robotic")
@@ -294,20 +312,7 @@ def _through(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok="person" in (answer.content.get("violations") or []))
 
 
-@LENDING.step("not-finite-refused", Expect("DENY", "NOT_FINITE"), needs=DELEGATED)
-def _not_finite(stage: Stage) -> StepObservation:
-    stage.scene()
-    arguments = {"q_rad": [0.1, *LEFT[1:]], "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
-    call = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "move_joint", "arguments": arguments}}
-    body = json.dumps(call).replace("[0.1", "[NaN", 1).encode()
-    answer = send(
-        stage.agents["robotic"].auth(stage.tokens["robotic"]), stage.cell.addresses.audience, body, PLAIN_CALL
-    )
-    told = f"a target of NaN, properly signed: {answer.status}, a fault without a tier"
-    return StepObservation.answer(told, answer, ok=answer.status == 400 and answer.tier is None)
-
-
-@LENDING.step("revoked-refused", Expect("DENY", "REVOKED"), needs=DELEGATED)
+@ENDING.step("revoked-refused", Expect("DENY", "REVOKED", attack=True), needs=DELEGATED)
 def _revoked(stage: Stage) -> StepObservation:
     stage.scene()
     token = hand_down(stage, "vision", arm_only(speed_high=SLOWER - 1))
@@ -342,7 +347,7 @@ def poll_refusal(stage: Stage, agent: str, token: str) -> Answer:
     return found[0]
 
 
-@LENDING.step("sponsor-disabled", Expect("DENY", "REVOKED"), needs=DELEGATED)
+@ENDING.step("sponsor-disabled", Expect("DENY", "REVOKED", attack=True), needs=DELEGATED)
 def _sponsor(stage: Stage) -> StepObservation:
     for name in ("scout", "carrier"):
         stage.new_agent(name, sponsor="bob", role="actuator").attest()
@@ -363,7 +368,7 @@ def _sponsor(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=before == ["PERMIT", "PERMIT"] and parent.reason == "REVOKED")
 
 
-@LENDING.step("stale-feed-refused", Expect("DENY", "REVOCATION_VIEW_STALE"), needs=DELEGATED)
+@ENDING.step("stale-feed-refused", Expect("DENY", "REVOCATION_VIEW_STALE"), needs=DELEGATED)
 def _stale(stage: Stage) -> StepObservation:
     stage.scene()
     stage.cell.idp.pause()
@@ -403,7 +408,7 @@ def poll_motion_refusal(stage: Stage) -> Answer:
     return found[0]
 
 
-@LENDING.step("audit-verifies", Expect("DONE", recorded=False), needs=DELEGATED)
+@ENDING.step("audit-verifies", Expect("DONE", recorded=False), needs=DELEGATED)
 def _audit(stage: Stage) -> StepObservation:
     shipped = stage.journal_records()
 

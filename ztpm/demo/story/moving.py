@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ztpm.stage.stage import Stage
     from ztpm.stage.stopping import Stopped
 
-MOVING: Final = Story()
+MOVING: Final = Story("the world is watched")
 DELEGATED: Final = ("delegate",)
 ABOVE_TABLE: Final = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)
 ON_TABLE: Final = (0.0, -1.486, 2.164, -2.2488, -1.57, 0.0)
@@ -62,7 +62,9 @@ def _stale_world(stage: Stage) -> StepObservation:
     return StepObservation.answer(told, answer, ok=said in {"stale", "missing"})
 
 
-@MOVING.step("forged-frame-refused", Expect("DENY", "PERCEPTION_INVALID"), needs=DELEGATED, prepare=at_left)
+@MOVING.step(
+    "forged-frame-refused", Expect("DENY", "PERCEPTION_INVALID", attack=True), needs=DELEGATED, prepare=at_left
+)
 def _forged_frame(stage: Stage) -> StepObservation:
     stage.cell.sensor.tell({"pause": True})
     try:
@@ -103,7 +105,9 @@ def _walks_in(stage: Stage) -> StepObservation:
         answer = motion.answer()
         stop = motion.stop_after(t0)
     told = f"a person walked in: {figures(stop)}; {outcome(answer)}"
-    return StepObservation.answer(told, answer, ok=outcome(answer) == "world_changed IMPACT_ROSE" and stop.within_model)
+    return StepObservation.answer(
+        told, answer, ok=outcome(answer) == "world_changed IMPACT_ROSE" and stop.within_model, stop=stop
+    )
 
 
 def figures(stop: Stopped) -> str:
@@ -124,7 +128,9 @@ def _revoked_in_motion(stage: Stage) -> StepObservation:
         answer = motion.answer()
         stop = motion.stop_after(t0)
     told = f"alice revoked the hop while the arm moved: {figures(stop)}"
-    return StepObservation.answer(told, answer, ok=outcome(answer) == "authority_lost REVOKED" and stop.within_model)
+    return StepObservation.answer(
+        told, answer, ok=outcome(answer) == "authority_lost REVOKED" and stop.within_model, stop=stop
+    )
 
 
 @MOVING.step("idp-killed-in-motion", Expect("PERMIT", "PERMITTED", 1, moves=True), needs=DELEGATED, prepare=at_left)
@@ -155,8 +161,9 @@ def _restart(stage: Stage) -> StepObservation:
     until(lambda: stage.answered(question), "alice's vote on the PEP's record")
     for name in ("tools", "gateway", "idp"):
         stage.cell.children[name].kill()
-    stage.cell.start_idp()
-    stage.cell.start_enforcement()
+    with stage.cell.beside():
+        stage.cell.start_idp()
+        stage.cell.start_enforcement()
     until(lambda: stage.perception() == "fresh", "a fresh view")
     revoked = stage.ask("vision", "read_state", {}, token=token)
     answer = retry(stage, "robotic", target, 0.25, waiting="TIER_NEEDS_APPROVAL")

@@ -23,7 +23,7 @@ from ztpm.stage.stopping import read_stop
 if TYPE_CHECKING:
     from ztpm.stage.stage import Stage
 
-PROGRAMS: Final = Story()
+PROGRAMS: Final = Story("programs come")
 AGENT: Final = "programmer"
 IN_USE: Final = "already in use"
 """Words of ur_rtde about a controller whose registers are taken."""
@@ -66,7 +66,7 @@ def behind_the_gateway(stage: Stage) -> None:
 
 @PROGRAMS.step(
     "rtde-raw-denied",
-    Expect("DENY", "IN_USE", recorded=False),
+    Expect("DENY", "IN_USE", recorded=False, attack=True),
     needs=("revoke-in-motion",),
     prepare=behind_the_gateway,
 )
@@ -124,7 +124,10 @@ def _recorded(stage: Stage, kind: str) -> bool:
 
 
 @PROGRAMS.step(
-    "rtde-hijack-refused", Expect("DENY", "LEASE_HELD"), needs=("rtde-raw-denied",), prepare=behind_the_gateway
+    "rtde-hijack-refused",
+    Expect("DENY", "LEASE_HELD", attack=True),
+    needs=("rtde-raw-denied",),
+    prepare=behind_the_gateway,
 )
 def _hijacked(stage: Stage) -> StepObservation:
     addresses = stage.cell.addresses
@@ -172,4 +175,4 @@ def _killed(stage: Stage) -> StepObservation:
     if stop is None:
         raise StageError("no stop was seen")
     told = f"the gateway was killed while its program moved the arm: {figures(stop)}"
-    return StepObservation(told, "PERMIT", "PERMITTED", ok=stop.within_model and stop.within_bar)
+    return StepObservation(told, "PERMIT", "PERMITTED", ok=stop.within_model and stop.within_bar, stop=stop)
