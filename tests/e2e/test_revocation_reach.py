@@ -22,7 +22,7 @@ from tests.ztpm_idp.test_process import Process
 from capabilities.keys import keys
 
 pytestmark = pytest.mark.e2e
-TIMES = 100
+TIMES = 40
 NEVER_S = 3_600.0
 DEADLINE_S = 20.0
 

@@ -1,5 +1,6 @@
 """Base of the tests of the simulated controller: waiting with a deadline, and a controller without threads."""
 
+import threading
 import time
 from pathlib import Path
 
@@ -23,6 +24,17 @@ def until(condition, deadline_s=10.0, pause_s=0.002):
             return found
         time.sleep(pause_s)
     raise AssertionError(f"not true within {deadline_s} s")
+
+
+def let_go(*clients):
+    """Disconnects clients of ur_rtde.
+
+    They are left alone with the half second for which each sleeps after it has closed its connection.
+    """
+    for client in clients:
+        threading.Thread(target=client.disconnect, name="disconnect").start()
+    for client in clients:
+        until(lambda: not client.isConnected(), pause_s=0.001)  # noqa: B023 - called at once
 
 
 def upload(major=5, minor=11, offset=0, path=()):

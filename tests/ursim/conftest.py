@@ -1,5 +1,5 @@
 import pytest
-from tests.ursim.cell import HOME
+from tests.ursim.cell import HOME, let_go
 from ursim.ports.launch import SimulatedController
 
 rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed")
@@ -18,11 +18,11 @@ def cell():
 def receive(cell):
     client = rtde_receive.RTDEReceiveInterface(cell.host)
     yield client
-    client.disconnect()
+    let_go(client)
 
 
 @pytest.fixture
 def control(cell):
     client = rtde_control.RTDEControlInterface(cell.host)
     yield client
-    client.disconnect()
+    let_go(client)

@@ -9,7 +9,7 @@ import time
 
 import pytest
 from pep.rtde.robot.gripper import RobotiqGripper
-from tests.ursim.cell import HOME, until
+from tests.ursim.cell import HOME, let_go, until
 from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -115,7 +115,7 @@ def test_every_digital_output_of_each_kind(cell, receive):
     assert io.setStandardDigitalOut(3, False)
     assert io.setToolDigitalOut(0, False)
     until(lambda: receive.getActualDigitalOutputBits() == 0xF7 | 1 << 8 | 1 << 15 | 2 << 16, deadline_s=2.0)
-    io.disconnect()
+    let_go(io)
 
 
 def dashboard_of(cell):
@@ -143,6 +143,7 @@ def test_a_protective_stop_in_a_move_is_told_and_a_person_recovers_from_it(cell,
     with pytest.raises(RuntimeError):
         dashboard.unlockProtectiveStop()  # not within the first 5 s
     assert receive.isProtectiveStopped()
+    cell.fault("protective_stop_ages")
 
     def unlocked():
         try:
@@ -182,7 +183,7 @@ def test_half_the_slider_is_half_the_speed(cell, control, receive):
     assert io.setSpeedSlider(1.0)
     until(lambda: receive.getSpeedScaling() == pytest.approx(1.0))
     assert cruise(0.3) == pytest.approx(0.6, rel=1e-6)
-    io.disconnect()
+    let_go(io)
 
 
 def test_the_gripper_learns_its_stroke_and_a_stop_ends_that(cell):
@@ -255,7 +256,7 @@ def test_local_control_takes_no_program_and_what_runs_goes_on(cell, control, rec
     until(dashboard.isInRemoteControl)
     successor = rtde_control.RTDEControlInterface(cell.host)
     assert successor.moveJ([0.1, *HOME[1:]], 1.0, 4.0)
-    successor.disconnect()
+    let_go(successor)
     dashboard.disconnect()
 
 

@@ -9,7 +9,7 @@ import threading
 import time
 
 import pytest
-from tests.ursim.cell import HOME, until
+from tests.ursim.cell import HOME, let_go, until
 from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -86,8 +86,7 @@ def test_the_upper_registers_work_below_5_23(version):
         lower = rtde_io.RTDEIOInterface(cell.host)
         assert control.moveJ([0.1, *HOME[1:]], 2.0, 8.0)
         until(lambda: receive.getActualQ()[0] == pytest.approx(0.1, abs=1e-5))
-        for client in (lower, control, receive):
-            client.disconnect()
+        let_go(lower, control, receive)
 
 
 def test_a_getter_without_a_wait_gives_what_another_asked_for(control):
@@ -149,4 +148,4 @@ def test_the_analog_channel_that_is_not_named_stays(cell, receive):
         assert io.setAnalogOutputVoltage(1, level)
         until(lambda level=level: receive.getStandardAnalogOutput1() == pytest.approx(10 * level))
         assert receive.getStandardAnalogOutput0() == pytest.approx(7.5)
-    io.disconnect()
+    let_go(io)

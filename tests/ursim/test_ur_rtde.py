@@ -10,7 +10,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 
 import pytest
-from tests.ursim.cell import HOME, until
+from tests.ursim.cell import HOME, let_go, until
 from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -164,7 +164,7 @@ def test_motion_outlives_its_client_until_somebody_stops_it(cell, receive):
         until(lambda: receive.getRuntimeState() == STOPPED)
     successor = rtde_control.RTDEControlInterface(cell.host)  # what the dead client owned is free
     assert successor.moveJ(list(HOME), 1.0, 4.0)
-    successor.disconnect()
+    let_go(successor)
 
 
 def test_a_client_that_takes_over_from_a_dead_one_stops_its_motion(cell, receive):
@@ -177,7 +177,7 @@ def test_a_client_that_takes_over_from_a_dead_one_stops_its_motion(cell, receive
     successor.stopJ(4.0)
     until(lambda: speed(receive) == 0.0, deadline_s=1.0)
     assert successor.moveJ(list(HOME), 1.0, 4.0)
-    successor.disconnect()
+    let_go(successor)
 
 
 def test_speedj_is_ended_by_speedstop(control, receive):
@@ -195,7 +195,7 @@ def test_inputs_have_one_owner_and_are_free_again_when_it_leaves(cell, control):
     control.disconnect()
     successor = rtde_control.RTDEControlInterface(cell.host)
     assert successor.moveJ(list(HOME), 1.0, 4.0)
-    successor.disconnect()
+    let_go(successor)
 
 
 def test_receive_comes_back_after_its_connection_was_dropped(cell, receive):
@@ -243,7 +243,7 @@ def test_io_interface_sets_outputs_and_slider(cell, control, receive):
     begun = receive.getTimestamp()
     assert control.moveJ([0.2, *HOME[1:]], 1.0, 8.0)
     assert receive.getTimestamp() - begun > 2 * 0.2  # half as fast
-    io.disconnect()
+    let_go(io)
 
 
 def test_a_path_and_a_custom_script(control, receive):
@@ -260,8 +260,7 @@ def test_clients_connect_quickly(cell):
     receive = rtde_receive.RTDEReceiveInterface(cell.host)
     control = rtde_control.RTDEControlInterface(cell.host)
     assert time.monotonic() - begun < 5.0  # some 0.15 s on an idle host; the client itself gives up after 5
-    control.disconnect()
-    receive.disconnect()
+    let_go(control, receive)
 
 
 @pytest.mark.parametrize("version", ["5.15", "5.22"])
@@ -271,8 +270,7 @@ def test_younger_versions(version):
         receive = rtde_receive.RTDEReceiveInterface(cell.host)
         assert control.moveJ([0.1, *HOME[1:]], 1.0, 4.0)
         until(lambda: receive.getActualQ()[0] == pytest.approx(0.1, abs=1e-4), deadline_s=1.0)
-        control.disconnect()
-        receive.disconnect()
+        let_go(control, receive)
 
 
 def test_a_slower_stream_is_as_slow_as_it_asked(cell):
@@ -284,7 +282,7 @@ def test_a_slower_stream_is_as_slow_as_it_asked(cell):
         return len(seen) > 60
 
     until(collect, pause_s=0.0005)
-    receive.disconnect()
+    let_go(receive)
     gaps = sorted(b - a for a, b in zip(sorted(seen), sorted(seen)[1:], strict=False))
     assert gaps[len(gaps) // 2] == pytest.approx(0.008, abs=1e-6)
     assert gaps[0] > 0.007

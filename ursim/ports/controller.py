@@ -309,6 +309,10 @@ class Controller:
         self._calm()
         return True
 
+    def ages(self) -> None:
+        """Lets the protective stop that there is be old enough to be released."""
+        self._stopped_at = None
+
     def power_on(self) -> None:
         """Towards power, brakes still closed."""
         if self.robot.mode is RobotMode.POWER_OFF and self.robot.safety not in _NO_POWER:

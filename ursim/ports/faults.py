@@ -155,6 +155,7 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
     # the arm and its people
     "stop": _act(lambda c: c.stop()),
     "protective_stop": _act(_protective_stop),
+    "protective_stop_ages": _act(lambda c: c.ages()),
     "safeguard_stop": _act(lambda c: c.safeguard_stop()),
     "release_safeguard_stop": _act(lambda c: c.release_safeguard_stop()),
     "emergency_stop": _act(lambda c: c.emergency_stop()),

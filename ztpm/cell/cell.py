@@ -108,7 +108,8 @@ class Cell:
         if self._beside is not None:  # the outer one waits
             yield
             return
-        self._beside = begun = []
+        begun: list[Child] = []
+        self._beside = begun
         try:
             yield
         finally:

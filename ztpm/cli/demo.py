@@ -54,12 +54,12 @@ def demo(
 
     started = time.perf_counter()
     told: list[StepReport] = []
+    lines = telling.Telling(console, CHAPTERS)
     if as_json:
         with waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
             started_up()
             told.extend(play(on_stage, step) for step in STORY.steps)
     else:
-        lines = telling.Telling(console, CHAPTERS)
         console.print("Identity provider, simulated UR3e, sensor, gateway and tool server, on this machine alone.")
         with (
             console.status("They start") as status,

@@ -1,4 +1,4 @@
-"""Telling of the story on a terminal: a row for each finished step, and the figures of all at the end."""
+"""Telling of the story on a terminal: a row for each finished step, then the figures of all."""
 
 from __future__ import annotations
 

@@ -9,7 +9,7 @@ from itertools import accumulate
 import pytest
 from pep.rtde.wire.codec import Recipe
 from pep.rtde.wire.variables import VariableType
-from tests.ursim.cell import HOME, until
+from tests.ursim.cell import HOME, let_go, until
 from tests.ursim.plain import Plain
 from ursim.ports.faults import FaultError, Faults
 from ursim.ports.launch import SimulatedController
@@ -96,8 +96,7 @@ def test_ur_rtde_lives_with_torn_and_late_frames(sound):
     assert control.moveJ([0.1, *HOME[1:]], 2.0, 8.0)
     until(lambda: receive.getActualQ()[0] == pytest.approx(0.1, abs=1e-5))
     assert control.moveJ(list(HOME), 2.0, 8.0)
-    control.disconnect()
-    receive.disconnect()
+    let_go(control, receive)
 
 
 def test_slow_frames_skip_what_is_old(sound):
@@ -201,8 +200,7 @@ def test_every_stop_by_its_own_mode_bits_and_aftermath(cell):
         assert told == [b"Brake releasing\n", b"Robotmode: POWER_OFF\n", b"Restarting safety\n"]
         until(lambda: receive.getSafetyMode() == 1)
         back()
-    control.disconnect()
-    receive.disconnect()
+    let_go(control, receive)
 
 
 @pytest.mark.parametrize(

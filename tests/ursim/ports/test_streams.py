@@ -176,6 +176,7 @@ def test_text_commands(cell):
         until(lambda: client.state()["RobotMode"].protective_stopped, pause_s=0)
         client.send("set unlock protective stop\n")  # too soon
         assert client.state()["RobotMode"].protective_stopped
+        cell.fault("protective_stop_ages")
         until(lambda: _unlocked(client), deadline_s=15.0, pause_s=0)
         client.send("stop program\n")
 

@@ -17,8 +17,7 @@ from pep.rtde.robot.state_receiver import STILL_RAD_S
 from tests.pep.rtde.packages import received
 from tests.pep.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.pep.rtde.raw_program import Raw
-from tests.ursim.cell import HOME, until, upload
-from ursim.ports.controller import UNLOCK_AFTER_S
+from tests.ursim.cell import HOME, let_go, until, upload
 from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -53,14 +52,23 @@ class Here:
     def let_go(self):
         kept, self._kept = self._kept, None
         if kept is not None:
-            kept.disconnect()
+            let_go(kept)
 
     @property
     def now(self):
         return self._state.read()
 
     def control(self):
-        return rtde_control.RTDEControlInterface(self.gateway.host)
+        """A control connection, as soon as the registers of the one before it are free."""
+
+        def had():
+            try:
+                return rtde_control.RTDEControlInterface(self.gateway.host)
+            except RuntimeError as error:
+                assert "already in use" in str(error)
+                return None
+
+        return until(had, deadline_s=2.0)
 
     def moved(self, q, beyond=1e-4):
         return max(abs(a - b) for a, b in zip(self.now.q_rad, q, strict=True)) > beyond
@@ -101,7 +109,7 @@ def program(here, manner="permit"):
         yield control
     finally:
         here.gateway.tell("permit")
-        control.disconnect()
+        let_go(control)
         until(here.still)
 
 
@@ -257,7 +265,7 @@ def test_a_stream_of_500_hz_is_served(here):
         assert abs(seen.getTargetQ()[0] - q[0]) < 0.06
         control.servoStop()
         assert seen.getTimestamp() - first == pytest.approx(lasted, abs=1.0)
-        seen.disconnect()
+        let_go(seen)
 
 
 def test_a_stream_that_is_no_longer_permitted_is_stopped(here):
@@ -367,7 +375,6 @@ def test_what_a_safety_stop_has_interrupted_does_not_go_on_afterwards(here):
         here.controller.fault("protective_stop")
         until(here.still, deadline_s=2.0)
         where = here.now.q_rad
-        time.sleep(UNLOCK_AFTER_S)
         with (
             socket.create_connection((here.controller.host, DASHBOARD), timeout=5) as link,
             link.makefile("rwb") as lines,
@@ -380,8 +387,8 @@ def test_what_a_safety_stop_has_interrupted_does_not_go_on_afterwards(here):
                 return lines.readline()
 
             until(lambda: said(b"programState").startswith(b"STOPPED"), deadline_s=2.0)
-            time.sleep(UNLOCK_AFTER_S)
-            said(b"unlock protective stop")
+            here.controller.fault("protective_stop_ages")
+            until(lambda: said(b"unlock protective stop").startswith(b"Protective stop releasing"))
             said(b"play")
         time.sleep(0.5)
         assert not here.moved(where, beyond=2e-3)
@@ -493,8 +500,7 @@ def test_outputs_are_judged_one_by_one_and_the_slider_goes_down_alone(here):
         io.setSpeedSlider(1.0)
         until(lambda: seen.getTargetSpeedFraction() == pytest.approx(1.0))
     finally:
-        io.disconnect()
-        seen.disconnect()
+        let_go(io, seen)
 
 
 # ---- who else would
@@ -502,7 +508,7 @@ def test_outputs_are_judged_one_by_one_and_the_slider_goes_down_alone(here):
 
 def test_a_second_one_that_would_command_is_refused(here):
     with program(here), pytest.raises(RuntimeError, match="already in use"):
-        here.control()
+        rtde_control.RTDEControlInterface(here.gateway.host)
 
 
 @pytest.mark.parametrize("port", [PRIMARY, SECONDARY, REALTIME])

@@ -185,6 +185,7 @@ def test_after_a_protective_stop_nothing_is_taken_up_again(controller, rig):
             return dashboard.readline()
 
         dashboard.readline()
+        controller.fault("protective_stop_ages")
         until(lambda: b"releasing" in ask(b"unlock protective stop"), 10.0)
         until(lambda: rig.state.read().safety_mode == 1)
         at = rig.state.read().q_rad[0]
