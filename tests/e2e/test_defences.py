@@ -109,9 +109,10 @@ class Theatre:
             self.stage.close()
             self.stage.eyes, self.stage.side = None, LEFT
             self.stage.cell.start_robot()  # wherever the last case has left its arm, and whatever it went on doing
-            for child in START:
-                if child in {*changed, *GATEWAY}:
-                    START[child](self.stage.cell)
+            with self.stage.cell.beside():
+                for child in START:
+                    if child in {*changed, *GATEWAY}:
+                        START[child](self.stage.cell)
             until(lambda: self.stage.perception() == "fresh", "a fresh view")
         self.stage.scene()
 

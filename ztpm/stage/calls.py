@@ -6,8 +6,11 @@ What is kept is what a thief on the path would have: the request line, headers a
 from __future__ import annotations
 
 import json
+import os
+import ssl
 import time
 from dataclasses import dataclass, field
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import anyio
@@ -68,6 +71,12 @@ def call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -
     return anyio.run(_call, url, auth, tool, arguments)
 
 
+@cache
+def _certificates(file: str | None) -> ssl.SSLContext:
+    """Certificates that are believed: read once, since a call takes less time than they do."""
+    return ssl.create_default_context(cafile=file)
+
+
 async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -> Answer:
     kept: list[Exchange] = []
 
@@ -85,7 +94,8 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
             )
         )
 
-    async with httpx2.AsyncClient(auth=auth, event_hooks={"response": [keep]}, timeout=60.0) as http:
+    verify = _certificates(os.environ.get("SSL_CERT_FILE"))
+    async with httpx2.AsyncClient(auth=auth, event_hooks={"response": [keep]}, timeout=60.0, verify=verify) as http:
         started = time.perf_counter()
         try:
             async with Client(streamable_http_client(url, http_client=http)) as client:

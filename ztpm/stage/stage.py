@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import secrets
+import threading
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -165,7 +166,8 @@ class Stage:
     def close(self) -> None:
         """Closes the recorder."""
         if self.eyes is not None:
-            self.eyes.disconnect()
+            # It sleeps for half a second after it has closed the connection.
+            threading.Thread(target=self.eyes.disconnect, name="disconnect").start()
 
     def person(self, name: str) -> Operator:
         """The operator of that name."""
