@@ -32,6 +32,16 @@ def test_demo_is_as_told() -> None:
         done.stdout + done.stderr
     )
     assert story["ok"] is True
+    told = story["figures"]
+    assert (told["attacks"], told["refused"], told["stops"], told["motions"], told["unrecorded"]) == (
+        16,
+        16,
+        3,
+        len(MOVING),
+        0,
+    )
+    assert 0 < told["refusal_ms_median"]
+    assert told["stop_ms_slowest"] == max(step["stop_ms"] or 0 for step in story["steps"])
     assert done.returncode == 0
     for step in story["steps"]:
         assert step.keys() == {

@@ -23,9 +23,9 @@ if TYPE_CHECKING:
 
 MOVING: Final = Story("the world is watched")
 DELEGATED: Final = ("delegate",)
-ABOVE_TABLE: Final = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)
+ABOVE_TABLE: Final = (0.0, -1.5728, 2.0196, -2.0177, -1.57, 0.0)
 ON_TABLE: Final = (0.0, -1.486, 2.164, -2.2488, -1.57, 0.0)
-"""Fingers pointing down, 88 mm above the table's top, and on it within the arm's error (rad)."""
+"""Fingers pointing down, 42 mm above the table's top, and on it within the arm's error (rad)."""
 DOWN_RAD_S: Final = 0.15
 """Joint speed of the place move: the fingers come down at 31 mm/s, gentler than 0.05 m/s."""
 LEASE_S: Final = 2.0
