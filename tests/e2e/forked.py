@@ -129,8 +129,6 @@ def run(link, said, given):
     os.environ.update(said["environment"])
     from ztpm.base import parent_watch
 
-    for name in said["arguments"]:
-        sys.modules.pop(name, None)  # a module that is run as the main program
     sys.argv[:] = ["parent_watch", str(os.getppid()), *said["arguments"]]
     parent_watch.main()
 

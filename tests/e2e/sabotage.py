@@ -4,17 +4,19 @@ Each defect is a few lines that undo one check from outside; the product has no 
 check must then fail to be as told (tests/e2e/test_defences.py). One defect undoes nothing, it breaks a part that others must do without.
 """
 
-import runpy
+import importlib
+import os
 import sys
+from pathlib import Path
 
-from tests.e2e import forked
-
+TOP = Path(__file__).parents[2]
 DEFECTS = {}
 
 
-def begin(defect, child, module, *arguments, environment):
-    """A child of a cell with that defect, as `forked.begin` begins one without."""
-    return forked.begin(child, "tests.e2e.sabotage", defect, module, *arguments, environment=environment)
+def begin(by, defect, child, module, *arguments, environment):
+    """A child of a cell with that defect, as `by` begins one without: `Child.begin` or `forked.begin`."""
+    path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
+    return by(child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path})
 
 
 def defect(function):
@@ -377,7 +379,7 @@ def main() -> None:
     name, module, *arguments = sys.argv[1:]
     DEFECTS[name]()
     sys.argv = [module, *arguments]
-    runpy.run_module(module, run_name="__main__", alter_sys=True)
+    sys.exit(importlib.import_module(module).main())
 
 
 if __name__ == "__main__":

@@ -3,11 +3,11 @@
 Each case plays the step in a cell of which a process runs with one check undone (tests/e2e/sabotage.py), and what the step needs;
 sees that everything before it is as told, and that the attack then does exactly what the check had kept from happening.
 
-One case of each kind is always played. They share a cell, and only the process whose defect changes is begun anew. The other cases
-are for `make campaign`, each in a cell of its own that has its defect from the beginning.
+One case of each kind is always played. They share a cell, and only the process whose defect changes is begun anew, as a copy
+(tests/e2e/forked.py). The other cases are for `make campaign`, each in a cell of its own that has its defect from the beginning.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
@@ -134,14 +134,16 @@ class Theatre:
 
 
 @contextmanager
-def theatre(broken: tuple[str, ...] = (), defect: str = "") -> Iterator[Theatre]:
+def theatre(
+    broken: tuple[str, ...] = (), defect: str = "", *, by: Callable[..., Child] = Child.begin
+) -> Iterator[Theatre]:
     """A theatre on a fresh cell of which these processes have that defect from the beginning."""
     defects = dict.fromkeys(broken, defect)
 
     def begin(child: str, module: str, *arguments: str, environment: dict[str, str]) -> Child:
         if child not in defects:
-            return forked.begin(child, module, *arguments, environment=environment)
-        return sabotage.begin(defects[child], child, module, *arguments, environment=environment)
+            return by(child, module, *arguments, environment=environment)
+        return sabotage.begin(by, defects[child], child, module, *arguments, environment=environment)
 
     with stage(begin=begin) as on_stage:
         yield Theatre(on_stage, defects)
@@ -149,7 +151,7 @@ def theatre(broken: tuple[str, ...] = (), defect: str = "") -> Iterator[Theatre]
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Theatre]:
-    with theatre() as opened:
+    with theatre(by=forked.begin) as opened:
         opened.delegate()
         yield opened
 

@@ -98,7 +98,7 @@ class House:
         self.broken = {}  # defects by name of the process that starts with one
 
         def begin(child, *command, environment):
-            one = partial(sabotage.begin, self.broken[child]) if child in self.broken else forked.begin
+            one = partial(sabotage.begin, forked.begin, self.broken[child]) if child in self.broken else forked.begin
             return one(child, *command, environment=environment | NO_WAY)
 
         self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin)
