@@ -14,7 +14,7 @@ NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py"
 
 def upgrade(connection: sa.Connection) -> None:
     """The newest schema holds on this connection's database. Runs in the connection's transaction."""
-    revision = sa.select(sa.column("version_num")).select_from(sa.table("alembic_version"))
+    revision = sa.select(sa.column("version_num", sa.String)).select_from(sa.table("alembic_version"))
     if sa.inspect(connection).has_table("alembic_version") and connection.scalar(revision) == NEWEST:
         return
     # A sixth of the provider's start, for a database that is rarely an old one.
