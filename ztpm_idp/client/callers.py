@@ -351,7 +351,10 @@ class Operator(PeopleCaller):
         return b"".join(self.ledger_pages())
 
     def ledger_pages(self, *, first: int = 1, last: int = INT_LIMIT) -> Iterator[bytes]:
-        """Lines of the entries from `first` to `last`, or as far as there are any, then the checkpoint of the last."""
+        """Lines of the entries from `first` to `last`, then the checkpoint of the last.
+
+        They end where the ledger does.
+        """
         while True:
             through = min(last, first + PAGE_ENTRIES - 1)
             path = f"/ledger/export?first={first}&last={through}"

@@ -32,7 +32,10 @@ async def take_records(request: Request, call: Batch) -> dict[str, int]:
 
 @router.get("/ledger/export", response_class=StreamingResponse)
 async def export(request: Request, call: Caller) -> StreamingResponse:
-    """Every entry as one JSON line, or those of a range with both its ends, then the signed checkpoint of the last."""
+    """Every entry as one JSON line, then the signed checkpoint of the last.
+
+    With `first` and `last`, which are given together, the entries of that range.
+    """
     match call.party:
         case RegisteredPerson(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
             pass
