@@ -1,4 +1,4 @@
-"""Processes of a cell that begin beside each other: all are begun before one is waited for, and all are waited for."""
+"""Processes of a cell that begin beside each other: all begin before one is waited for."""
 
 import pytest
 from ztpm.base.layout import Layout
