@@ -231,7 +231,7 @@ BODY_BYTES = {"/tokens": 65_536, "/tokens/delegate": 65_536, "/approvals": 135_1
 """Largest body of each route that takes more than a statement or two."""
 
 
-@pytest.mark.parametrize("share", [6, pytest.param(1, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("share", [3, pytest.param(1, marks=pytest.mark.campaign)])
 def test_every_bad_body_at_every_endpoint(world, share):
     """Each endpoint gets all that is bad as a whole, and of bad members another share."""
     world.pep()
