@@ -63,6 +63,7 @@ def delayed(file: Path) -> Iterator[tuple[str, str]]:
                 yield module, distribution.value if named else ELSEWHERE.get(module, module)
 
 
+@pytest.mark.long
 def test_every_import_is_in_an_extra(offered: set[str]) -> None:
     graph = grimp.build_graph(*OWN, include_external_packages=True, cache_dir=None)
     own = {module for module in graph.modules if module == "evaluation" or module.startswith("evaluation.")}

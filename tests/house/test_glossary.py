@@ -92,6 +92,7 @@ def fault(text: str) -> str | None:
     return None
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("folder", [*PRODUCT, "tests"])
 def test_docstrings_begin_with_the_thing_that_they_describe(folder: str) -> None:
     wrong, excepted, seen = [], set(), 0

@@ -47,6 +47,7 @@ def test_the_answer_follows_each_input(seed):
             assert decide(request, evidence, used) == decide(request, evidence, unused(used))
 
 
+@pytest.mark.long
 def test_batches_singles_orders_and_threads_agree():
     pick = random.Random(9).choice
     cases = [(*triples.triple(pick)[:2], pick([SHIPPED, triples.policy_set(pick)])) for _ in range(ROUNDS)]

@@ -441,6 +441,7 @@ HARMLESS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.clause("STM-5")
 @each
 def test_every_member_has_its_form(module):

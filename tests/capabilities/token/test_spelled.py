@@ -133,6 +133,7 @@ def test_a_token_is_read_off_as_it_is_read():
     assert told > 1_000  # payloads, keys and signatures that were changed are read off too
 
 
+@pytest.mark.long
 @pytest.mark.clause("TOK-6.1", "BLK-3")
 @pytest.mark.parametrize("which", range(2))
 def test_a_block_is_read_off_as_it_is_read(which):

@@ -54,6 +54,7 @@ def mutate(token: bytes, others: list[bytes], chance: random.Random) -> bytes:
             return chance.randbytes(chance.randrange(1, 400))
 
 
+@pytest.mark.long
 def test_no_mutant_is_accepted():
     shapes = [
         mint_root(),
@@ -95,6 +96,7 @@ def is_refused(token: bytes) -> bool:
         return True
 
 
+@pytest.mark.long
 def test_every_single_byte_is_what_it_must_be():
     """Each byte replaced by eight others (every bit flipped alone): exhaustive over bits and positions."""
     token = small_token()

@@ -154,6 +154,7 @@ def _timed(text):
     return time.thread_time() - begun
 
 
+@pytest.mark.long
 def test_a_whole_megabyte_of_the_worst():
     """1 MiB, the largest value there is: every rule at work, and a blob that has to be decoded."""
     text = (CUES + "\n* ignore the rules_a ") * (MIB // 3 // (len(CUES) + 22)) + "Q" * (MIB // 2)

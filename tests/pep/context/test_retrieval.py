@@ -296,6 +296,7 @@ def test_what_is_no_text_of_a_size_that_can_be_read(tmp_path, text, fault):
     assert [item.reading.fault for item in library.ask().items] == [fault]
 
 
+@pytest.mark.long
 def test_a_huge_document_in_a_real_store(library):
     library.store.keep([("gripping", "gripper " * 200_000)])
     assert library.found()["gripping"] == "TOO_LARGE"

@@ -162,6 +162,7 @@ def test_the_baseline_stands_still():
     assert learned(acts=2_000).careers["worker"].baseline == before
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rhythm", ["independent", "rounds"])
 def test_honest_agents_are_left_alone(rhythm):
     alarms = Counter()

@@ -177,6 +177,7 @@ def test_what_has_no_shape_has_no_remedy(broken):
     assert (nothing.means, nothing.effect) == (Means.NOTHING, Effect.DENY)
 
 
+@pytest.mark.long
 def test_every_suggestion_on_random_cases_is_what_decide_says_of_the_changed_case():
     """And each reason of a refusal has a suggestion, or a word that there is none."""
     pick, permitted, seen = random.Random(11).choice, 0, set()

@@ -101,6 +101,7 @@ def test_a_move_that_keeps_the_limits_is_not_slowed_down():
     assert 0.5 < top < 1.4
 
 
+@pytest.mark.long
 def test_elbow_and_momentum_are_kept_too(monkeypatch):
     """No e-Series limit of theirs can be reached by this arm within its joint speeds, so lower ones are set."""
     move = "set_payload(3, [0, 0, 0.1])\nmovej([0, -1.5, 0, 0, -1.5708, 0], a=2, v=2)"

@@ -59,6 +59,7 @@ def test_two_of_one_name_are_one(own: typer.Typer, capsys: pytest.CaptureFixture
     assert "COMMAND_LEFT_OUT: measure " in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_this_installation_brings_eval() -> None:
     assert [entry.value for entry in entry_points(group=GROUP, name="eval")] == ["evaluation.cli:app"]
     ztpm = Path(sys.executable).with_name("ztpm")

@@ -1,5 +1,6 @@
 """Equal lines of a log are told once a minute, however many strangers cause."""
 
+import pytest
 import io
 import logging
 
@@ -24,6 +25,7 @@ def test_a_flood_of_equal_lines_is_one_line_a_minute_with_its_number():
     ]  # fmt: skip
 
 
+@pytest.mark.long
 def test_different_lines_are_told_and_a_flood_of_them_is_not():
     assert told(["x", "y", "x"], step_s=0) == ["said: x", "said: y"]
     assert len(told(map(str, range(100_000)), step_s=0.001)) < 4 * KINDS

@@ -98,6 +98,7 @@ def test_trust_is_bounded_over_all_sponsors(world, monkeypatch):
     assert len(fetched(world).trust) == 2
 
 
+@pytest.mark.long
 def test_tools_sensors_peps_and_approvers_are_bounded(world, monkeypatch):
     alice = world.people["alice"]
 
@@ -200,6 +201,7 @@ def revoked_of(world):
     return [(e.epoch, e.kind, e.id) for e in index(world).entries]
 
 
+@pytest.mark.long
 def test_a_disabled_persons_agents_end_in_other_peoples_trees(world):
     planner, mover = world.agent("planner"), world.agent("mover", sponsor="bob")
     world.agent("helper", sponsor="bob")

@@ -85,6 +85,7 @@ def touching(q=HOME):
     return replace(empty(), people=(Person("p", ((Region.HEAD, Sphere(tuple(position.tolist()), 0.1)),)),))
 
 
+@pytest.mark.long
 def test_the_line_of_the_finding_names_the_person_whom_it_meets():
     cell = replace(CellParameters(tool="robotiq_2f85"), time_limit_s=60.0)
     answer = ask(LINE, HEAD, ARM, cell)

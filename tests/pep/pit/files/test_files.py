@@ -410,6 +410,7 @@ def test_the_schemas_are_what_the_forms_generate():
     assert json.loads((generate.SCHEMAS / "scene.schema.json").read_text()) == scene_schema()
 
 
+@pytest.mark.long
 def test_the_examples_keep_the_schemas():
     for schema, files in ((scene_schema(), SCENES), (motion_schema(), MOTIONS)):
         jsonschema.Draft202012Validator.check_schema(schema)

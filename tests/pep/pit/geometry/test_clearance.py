@@ -181,6 +181,7 @@ def _lifted(shape):
     return replace(shape, **{name: (*getattr(shape, name)[:2], getattr(shape, name)[2] + 0.05) for name in names})
 
 
+@pytest.mark.long
 def test_interval_bound_holds_on_dense_samples():
     rng = np.random.default_rng(14)
     for _ in range(15):

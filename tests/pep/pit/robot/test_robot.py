@@ -101,6 +101,7 @@ def test_limits_may_differ_either_way():
     assert (-ROBOT.position_ranges_rad[0]).tolist() == ROBOT.position_ranges_rad[1].tolist()
 
 
+@pytest.mark.long
 def test_bending_bounds_derivatives_along_random_paths():
     """Second and third differences of body ends, and second ones of the spin, stay under their bounds."""
     rng = np.random.default_rng(4)

@@ -280,6 +280,7 @@ def test_a_pair_that_never_comes_apart_is_refused_until_it_is_named():
     assert "shoulder_pan_link" not in [inner.name for body, inner in pairs if body == "elbow_link.4"]
 
 
+@pytest.mark.long
 def test_what_is_proposed_is_what_the_shipped_file_leaves_out():
     """Of the UR3e's pairs, each that the file leaves out; and nothing that ten times the samples find touching."""
     arm = robot_of(UR3E, LIKE_UR3E, tool="robotiq_2f85")

@@ -136,6 +136,7 @@ def test_a_byte_left_out_or_put_in_is_refused(scripts):
         assert isinstance(recognise(own, program[:place] + b"\x01" + program[place:]), InputRefusal), place
 
 
+@pytest.mark.long
 def test_each_byte_of_the_path_counts(scripts):
     """A changed byte that gives another path is that path, as it was read; all others are refused."""
     own = scripts_for(11, scripts)

@@ -127,6 +127,7 @@ def test_no_place_is_above_the_bound_and_the_bound_is_often_tighter():
     assert {kind for kind, often in tighter.items() if often > 1} >= {"person", "fragile", "self"}
 
 
+@pytest.mark.long
 def test_every_leaf_has_a_bound_of_its_own_nodes():
     """No leaf's index is below what its own three nodes prove in one of both ways, to rounding.
 

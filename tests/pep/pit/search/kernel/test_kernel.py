@@ -203,6 +203,7 @@ def test_the_broad_phase_knows_of_all_bodies_what_is_put_of_each():
         assert np.allclose(swept[:, column].T, numbers[there], rtol=0, atol=1e-12), column
 
 
+@pytest.mark.long
 def test_p12_answers_are_the_same_inside_the_resolution():
     for each in asked(32, 60):
         ours, theirs = each.certified(KERNEL), each.certified(NUMPY)
