@@ -35,9 +35,8 @@ class Preparing:
     def tell(self, progress: object) -> None:
         """Shows the progress; not on a terminal, only once in `EACH_S` seconds."""
         now = self._clock()
-        if self._stream.isatty():
-            self._write(f"{WIPED}{progress}")
-            self._line = True
+        if self._changes:
+            self._change(str(progress))
         elif self._last_s is not None and now - self._last_s < EACH_S:
             self._newer = progress
             return
@@ -63,6 +62,16 @@ class Preparing:
         if self._line:
             self._write(WIPED)
         self._line, self._newer = False, None
+
+    @property
+    def _changes(self) -> bool:
+        """True where one line changes."""
+        return self._stream.isatty()
+
+    def _change(self, text: str) -> None:
+        """Changes that line."""
+        self._write(f"{WIPED}{text}")
+        self._line = True
 
     @property
     def _stream(self) -> IO[str]:
@@ -112,7 +121,7 @@ def waiting(what: str, shown: Preparing = SHOWN, *, at_once: bool = False) -> It
 
 
 def prepare_physics() -> None:
-    """Compiles the kernel of the physics: minutes the very first time, later a second."""
+    """Compiles the kernel of the physics: a minute the very first time, later a second."""
     with waiting("loading the physics"):
         from pep.pit.assessment.readiness import compile_telling
 

@@ -3,10 +3,12 @@
 import io
 import threading
 import time
+from types import SimpleNamespace
 
 import pytest
 from pep.pit.assessment import readiness
 from pep.pit.assessment.readiness import Progress, compile_telling
+from ztpm.cli.demo import _Shown as Shown
 from ztpm.preparing import EACH_S, WIPED, Preparing, waiting
 
 
@@ -60,6 +62,21 @@ def test_a_block_that_takes_long_is_told_of_until_its_end():
         assert {line.partition(",")[0] for line in told.splitlines()} == {"it"}
         assert threading.active_count() == before
     assert stream.getvalue() == told
+
+
+def test_what_a_child_says_stays_on_the_line_of_the_running_step():
+    """Its parent's own words are shown only when it has said nothing for long."""
+    texts, now = [], [0.0]
+    shown = Shown(SimpleNamespace(console=SimpleNamespace(is_terminal=True), update=texts.append))
+    shown._clock = lambda: now[0]
+    shown.wait("starting")
+    for now[0] in (10.0, 10.2, 11.0):
+        shown.tell(f"3 of 15, {now[0]} s")
+        shown.wait("starting")
+    now[0] = 11.0 + EACH_S
+    shown.wait("starting")
+    shown.over()
+    assert texts == ["3 of 15, 10.0 s", "3 of 15, 10.2 s", "3 of 15, 11.0 s", "starting"]
 
 
 def test_on_a_terminal_one_line_changes_and_is_free_afterwards():

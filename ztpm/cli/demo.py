@@ -27,15 +27,12 @@ class _Shown(Preparing):
         super().__init__()
         self._status = status
 
-    def tell(self, progress: object) -> None:
-        if not self._status.console.is_terminal:
-            super().tell(progress)
-            return
-        self._status.update(str(progress))
+    @property
+    def _changes(self) -> bool:
+        return self._status.console.is_terminal
 
-    def over(self) -> None:
-        if not self._status.console.is_terminal:
-            super().over()
+    def _change(self, text: str) -> None:
+        self._status.update(text)
 
 
 def demo(

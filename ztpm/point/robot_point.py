@@ -99,7 +99,7 @@ class RobotPoint(EnforcementPoint):
         self.frames = Frames(sensors=self.follower, named=frozenset(survey.sensors), clock=self.clock, caps=CAPS)
         self.receiver = FrameReceiver(self.frames, clock=self.clock, incident=self._frame_incident)
         self.state = StateReceiver(config.robot_host, self.clock)
-        compile_telling(_preparing)  # before the first question: minutes the very first time, a second from then on
+        compile_telling(_preparing)  # before the first question: a minute the very first time, a second from then on
         self.robot = read_robot(config, tool=survey.tool)
         self.holding = CommittedGrip(self.robot, self.cell)
         self.physics = CellPhysics(

@@ -1,6 +1,6 @@
 """Compilation of all code behind a question about physics, before any question is timed.
 
-The first time on a machine it takes minutes, from then on a second. Until it is done nobody answers.
+The first time on a machine it takes a minute, from then on a second. Until it is done nobody answers.
 """
 
 from __future__ import annotations
