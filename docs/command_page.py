@@ -23,12 +23,14 @@ Every command prints its part of this page with `--help`. `--json`, where it is 
 | exit status | meaning |
 | --- | --- |
 | 0 | success, or a permit |
-| 1 | failure |
-| 2 | wrong usage |
+| 1 | failure: something cannot be had (a disk, port, store, process), or was found wrong |
+| 2 | wrong usage: an option, name, passphrase, configuration or file is not what it must be |
 | 3 | refused: a token that does not verify, or a request that the identity provider turns down |
 | 4 | not decided yet: another person must answer |
+| 130 | ended with Ctrl-C |
 
-Every failure has a code. It is printed as `CODE: text`, or as `{"ok": false, "code": ...}` with `--json`.
+Every failure has a code, and a code has one exit status. It is printed as `CODE: place and cause. Next step.`, or with
+`--json` as `{"ok": false, "code": ..., "detail": ..., "next": ...}`; so is wrong usage.
 """
 
 

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
+from ztpm.cli.output import FAILURE, console, fail, say_json
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -57,7 +57,7 @@ def stops(
                 told = lambda kind, n: status.update(f"{kind}: {n}")  # noqa: E731
                 reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=told))
     except (MeasureError, StageError) as error:
-        fail("NOT_MEASURED", str(error), as_json=as_json)
+        fail("NOT_MEASURED", str(error))
     result: dict[str, Any] = {
         "ok": all(report.ok for report in reports),
         "seed": seed,
@@ -134,7 +134,7 @@ def bench_rtde(
             with console.status("") as status:
                 result = run(seconds, told=status.update)
     except StreamBrokenError as error:
-        fail("NOT_MEASURED", str(error), as_json=as_json)
+        fail("NOT_MEASURED", str(error))
     if as_json:
         say_json(result.to_json())
         return
@@ -159,7 +159,7 @@ def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_jso
         if plot is not None:
             bench.picture(result, plot)
     except (WrongAnswerError, NoPlainFormError, AbsentError) as error:
-        fail("NOT_MEASURED", str(error), as_json=as_json)
+        fail("NOT_MEASURED", str(error))
     if as_json:
         say_json(result.to_json())
         return
@@ -219,7 +219,7 @@ def conduct(
         try:
             report["plots"] = [path.name for path in draw(plot, seed=report["seed"])]
         except ModuleNotFoundError as error:
-            fail("NOT_PLOTTED", str(error), as_json=as_json)
+            fail("NOT_PLOTTED", str(error))
     if as_json:
         say_json(report)
     else:
@@ -247,7 +247,7 @@ def _campaigns(
     known = {campaign.id: campaign for campaign in campaigns}
     unknown = sorted(set(only or ()) - known.keys())
     if unknown:
-        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}", as_json=as_json, status=USAGE)
+        fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}")
     chosen = [campaign for campaign in campaigns if not only or campaign.id in only]
     settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=_nothing)
     if as_json:

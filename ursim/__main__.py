@@ -50,11 +50,14 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         simulator = Simulator(settings, over.set)
     except OSError as error:
-        say({"ready": False, "error": "PORT_UNAVAILABLE", "address": error.filename})
-        sys.stderr.write(f"ursim: cannot listen on {error.filename}: {error.strerror}\n")
+        if not options.words:
+            say({"ready": False, "error": "PORT_UNUSABLE", "address": error.filename})
+        step = "End the program that has it, or choose another --host."
+        sys.stderr.write(f"PORT_UNUSABLE: {error.filename}: {error.strerror}. {step}\n")
         return EXIT_FAILED
     except ValueError as error:
-        say({"ready": False, "error": "SETTINGS"})
+        if not options.words:
+            say({"ready": False, "error": "SETTINGS"})
         sys.stderr.write(f"ursim: {error}\n")
         return EXIT_USAGE
     for number in (signal.SIGTERM, signal.SIGINT):

@@ -8,13 +8,15 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.keys.trust import TrustBundle
-from capabilities.values.errors import BadKeyError
+from capabilities.values.errors import BadKeyError, CapabilityError
 from ztpm.base.layout import OPERATORS, Layout, LayoutError, read_key
 from ztpm.base.processes import Child, ChildError
 from ztpm.cell.cell import Cell
 from ztpm.cell.enrolment import Differing, EnrolmentError, enrol
 from ztpm.cell.setup import SetupError, initialise, is_empty, read_addresses
 from ztpm.cell.supervision import ChildLostError, SceneFile, Supervision
+from ztpm.codes.code_table import is_own, step_of
+from ztpm.codes.unavailable import unavailable
 from ztpm.status.camera import SnapshotCollector
 from ztpm.status.server import StatusError, StatusServer
 
@@ -35,13 +37,11 @@ class UpError(RuntimeError):
 
     Attributes:
         code: why.
-        usage: whether what was asked for is at fault, not the machine or the cell.
     """
 
-    def __init__(self, code: str, sentence: str, *, usage: bool = False) -> None:
+    def __init__(self, code: str, sentence: str) -> None:
         super().__init__(sentence)
         self.code = code
-        self.usage = usage
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,8 @@ def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses]
         policy: of a new cell.
 
     Raises:
-        UpError: `NOT_A_CELL`, `CONFIG_INVALID`, `PASSPHRASE_WRONG`, `KEYS_UNREADABLE` or `UNWRITABLE`.
+        UpError: `NOT_A_CELL`, `CONFIG_INVALID`, `TRUST_MALFORMED`, `PASSPHRASE_WRONG`, `KEYS_UNREADABLE`, or a code of
+            `ztpm.codes.unavailable`.
     """
     try:
         if is_empty(layout):
@@ -79,18 +80,27 @@ def prepare(layout: Layout, *, passphrase: bytes, fresh: Callable[[], Addresses]
         keys = (layout.pep_key, layout.gateway_key)
         for path in (layout.idp_config, layout.cell_config, layout.gateway_config, layout.trust, *keys):
             if not path.exists():
-                raise UpError("NOT_A_CELL", f"{layout.root} has files, but no {path.name}", usage=True)
+                raise UpError("NOT_A_CELL", f"{layout.root} has files, but no {path.name}")
         for key in keys:
             read_key(key, passphrase)
+        _check_trust(layout)
         return read_addresses(layout)
     except SetupError as error:
-        raise UpError("CONFIG_INVALID", str(error), usage=True) from error
+        raise UpError("CONFIG_INVALID", str(error)) from error
     except LayoutError as error:
         raise UpError("KEYS_UNREADABLE", str(error)) from error
     except BadKeyError as error:
-        raise UpError("PASSPHRASE_WRONG", "it does not open the cell's keys", usage=True) from error
+        raise UpError("PASSPHRASE_WRONG", f"it does not open {layout.pep_key}") from error
     except OSError as error:
-        raise UpError("UNWRITABLE", f"{layout.root}: {error.strerror or type(error).__name__}") from error
+        told = unavailable(error, error.filename or layout.root, code="UNWRITABLE")
+        raise UpError(told.code, told.sentence) from error
+
+
+def _check_trust(layout: Layout) -> None:
+    try:
+        TrustBundle.from_json(layout.trust.read_bytes())
+    except CapabilityError as error:
+        raise UpError("TRUST_MALFORMED", f"{layout.trust}: {error}") from error
 
 
 def run(
@@ -115,8 +125,8 @@ def run(
         ready: is told once, when the cell is up.
 
     Raises:
-        UpError: `ADDRESS_IN_USE`, `START_FAILED`, `REGISTRY_UNAVAILABLE`, `REGISTRATION_REFUSED`, `STATUS_UNAVAILABLE`
-            or `PROCESS_LOST`; every process has ended then, too.
+        UpError: `PORT_UNUSABLE`, `REGISTRY_UNAVAILABLE`, `REGISTRATION_REFUSED`, `PROCESS_LOST`, the code with which a
+            process ended, or else `START_FAILED`; every process has ended then, too.
     """
     from ztpm.point.gateway_config import read_gateway_config
 
@@ -162,24 +172,35 @@ def _failure(error: Exception) -> UpError:
         case ChildLostError():
             return UpError("PROCESS_LOST", f"{error}; it said last:\n" + "\n".join(error.lines))
         case ChildError():
-            return UpError("START_FAILED", str(error))
+            return start_failure(error)
         case StatusError():
-            return UpError("STATUS_UNAVAILABLE", str(error))
+            return UpError("PORT_UNUSABLE", f"status page: {error}")
+        case OSError():
+            told = unavailable(error)
+            return UpError(told.code, told.sentence)
         case _:
             return UpError("START_FAILED", f"{type(error).__name__}: {error}")
+
+
+def start_failure(error: ChildError) -> UpError:
+    """The child's own reason, where its last line says one by its code; else all that it said."""
+    code, _, sentence = error.last.partition(": ")
+    if is_own(code):
+        return UpError(code, f"{error.name}: {sentence.removesuffix(step_of(code)).rstrip(' .')}")
+    return UpError("START_FAILED", str(error))
 
 
 def _await_addresses(addresses: Addresses, ended: threading.Event) -> None:
     """Waits until nothing listens on the cell's addresses.
 
     Raises:
-        UpError: `ADDRESS_IN_USE`.
+        UpError: `PORT_UNUSABLE`.
     """
     deadline = time.monotonic() + FREE_S
     while taken := addresses.taken:
         if time.monotonic() > deadline:
             ports = ", ".join(map(str, taken))
-            raise UpError("ADDRESS_IN_USE", f"somebody listens on {addresses.host}, port {ports}")
+            raise UpError("PORT_UNUSABLE", f"{addresses.host} port {ports}: another program listens there")
         if ended.wait(POLL_S):
             return
 

@@ -88,7 +88,7 @@ class SimulatedController:
             if told is not None and told.get("ready"):
                 return controller
             controller.stop()
-            if told is None or told.get("error") != "PORT_UNAVAILABLE":
+            if told is None or told.get("error") != "PORT_UNUSABLE":
                 raise LaunchError(f"the controller on {address} did not become ready: {told}")
             taken = str(told.get("address"))
         raise LaunchError(f"{taken} cannot be listened on")

@@ -243,7 +243,7 @@ def main() -> None:
             for name, calibration, path in zip(options.sensor, options.calibration, options.key_file, strict=True)
         ]
     except ConfigError as error:
-        parser.exit(1, f"{error}\n")
+        parser.exit(2, f"{error}\n")
     if options.paused:
         obey(sensors, '{"pause": true}', at_s=time.time())
     with contextlib.suppress(KeyboardInterrupt):

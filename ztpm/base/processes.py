@@ -40,7 +40,17 @@ PREPARING: Final = '{"preparing":'
 
 
 class ChildError(RuntimeError):
-    """A child that did not become ready, or died."""
+    """A child that did not become ready, or died.
+
+    Attributes:
+        name: of the child.
+        last: line that it wrote last.
+    """
+
+    def __init__(self, name: str, cause: str, lines: Sequence[str]) -> None:
+        super().__init__("\n".join((f"{name} did not become ready: {cause}", *lines)))
+        self.name = name
+        self.last = lines[-1] if lines else ""
 
 
 def _said(line: str) -> dict[str, object]:
@@ -167,7 +177,7 @@ class Child:
         finally:
             self.preparing.over()
         if cause:
-            raise ChildError("\n".join((f"{self.name} did not become ready: {cause}", *self.output)))
+            raise ChildError(self.name, cause, list(self.output))
 
     def _unready(self) -> str:
         """The reason why it never became ready; empty once it is."""

@@ -149,8 +149,10 @@ def read_addresses(layout: Layout) -> Addresses:
     try:
         idp, door = load_settings(layout.idp_config), read_door_config(layout.cell_config)
         gateway = read_gateway_config(layout.gateway_config)
-    except (SettingsError, ConfigError) as error:
+    except SettingsError as error:
         raise SetupError(str(error)) from error
+    except ConfigError as error:
+        raise SetupError(error.detail) from error
     addresses = Addresses(
         door.host,
         idp_port=idp.port,
@@ -256,8 +258,10 @@ def _check_readable(layout: Layout) -> None:
         load_settings(layout.idp_config)
         read_policies(read_door_config(layout.cell_config))
         read_gateway_config(layout.gateway_config)
-    except (SettingsError, ConfigError) as error:
+    except SettingsError as error:
         raise SetupError(str(error)) from error
+    except ConfigError as error:
+        raise SetupError(error.detail) from error
 
 
 def _ring(layout: Layout, addresses: Addresses, passphrase: bytes) -> rotation.KeyRing:

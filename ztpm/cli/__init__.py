@@ -1,7 +1,7 @@
 """The `ztpm` command line, `--json` for machines.
 
-Exit status: 0 success, 1 failure, 2 usage, 3 refused (a token that does not verify, a request that the identity
-provider turns down), 4 not decided yet (another person must answer).
+Exit status: 0 success, 4 not decided yet (another person must answer), 130 Ctrl-C; any other is that of the code with
+which the command fails (ztpm/codes): 1 failure, 2 usage, 3 refused.
 """
 
 from __future__ import annotations
@@ -32,9 +32,11 @@ from ztpm.cli import (
 )
 from ztpm.cli.brought import GROUP, add_brought
 from ztpm.cli.policy import commands
+from ztpm.cli.root import CommandLine
 
 app = typer.Typer(
     name="ztpm",
+    cls=CommandLine,
     help="Lend authority to AI agents that move a robot: nothing moves unless authority, physics and policy agree.",
     no_args_is_help=True,
     add_completion=False,
@@ -66,7 +68,6 @@ serve.rtde.command("connect")(rtde_run.connect)
 app.add_typer(serve.rtde, name="rtde")
 
 
-@cache
 @cache
 def command_line() -> typer.Typer:
     """The `app` with the commands that installed packages bring.

@@ -13,7 +13,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import USAGE, console, fail, plain, say_json
+from ztpm.cli.output import console, fail, fail_at, plain, say_json
 from ztpm.cli.person import (
     As,
     CellDirectory,
@@ -61,21 +61,19 @@ def register(
     from ztpm.base.layout import LayoutError, new_key
     from ztpm.cli.passphrase import ask_passphrase
 
-    known_name(agent, as_json=as_json)
-    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
-    layout = layout_of(directory, as_json=as_json)
+    known_name(agent)
+    person = operator(directory=directory, name=name, issuer="", key=None)
+    layout = layout_of(directory)
     path = layout.agent_key(agent)
     try:
-        key = (
-            open_key(path, as_json=as_json)
-            if path.exists()
-            else new_key(path, ask_passphrase(new=False, as_json=as_json))
-        )
-    except (LayoutError, OSError) as error:
-        fail("UNWRITABLE", f"{path}: {error}", as_json=as_json)
-    with refusals(as_json=as_json), person:
+        key = open_key(path) if path.exists() else new_key(path, ask_passphrase(new=False))
+    except LayoutError as error:
+        fail("EXISTS", str(error))
+    except OSError as error:
+        fail_at(path, error, "UNWRITABLE")
+    with refusals(), person:
         person.register_agent(
-            agent, keys.public_raw(key), software_digest=_measured(software, as_json=as_json).hex(), model=model,
+            agent, keys.public_raw(key), software_digest=_measured(software).hex(), model=model,
             role=role, sponsor=sponsor or None,
         )  # fmt: skip
     if as_json:
@@ -87,7 +85,7 @@ def register(
 @app.command("attest")
 def attest(agent: AgentName, *, software: Software, directory: CellDirectory = None, as_json: Json = False) -> None:
     """Attest an agent with its own key: it is active from then on, if it runs what is registered."""
-    with refusals(as_json=as_json), agent_of(agent, software, directory=directory, as_json=as_json) as itself:
+    with refusals(), agent_of(agent, software, directory=directory) as itself:
         itself.attest()
     if as_json:
         say_json({"ok": True, "id": agent, "status": "active"})
@@ -100,8 +98,8 @@ def list_(
     *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
 ) -> None:
     """List every agent with its sponsor, state, trust and behaviour."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         rows = person.agents()
     if as_json:
         say_json({"ok": True, "agents": rows})
@@ -131,9 +129,9 @@ def suspend(
     as_json: Json = False,
 ) -> None:
     """Suspend an agent and all authority below it, for ever."""
-    known_name(agent, as_json=as_json)
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+    known_name(agent)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         epoch = person.suspend_agent(agent, reason)
     if as_json:
         say_json({"ok": True, "id": agent, "epoch": epoch})
@@ -156,9 +154,9 @@ def restore(
     as_json: Json = False,
 ) -> None:
     """Restore an agent whose behaviour deviated: it may act again as before."""
-    known_name(agent, as_json=as_json)
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+    known_name(agent)
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         person.restore_agent(agent, reason, relearn=relearn)
     if as_json:
         say_json({"ok": True, "id": agent, "status": "restored"})
@@ -166,30 +164,30 @@ def restore(
         typer.echo("Restored.")
 
 
-def agent_of(agent: str, software: Path, *, directory: Path | None, as_json: bool) -> Agent:
+def agent_of(agent: str, software: Path, *, directory: Path | None) -> Agent:
     """Agent with its key from the cell's directory and its software's measurement, or the end of the command."""
     from ztpm_idp.client import Agent
 
-    key = key_of(agent, directory=directory, as_json=as_json)
-    issuer = issuer_of(layout_of(directory, as_json=as_json), as_json=as_json)
-    return Agent(agent, key, issuer, _measured(software, as_json=as_json))
+    key = key_of(agent, directory=directory)
+    issuer = issuer_of(layout_of(directory))
+    return Agent(agent, key, issuer, _measured(software))
 
 
-def key_of(agent: str, *, directory: Path | None, as_json: bool) -> PrivateKey:
+def key_of(agent: str, *, directory: Path | None) -> PrivateKey:
     """The agent's key, from the cell's directory, or the command ends."""
-    known_name(agent, as_json=as_json)
-    path = layout_of(directory, as_json=as_json).agent_key(agent)
+    known_name(agent)
+    path = layout_of(directory).agent_key(agent)
     if not path.exists():
-        fail("AGENT_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
-    return open_key(path, as_json=as_json)
+        fail("AGENT_UNKNOWN", f"{path} is missing")
+    return open_key(path)
 
 
-def _measured(software: Path, *, as_json: bool) -> bytes:
+def _measured(software: Path) -> bytes:
     try:
         with software.open("rb") as file:
             return hashlib.file_digest(file, "sha256").digest()
     except OSError as error:
-        fail("UNREADABLE", f"{software}: {error.strerror}", as_json=as_json, status=USAGE)
+        fail_at(software, error, "UNREADABLE")
 
 
 def _trust(row: dict[str, Any]) -> str:

@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from capabilities.statements.claims import ID
-from ztpm.cli.output import DEFER, USAGE, console, fail, plain, say_json
+from ztpm.cli.output import DEFER, console, fail, plain, say_json
 from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, answering, refusals
 
 if TYPE_CHECKING:
@@ -46,8 +46,8 @@ def list_(
     as_json: Json = False,
 ) -> None:
     """List the asks in a state."""
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         rows = person.approvals(state=state)
     if as_json:
         say_json({"ok": True, "approvals": rows})
@@ -79,9 +79,9 @@ def show(
     as_json: Json = False,
 ) -> None:
     """Show everything that an approval of this ask would bind."""
-    _check_id(ask_id, as_json=as_json)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    _check_id(ask_id)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         asked = person.approval(ask_id)
     if as_json:
         say_json({"ok": True, **asked})
@@ -107,17 +107,17 @@ def approve(
     as_json: Json = False,
 ) -> None:
     """Approve exactly what is shown; the vote binds the digest of the very text that was shown."""
-    _check_id(ask_id, as_json=as_json)
-    lifetime_s = _lifetime_s(minutes, seconds, APPROVAL_S, as_json=as_json)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    _check_id(ask_id)
+    lifetime_s = _lifetime_s(minutes, seconds, APPROVAL_S)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         asked = person.approval(ask_id)
     if not as_json:
         _show(asked)
         typer.echo(f"\nApproves {uses} use{'' if uses == 1 else 's'} within {lifetime_s} s.")
     if not yes and not _confirmed(as_json=as_json):
-        fail("NOT_CONFIRMED", "nothing was signed", as_json=as_json)
-    with refusals(as_json=as_json):
+        fail("NOT_CONFIRMED", "nothing was signed")
+    with refusals():
         told = person.approve(
             ask_id, uses=uses, lifetime_s=lifetime_s, sees_clear=sees_clear, shown=str(asked["ask_digest"])
         )
@@ -140,9 +140,9 @@ def deny(
     as_json: Json = False,
 ) -> None:
     """Deny the ask, which ends it."""
-    _check_id(ask_id, as_json=as_json)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    _check_id(ask_id)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         told = person.deny(ask_id)
     _done(told, "Denied.", as_json=as_json)
 
@@ -158,9 +158,9 @@ def withdraw(
     as_json: Json = False,
 ) -> None:
     """Take an approval of your own back."""
-    _check_id(ask_id, as_json=as_json)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    _check_id(ask_id)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         told = person.withdraw(ask_id)
     _done(told, "Withdrawn; what was used is used.", as_json=as_json)
 
@@ -183,12 +183,12 @@ def open_(
     as_json: Json = False,
 ) -> None:
     """Let an agent ask for a safety-critical (tier 4) act at all. This approves nothing."""
-    lifetime_s = _lifetime_s(minutes, seconds, OPENING_S, as_json=as_json)
+    lifetime_s = _lifetime_s(minutes, seconds, OPENING_S)
     if not audience and issuer:
-        fail("WHICH_AUDIENCE", "--issuer needs --audience, too", as_json=as_json, status=USAGE)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    audience = audience or _audience(directory, as_json=as_json)
-    with refusals(as_json=as_json):
+        fail("WHICH_AUDIENCE", "--issuer needs --audience, too")
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    audience = audience or _audience(directory)
+    with refusals():
         opening_id = person.open_tier_4(
             audience=audience, agent=agent, object=object_, operation=operation, uses=uses, lifetime_s=lifetime_s,
             reason=reason,
@@ -202,8 +202,8 @@ def openings(
     *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
 ) -> None:
     """List the openings that are not over."""
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         rows = person.openings()
     if as_json:
         say_json({"ok": True, "openings": rows})
@@ -235,39 +235,39 @@ def close(
     as_json: Json = False,
 ) -> None:
     """End an opening before its time."""
-    _check_id(opening_id, as_json=as_json)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json):
+    _check_id(opening_id)
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals():
         person.close_opening(opening_id, reason)
     _done({"opening_id": opening_id}, "Closed.", as_json=as_json)
 
 
-def _check_id(given: str, *, as_json: bool) -> None:
+def _check_id(given: str) -> None:
     if not ID.fullmatch(given):
-        fail("ID_MALFORMED", "an id is 32 hex digits", as_json=as_json, status=USAGE)
+        fail("ID_MALFORMED", "an id is 32 hex digits")
 
 
-def _lifetime_s(minutes: int, seconds: int, otherwise_s: int, *, as_json: bool) -> int:
+def _lifetime_s(minutes: int, seconds: int, otherwise_s: int) -> int:
     lifetime_s = 60 * minutes + seconds or otherwise_s
     if lifetime_s > MOST_S:
-        fail("TOO_LONG", f"at most {MOST_S} s", as_json=as_json, status=USAGE)
+        fail("TOO_LONG", f"at most {MOST_S} s")
     return lifetime_s
 
 
 def _confirmed(*, as_json: bool) -> bool:
     if as_json:
-        fail("NOT_CONFIRMED", "--json asks nobody: give --yes", as_json=True, status=USAGE)
+        fail("USAGE", "--json asks nobody: give --yes")
     return typer.confirm("Sign this?", default=False, err=True)
 
 
-def _audience(directory: Any, *, as_json: bool) -> str:
+def _audience(directory: Any) -> str:
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.cli.person import layout_of
 
     try:
-        return read_addresses(layout_of(directory, as_json=as_json)).audience
+        return read_addresses(layout_of(directory)).audience
     except SetupError as error:
-        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+        fail("CONFIG_INVALID", str(error))
 
 
 def _done(told: Mapping[str, Any], sentence: str, *, as_json: bool) -> None:

@@ -16,7 +16,7 @@ from rich.text import Text
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
-from ztpm.cli.output import USAGE, console, fail, instant, plain, say_json
+from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
 from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, operator, refusals
 
 if TYPE_CHECKING:
@@ -58,12 +58,12 @@ def export(
     For administrators and approvers: ztpm audit export --as alice --out ledger.ndjson
     """
     if first > last:
-        fail("RANGE_EMPTY", "--from is behind --to", as_json=as_json, status=USAGE)
+        fail("USAGE", "--from is behind --to")
     if as_json and out is None:
-        fail("OUT_MISSING", "--json tells of a file, so give --out", as_json=as_json, status=USAGE)
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+        fail("USAGE", "--json tells of a file, so give --out")
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
     count = -1  # the checkpoint is no entry
-    with refusals(as_json=as_json), person, _new(out, as_json=as_json) as file:
+    with refusals(), person, _new(out) as file:
         for page in person.ledger_pages(first=first, last=last):
             file.write(page)
             count += page.count(b"\n")
@@ -77,7 +77,7 @@ def export(
 
 
 @contextmanager
-def _new(out: Path | None, *, as_json: bool) -> Iterator[BinaryIO]:
+def _new(out: Path | None) -> Iterator[BinaryIO]:
     """The new file, which is gone again where it did not become whole; or standard output."""
     if out is None:
         yield sys.stdout.buffer
@@ -85,16 +85,16 @@ def _new(out: Path | None, *, as_json: bool) -> Iterator[BinaryIO]:
     try:
         file = os.fdopen(os.open(out, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb")
     except FileExistsError:
-        fail("FILE_EXISTS", f"{out} is left as it is", as_json=as_json, status=USAGE)
+        fail("EXISTS", str(out))
     except OSError as error:
-        fail("FILE_UNWRITABLE", f"{out}: {error.strerror}", as_json=as_json, status=USAGE)
+        fail_at(out, error, "UNWRITABLE")
     try:
         with file:
             yield file
     except BaseException as error:
         out.unlink()
         if isinstance(error, OSError):
-            fail("FILE_UNWRITABLE", f"{out}: {error.strerror}", as_json=as_json)
+            fail_at(out, error, "UNWRITABLE")
         raise
 
 
@@ -115,11 +115,11 @@ def verify(
         journal = is_journal(lines.readline().removesuffix(b"\n"))
         lines.seek(0)
         if journal and first > 1:
-            fail("NOT_A_LEDGER", "a journal is read from its first record on", as_json=as_json, status=USAGE)
+            fail("USAGE", "a journal is read from its first record on")
         if journal:
             _journal(lines, as_json=as_json)
         elif trust is None:
-            fail("TRUST_MISSING", "a ledger needs --trust", as_json=as_json, status=USAGE)
+            fail("USAGE", "a ledger needs --trust")
         else:
             _ledger(lines, trust, first, as_json=as_json)
 
@@ -129,7 +129,7 @@ def _journal(lines: BinaryIO, *, as_json: bool) -> None:
 
     found = verify_journal(lines)
     if isinstance(found, Defect):
-        fail(str(found.code), f"a journal: record {found.seq}", as_json=as_json, more={"read": "journal"})
+        fail(str(found.code), f"a journal: record {found.seq}", more={"read": "journal"})
     if as_json:
         say_json({"ok": True, "read": "journal", **asdict(found)})
         return
@@ -147,10 +147,10 @@ def _ledger(lines: BinaryIO, trust: Path, first: int, *, as_json: bool) -> None:
     try:
         bundle = TrustBundle.from_json(trust.read_bytes())
     except CapabilityError as error:
-        fail(str(error.code), f"{trust}: {error.detail}", as_json=as_json, status=USAGE)
+        fail("TRUST_MALFORMED", f"{trust}: {error}")
     found = verify_ledger((line.rstrip(b"\r\n") for line in lines), bundle, first=first)
     if isinstance(found, Defect):
-        fail(str(found.code), f"a ledger: entry {found.seq}", as_json=as_json, more={"read": "ledger"})
+        fail(str(found.code), f"a ledger: entry {found.seq}", more={"read": "ledger"})
     if as_json:
         say_json({"ok": True, "read": "ledger", "first": first, **asdict(found)})
         return
@@ -180,9 +180,9 @@ def show(
             entry = parse_json(line, limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH)
             row = _row(entry)
         except BodyError as error:
-            fail("LINE_MALFORMED", f"line {number}: {error.detail}", as_json=as_json)
+            fail("LINE_MALFORMED", f"line {number}: {error.detail}")
         except _MalformedError as error:
-            fail("ENTRY_MALFORMED", f"line {number}: {error}", as_json=as_json)
+            fail("ENTRY_MALFORMED", f"line {number}: {error}")
         if row is None or (kind and kind not in row.kinds):
             continue
         if as_json:

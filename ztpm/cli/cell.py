@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-import os
 import time
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+from ztpm.cli.output import console, fail, fail_at, say_json
+from ztpm.cli.person import open_key
 
 app = typer.Typer(no_args_is_help=True, help="Cell files: what stands in a cell, signed by a person.")
 
@@ -30,25 +30,22 @@ def sign(
     """
     from capabilities.keys import keys
     from capabilities.statements import cell
-    from capabilities.values.errors import BadKeyError
-    from ztpm.base.layout import LayoutError, read_key, write_private
+    from ztpm.base.layout import LayoutError, write_private
     from ztpm.cell import survey
-    from ztpm.cell.cell import PASSPHRASE_VARIABLE
 
     try:
         stated = survey.draft(draft.read_text("utf-8-sig"), at=int(time.time()), days=days)
     except survey.DraftError as error:
-        fail(error.code, error.detail, as_json=as_json, status=USAGE)
+        fail(error.code, f"{draft}: {error.detail}")
     except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{draft}: {type(error).__name__}", as_json=as_json, status=USAGE)
-    passphrase = os.environ.get(PASSPHRASE_VARIABLE) or typer.prompt("Passphrase of the key", hide_input=True)
+        fail_at(draft, error, "UNREADABLE")
+    signer = open_key(key)
     try:
-        signer = read_key(key, passphrase.encode())
         write_private(out, cell.sign(stated, signer).encode() + b"\n")
-    except (LayoutError, BadKeyError) as error:
-        fail("EXISTS" if out.exists() else "KEY_MALFORMED", str(error), as_json=as_json, status=USAGE)
+    except LayoutError as error:
+        fail("EXISTS", str(error))
     except OSError as error:
-        fail("UNWRITABLE", f"{out}: {type(error).__name__}", as_json=as_json)
+        fail_at(out, error, "UNWRITABLE")
     made = {"file": str(out), "signer_key": keys.b64u(keys.public_raw(signer)), "not_after": stated.not_after}
     if as_json:
         say_json({"ok": True, **made})
@@ -74,16 +71,16 @@ def show(
         trusted = keys.check_raw(keys.unb64u(signer))
         text = source.read_text("utf-8-sig").strip()
     except BadKeyError as error:
-        fail(str(error.code), "--signer is no public key", as_json=as_json, status=USAGE)
+        fail(str(error.code), "--signer is no public key")
     except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{source}: {type(error).__name__}", as_json=as_json, status=USAGE)
+        fail_at(source, error, "UNREADABLE")
     try:
         stated = cell.open(text, frozenset({trusted}), DEFAULT)
         surveyed(stated, CellParameters())
     except (StatementError, SurveyError) as error:
-        fail(str(error.code), error.detail, as_json=as_json, status=DENY)
+        fail(str(error.code), error.detail)
     if not stated.not_before <= time.time() < stated.not_after:
-        fail("EXPIRED", f"in force from {stated.not_before} until {stated.not_after}", as_json=as_json, status=DENY)
+        fail("EXPIRED", f"in force from {stated.not_before} until {stated.not_after}")
     if as_json:
         say_json({"ok": True, "cell": cell.to_claims(stated)})
     else:

@@ -15,7 +15,7 @@ import typer
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 from ztpm.cli.agent import Software, agent_of
-from ztpm.cli.output import USAGE, fail, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.person import As, CellDirectory, Json, layout_of, operator, refusals
 
 if TYPE_CHECKING:
@@ -49,14 +49,11 @@ def issue(
     """Lend an agent authority, as its sponsor."""
     from capabilities.values.scope_json import scope_from_json
 
-    _check_new(out, as_json=as_json)
-    if scope is None:
-        lent = _arm(directory, frozenset(delegate or ()), 60 * minutes, as_json=as_json)
-    else:
-        lent = _read(scope, scope_from_json, as_json=as_json)
-    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
-    receiver = agent_of(agent, software, directory=directory, as_json=as_json)
-    with refusals(as_json=as_json), person, receiver:
+    _check_new(out)
+    lent = _arm(directory, frozenset(delegate or ()), 60 * minutes) if scope is None else _read(scope, scope_from_json)
+    person = operator(directory=directory, name=name, issuer="", key=None)
+    receiver = agent_of(agent, software, directory=directory)
+    with refusals(), person, receiver:
         issued = person.issue(receiver, lent, purpose=purpose)
     _keep(issued, out, as_json=as_json)
 
@@ -78,49 +75,49 @@ def delegate(
     """Lend a narrower part of a token on; --software is the receiver's software."""
     from capabilities.values.scope_json import restriction_from_json
 
-    _check_new(out, as_json=as_json)
-    less = _read(restriction, restriction_from_json, as_json=as_json)
-    text = read_token(token, as_json=as_json)
+    _check_new(out)
+    less = _read(restriction, restriction_from_json)
+    text = read_token(token)
     # The lender signs with its key; only the receiver's measurement is attested.
-    holder = agent_of(lender, software, directory=directory, as_json=as_json)
-    other = agent_of(receiver, software, directory=directory, as_json=as_json)
-    with refusals(as_json=as_json), holder, other:
+    holder = agent_of(lender, software, directory=directory)
+    other = agent_of(receiver, software, directory=directory)
+    with refusals(), holder, other:
         issued = holder.delegate(text, other, less, purpose=purpose)
     _keep(issued, out, as_json=as_json)
 
 
-def read_token(file: Path, *, as_json: bool) -> str:
+def read_token(file: Path) -> str:
     """The text of a token in a file, or the command ends."""
     try:
         return file.read_text("utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{file}: {type(error).__name__}", as_json=as_json, status=USAGE)
+        fail_at(file, error, "UNREADABLE")
 
 
-def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int, *, as_json: bool) -> Scope:
+def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.stage.lending import sweep_scope
 
     try:
-        audience = read_addresses(layout_of(directory, as_json=as_json)).audience
+        audience = read_addresses(layout_of(directory)).audience
     except SetupError as error:
-        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+        fail("CONFIG_INVALID", str(error))
     return sweep_scope(audience, delegates=delegates, now=int(time.time()), lifetime_s=lifetime_s)
 
 
-def _read(path: Path, parse: Callable[[object], T], *, as_json: bool) -> T:
+def _read(path: Path, parse: Callable[[object], T]) -> T:
     try:
         return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
     except CapabilityError as error:
-        fail(str(error.code), f"{path}: {error.detail}", as_json=as_json, status=USAGE)
+        fail("UNREADABLE", f"{path}: {error.code} {error.detail}")
     except OSError as error:
-        fail("UNREADABLE", f"{path}: {error.strerror}", as_json=as_json, status=USAGE)
+        fail_at(path, error, "UNREADABLE")
 
 
-def _check_new(out: Path, *, as_json: bool) -> None:
+def _check_new(out: Path) -> None:
     """Checks before the delegation that the token's file can be made: an unkept token would be lost authority."""
     if out.exists() or not out.absolute().parent.is_dir():
-        fail("EXISTS" if out.exists() else "UNWRITABLE", f"{out}", as_json=as_json, status=USAGE)
+        fail("EXISTS" if out.exists() else "UNWRITABLE", str(out))
 
 
 def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
@@ -128,8 +125,10 @@ def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
 
     try:
         write_private(out, issued.token.encode() + b"\n")
-    except (LayoutError, OSError) as error:
-        fail("UNWRITABLE", f"{out}: {error}", as_json=as_json)
+    except LayoutError as error:
+        fail("EXISTS", str(error))
+    except OSError as error:
+        fail_at(out, error, "UNWRITABLE")
     told: dict[str, Any] = {"token_id": issued.token_id, "hop_id": issued.hop_id, "expires_at": issued.expires_at}
     if as_json:
         say_json({"ok": True, "file": str(out), **told})

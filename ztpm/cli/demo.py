@@ -3,21 +3,37 @@
 from __future__ import annotations
 
 import time
+from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from ztpm.cli.output import FAILURE, console, say_json
+from ztpm.cli.output import FAILURE, console, fail, say_json
 from ztpm.preparing import Preparing, waiting
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from rich.status import Status
 
     from ztpm.demo.run import StepReport
 
 STARTING: Final = "starting the cell"
+
+
+@contextmanager
+def start_failures() -> Iterator[None]:
+    """Ends the command with the reason of a process that does not start."""
+    from ztpm.base.processes import ChildError
+    from ztpm.up import start_failure
+
+    try:
+        yield
+    except ChildError as error:
+        failed = start_failure(error)
+        fail(failed.code, str(failed))
 
 
 class _Shown(Preparing):
@@ -53,12 +69,13 @@ def demo(
     told: list[StepReport] = []
     lines = telling.Telling(console, CHAPTERS)
     if as_json:
-        with waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
+        with start_failures(), waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
             started_up()
             told.extend(play(on_stage, step) for step in STORY.steps)
     else:
         console.print("Identity provider, simulated UR3e, sensor, gateway and tool server, on this machine alone.")
         with (
+            start_failures(),
             console.status("They start") as status,
             waiting(STARTING, shown := _Shown(status)) as started_up,
             stage(begin=partial(Child.begin, preparing=shown)) as on_stage,

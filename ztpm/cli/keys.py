@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ztpm.cli.output import DENY, USAGE, console, fail, instant, say_json
+from ztpm.cli.output import console, fail, fail_at, instant, say_json
 from ztpm.cli.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
@@ -53,8 +53,8 @@ def list_(*, directory: CellDirectory = None, as_json: Json = False) -> None:
 
     from ztpm.cell import key_ring
 
-    layout = layout_of(directory, as_json=as_json)
-    with _failures(as_json=as_json):
+    layout = layout_of(directory)
+    with _failures():
         ring = key_ring.read(layout)
     if as_json:
         say_json({"ok": True, **_described(ring), "keys": [_shown(record) for record in ring.records]})
@@ -86,12 +86,12 @@ def prepare(
     from ztpm.cell import key_ring
     from ztpm.cli.passphrase import ask_passphrase
 
-    layout = layout_of(directory, as_json=as_json)
+    layout = layout_of(directory)
     chosen = keys.Algorithm.P256 if algorithm is Curve.P256 else keys.Algorithm.ED25519
     if algorithm is Curve.P256 and role in {KeyRole.ROOT, KeyRole.ATTESTER}:
-        fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version", as_json=as_json, status=USAGE)
-    passphrase = ask_passphrase(new=False, as_json=as_json)
-    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+        fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version")
+    passphrase = ask_passphrase(new=False)
+    with _failures(), _alone(layout):
         answer = key_ring.prepare(layout, Role[role.name], chosen, passphrase=passphrase, at=int(time.time()))
         _tell(answer, None, layout.trust, as_json=as_json)
 
@@ -104,7 +104,7 @@ def activate(key: KeyId, *, directory: CellDirectory = None, as_json: Json = Fal
     """
     from capabilities.rotation import rotation
 
-    _step(rotation.activate, key, layout_of(directory, as_json=as_json), as_json=as_json)
+    _step(rotation.activate, key, layout_of(directory), as_json=as_json)
 
 
 @app.command("taint")
@@ -115,7 +115,7 @@ def taint(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False)
     """
     from capabilities.rotation import rotation
 
-    _step(rotation.taint, key, layout_of(directory, as_json=as_json), as_json=as_json)
+    _step(rotation.taint, key, layout_of(directory), as_json=as_json)
 
 
 @app.command("revoke")
@@ -123,7 +123,7 @@ def revoke(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False
     """Nothing under the key is accepted any more, for ever."""
     from capabilities.rotation import rotation
 
-    _step(rotation.revoke, key, layout_of(directory, as_json=as_json), as_json=as_json)
+    _step(rotation.revoke, key, layout_of(directory), as_json=as_json)
 
 
 @app.command("renew")
@@ -131,15 +131,15 @@ def renew(*, directory: CellDirectory = None, as_json: Json = False) -> None:
     """The same keys in a new trust bundle, which holds for a year."""
     from ztpm.cell import key_ring
 
-    layout = layout_of(directory, as_json=as_json)
-    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+    layout = layout_of(directory)
+    with _failures(), _alone(layout):
         _tell(key_ring.renew(layout, at=int(time.time())), "", layout.trust, as_json=as_json)
 
 
 def _step(verb: RotationStep, id_: str, layout: Layout, *, as_json: bool) -> None:
     from ztpm.cell import key_ring
 
-    with _failures(as_json=as_json), _alone(layout, as_json=as_json):
+    with _failures(), _alone(layout):
         _tell(key_ring.step(layout, verb, id_, at=int(time.time())), id_, layout.trust, as_json=as_json)
 
 
@@ -148,7 +148,7 @@ def _tell(answer: KeyRing | RotationRefused, id_: str | None, trust: Path, *, as
     from capabilities.rotation.rotation import RotationRefused
 
     if isinstance(answer, RotationRefused):
-        fail(str(answer.why), answer.detail, as_json=as_json, status=DENY)
+        fail(str(answer.why), answer.detail)
     record = answer.records[-1] if id_ is None else answer.find(id_)
     described = {**_described(answer), "trust_file": str(trust)}
     if as_json:
@@ -182,7 +182,7 @@ def _shown(record: KeyRecord) -> dict[str, object]:
 
 
 @contextmanager
-def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
+def _alone(layout: Layout) -> Iterator[None]:
     """Holds the directory: no `ztpm up` runs the cell, and no other step is taken meanwhile."""
     from ztpm.base.lock import DirectoryLock, LockedError
 
@@ -190,11 +190,11 @@ def _alone(layout: Layout, *, as_json: bool) -> Iterator[None]:
         with DirectoryLock.take(layout.lock):
             yield
     except LockedError as error:
-        fail("RUNNING", f"process {error.pid} runs the cell; end it first", as_json=as_json)
+        fail("RUNNING_ALREADY", f"{layout.root}: process {error.pid or '?'}")
 
 
 @contextmanager
-def _failures(*, as_json: bool) -> Iterator[None]:
+def _failures() -> Iterator[None]:
     """Ends the command at a file that cannot be read, opened or written."""
     from capabilities.values.errors import BadKeyError
     from ztpm.base.layout import LayoutError
@@ -202,8 +202,8 @@ def _failures(*, as_json: bool) -> Iterator[None]:
     try:
         yield
     except BadKeyError as error:
-        fail(str(error.code), error.detail, as_json=as_json, status=USAGE)
+        fail("KEYS_UNREADABLE", str(error))
     except LayoutError as error:
-        fail("KEYS_UNREADABLE", str(error), as_json=as_json, status=USAGE)
+        fail("KEYS_UNREADABLE", str(error))
     except OSError as error:
-        fail("UNWRITABLE", f"{error.filename}: {error.strerror}", as_json=as_json)
+        fail_at("", error, "UNWRITABLE")

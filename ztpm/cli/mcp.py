@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import USAGE, fail, say_json
+from ztpm.cli.output import fail, say_json
 from ztpm.cli.person import As, CellDirectory, Json, issuer_of, layout_of, operator, refusals
 
 app = typer.Typer(no_args_is_help=True, help="MCP tools.")
@@ -32,16 +32,16 @@ def pin(
     from ztpm.cell.enrolment import EnrolmentError, registered, tool_differences
     from ztpm.cell.setup import SetupError, read_addresses
 
-    layout = layout_of(directory, as_json=as_json)
-    person = operator(directory=directory, name=name, issuer="", key=None, as_json=as_json)
+    layout = layout_of(directory)
+    person = operator(directory=directory, name=name, issuer="", key=None)
     try:
         audience = read_addresses(layout).audience
         trust = TrustBundle.from_json(layout.trust.read_bytes())
-        found = tool_differences(registered(issuer_of(layout, as_json=as_json), audience, trust, auth=person.auth()))
+        found = tool_differences(registered(issuer_of(layout), audience, trust, auth=person.auth()))
     except EnrolmentError as error:
-        fail("REGISTRY_UNAVAILABLE", str(error), as_json=as_json)
+        fail("REGISTRY_UNAVAILABLE", str(error))
     except (SetupError, OSError, CapabilityError) as error:
-        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+        fail("CONFIG_INVALID", str(error))
     served = {tool.name: tool for tool in tool_definitions()}
     fresh = [served[differing.name] for differing in found if differing.name in served]
     if not as_json:
@@ -50,10 +50,10 @@ def pin(
             typer.echo(f"{differing}{now}")
     if fresh and not yes:
         if as_json:
-            fail("NOT_CONFIRMED", "--json asks nobody: give --yes", as_json=True, status=USAGE)
+            fail("USAGE", "--json asks nobody: give --yes")
         if not typer.confirm("Register them as they are now?", default=False, err=True):
-            fail("NOT_CONFIRMED", "nothing was registered", as_json=as_json)
-    with refusals(as_json=as_json), person:
+            fail("NOT_CONFIRMED", "nothing was registered")
+    with refusals(), person:
         for tool in fresh:
             person.register_tool(
                 audience=audience, name=tool.name, definition_digest=tool.definition_digest, operation=tool.operation,

@@ -1,4 +1,4 @@
-"""Output of commands: one JSON object with `--json`, a table or a sentence without."""
+"""Output of commands: one JSON object with `--json`, a table or a sentence without; and their end at a failure."""
 
 from __future__ import annotations
 
@@ -7,19 +7,23 @@ import json
 import os
 import sys
 from collections.abc import Mapping
+from contextvars import ContextVar
 from typing import Final, NoReturn
 
 import typer
 from rich.console import Console
 
 from capabilities.values.characters import shown
+from ztpm.codes.code_table import DENY, FAILURE, USAGE, status_of, step_of
+from ztpm.codes.unavailable import unavailable
 
-FAILURE: Final = 1
-USAGE: Final = 2
-DENY: Final = 3
-"""Exit status of a refusal: a token that does not verify, a request that the identity provider turns down."""
+__all__ = ["DEFER", "DENY", "FAILURE", "USAGE", "console", "fail", "fail_at", "instant", "plain", "say_json"]
 DEFER: Final = 4
 """Exit status of an open decision: another person must answer."""
+INTERRUPTED: Final = 130
+"""Exit status after Ctrl-C, as shells have it."""
+AS_JSON: Final = ContextVar("AS_JSON", default=False)
+"""True where the command line asks for JSON; read from its words, so that it holds for wrong ones, too."""
 
 WIDE: Final = 160
 """Columns where the output's width is unknown: piped text must not be cut to fit a screen."""
@@ -43,12 +47,31 @@ def instant(at: int) -> str:
     return dt.datetime.fromtimestamp(at, dt.UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def fail(
-    code: str, sentence: str, *, as_json: bool, status: int = FAILURE, more: Mapping[str, object] | None = None
-) -> NoReturn:
-    """Ends the command with a reason code and a sentence; `more` is told by machine alone."""
-    if as_json:
-        say_json({"ok": False, "code": code, "detail": sentence, **(more or {})})
+def fail(code: str, sentence: str, *, status: int | None = None, more: Mapping[str, object] | None = None) -> NoReturn:
+    """Ends the command with a code, a sentence, and the next step that belongs to the code.
+
+    Args:
+        code: of a table of codes; it decides the exit status.
+        sentence: place and cause.
+        status: in place of the code's own.
+        more: told to machines alone.
+    """
+    step = step_of(code)
+    if AS_JSON.get():
+        say_json({"ok": False, "code": code, "detail": sentence, **({"next": step} if step else {}), **(more or {})})
     else:
-        typer.echo(f"{code}: {sentence}", err=True)
-    raise typer.Exit(status)
+        end = "\n" if "\n" in sentence else " " if sentence.endswith((".", "?", "!")) else ". "
+        typer.echo(f"{code}: {sentence}{end}{step}" if step else f"{code}: {sentence}", err=True)
+    raise typer.Exit(status_of(code) if status is None else status)
+
+
+def fail_at(place: object, error: OSError | UnicodeDecodeError, code: str) -> NoReturn:
+    """Ends the command at a file or address that cannot be had.
+
+    Args:
+        place: of it.
+        error: of the system.
+        code: `UNREADABLE`, `UNWRITABLE` or the like; a full disk is told as one in any case.
+    """
+    told = unavailable(error, place, code=code)
+    fail(told.code, told.sentence)

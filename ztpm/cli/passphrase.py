@@ -8,13 +8,13 @@ from typing import Final
 
 import typer
 
-from ztpm.cli.output import USAGE, fail
+from ztpm.cli.output import fail
 
 MIN_PASSPHRASE: Final = 12
 VARIABLE: Final = "ZTPM_PASSPHRASE"
 
 
-def ask_passphrase(*, new: bool, as_json: bool) -> bytes:
+def ask_passphrase(*, new: bool) -> bytes:
     """The passphrase.
 
     Args:
@@ -24,11 +24,11 @@ def ask_passphrase(*, new: bool, as_json: bool) -> bytes:
     passphrase = os.environ.get(VARIABLE, "")
     if not passphrase:
         if not sys.stdin.isatty():
-            fail("PASSPHRASE_MISSING", f"set {VARIABLE}, or run in a terminal", as_json=as_json, status=USAGE)
+            fail("PASSPHRASE_MISSING", f"{VARIABLE} is not set, and standard input is no terminal")
         passphrase = typer.prompt("Passphrase of the keys", hide_input=True, confirmation_prompt=new, err=True)
     if new and len(passphrase) < MIN_PASSPHRASE:
-        fail("PASSPHRASE_TOO_SHORT", f"at least {MIN_PASSPHRASE} characters", as_json=as_json, status=USAGE)
+        fail("PASSPHRASE_TOO_SHORT", f"at least {MIN_PASSPHRASE} characters")
     try:
         return passphrase.encode()
     except UnicodeEncodeError:
-        fail("PASSPHRASE_MALFORMED", "not UTF-8", as_json=as_json, status=USAGE)
+        fail("PASSPHRASE_MALFORMED", "not UTF-8")

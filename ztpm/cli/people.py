@@ -14,7 +14,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import DEFER, USAGE, console, fail, instant, plain, say_json
+from ztpm.cli.output import DEFER, console, fail, fail_at, instant, plain, say_json
 from ztpm.cli.person import (
     As,
     CellDirectory,
@@ -64,9 +64,11 @@ def new_key(
     from ztpm.cli.passphrase import ask_passphrase
 
     try:
-        made = layout.new_key(file, ask_passphrase(new=True, as_json=as_json))
-    except (layout.LayoutError, OSError) as error:
-        fail("UNWRITABLE", f"{file}: {error}", as_json=as_json)
+        made = layout.new_key(file, ask_passphrase(new=True))
+    except layout.LayoutError as error:
+        fail("EXISTS", str(error))
+    except OSError as error:
+        fail_at(file, error, "UNWRITABLE")
     public = keys.b64u(keys.public_raw(made))
     if as_json:
         say_json({"ok": True, "key": str(file), "public": public})
@@ -88,9 +90,9 @@ def register(
     as_json: Json = False,
 ) -> None:
     """Register a sponsor, or propose an approver or administrator, whom another administrator confirms."""
-    raw, roles = _raw(public, as_json=as_json), [each.value for each in role]
-    known_name(person, as_json=as_json)
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    raw, roles = _raw(public), [each.value for each in role]
+    known_name(person)
+    with _caller(name, directory, issuer, key) as caller:
         if set(roles) == {Role.SPONSOR.value}:
             caller.register_person(person, shown or person, raw, roles)
             _say("Registered.", {"id": person}, as_json=as_json)
@@ -110,8 +112,8 @@ def add_key(
     as_json: Json = False,
 ) -> None:
     """Propose a further key of one's own, as for a second machine. It gives no second vote."""
-    raw = _raw(public, as_json=as_json)
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    raw = _raw(public)
+    with _caller(name, directory, issuer, key) as caller:
         change = caller.propose_key(raw)
     _wait(change, as_json=as_json)
 
@@ -133,8 +135,8 @@ def end(
     """
     from ztpm_idp.client import ClientError
 
-    known_name(person, as_json=as_json)
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    known_name(person)
+    with _caller(name, directory, issuer, key) as caller:
         try:
             epoch = caller.disable_person(person, reason)
         except ClientError as error:
@@ -158,7 +160,7 @@ def confirm(
     as_json: Json = False,
 ) -> None:
     """Confirm another administrator's change. Make sure first that the person is who it should be, and another."""
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    with _caller(name, directory, issuer, key) as caller:
         state = caller.confirm_change(change)
     _answered(change, state, as_json=as_json)
 
@@ -175,7 +177,7 @@ def decline(
     as_json: Json = False,
 ) -> None:
     """Decline a change, or take one's own back. Two administrators decline a recovery."""
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    with _caller(name, directory, issuer, key) as caller:
         state = caller.decline_change(change, reason)
     _answered(change, state, as_json=as_json)
 
@@ -185,7 +187,7 @@ def list_(
     *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
 ) -> None:
     """List every person, and the changes that wait for another."""
-    with _caller(name, directory, issuer, key, as_json=as_json) as caller:
+    with _caller(name, directory, issuer, key) as caller:
         people, changes = caller.persons(), caller.changes()
     if as_json:
         say_json({"ok": True, "people": people, "changes": changes})
@@ -217,40 +219,42 @@ def recover(
     """
     from ztpm_idp.client import Operator
 
-    raw = _raw(public, as_json=as_json)
-    known_name(person, as_json=as_json)
+    raw = _raw(public)
+    known_name(person)
     if bool(issuer) != (key is not None) or (issuer and directory is not None):
-        fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
-    root = _root_key(directory, as_json=as_json) if key is None else open_key(key, as_json=as_json)
-    url = issuer or issuer_of(layout_of(directory, as_json=as_json), as_json=as_json)
-    with refusals(as_json=as_json), Operator("root", root, url) as caller:
+        fail("WHICH_KEY", "give --data, or --issuer and --key together")
+    root = _root_key(directory) if key is None else open_key(key)
+    url = issuer or issuer_of(layout_of(directory))
+    with refusals(), Operator("root", root, url) as caller:
         change = caller.recover(person, shown or person, raw)
     _wait(change, as_json=as_json)
 
 
-def _root_key(directory: Path | None, *, as_json: bool) -> PrivateKey:
+def _root_key(directory: Path | None) -> PrivateKey:
     from capabilities.keys.windows import Role as KeyRole
     from capabilities.values.errors import BadKeyError
     from ztpm.base.layout import LayoutError
     from ztpm.cell import key_ring
 
-    layout = layout_of(directory, as_json=as_json)
+    layout = layout_of(directory)
     try:
         signing = key_ring.read(layout).active(KeyRole.ROOT)
-    except (BadKeyError, LayoutError, OSError) as error:
-        fail("KEYS_UNREADABLE", f"{layout.key_ring}: {type(error).__name__}", as_json=as_json, status=USAGE)
-    return open_key(layout.idp_key(signing.id), as_json=as_json)
+    except (BadKeyError, LayoutError) as error:
+        fail("KEYS_UNREADABLE", f"{layout.key_ring}: {error}")
+    except OSError as error:
+        fail_at(layout.key_ring, error, "KEYS_UNREADABLE")
+    return open_key(layout.idp_key(signing.id))
 
 
 @contextmanager
-def _caller(name: str, directory: Path | None, issuer: str, key: Path | None, *, as_json: bool) -> Iterator[Operator]:
+def _caller(name: str, directory: Path | None, issuer: str, key: Path | None) -> Iterator[Operator]:
     """The person at work; a refusal ends the command."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         yield person
 
 
-def _raw(public: str, *, as_json: bool) -> bytes:
+def _raw(public: str) -> bytes:
     from capabilities.keys import keys
     from capabilities.values.errors import BadKeyError
 
@@ -258,7 +262,7 @@ def _raw(public: str, *, as_json: bool) -> bytes:
         raw = keys.unb64u(public)
         keys.check_raw(raw)
     except BadKeyError as error:
-        fail("KEY_MALFORMED", f"--public: {error.detail}", as_json=as_json, status=USAGE)
+        fail("KEY_MALFORMED", f"--public: {error.detail}")
     return raw
 
 

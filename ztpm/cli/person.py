@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, Protocol, cas
 import typer
 
 from capabilities.values.text import REGISTERED
-from ztpm.cli.output import DENY, FAILURE, USAGE, fail, plain
+from ztpm.cli.output import AS_JSON, fail, fail_at, plain
 from ztpm.cli.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
@@ -84,7 +84,7 @@ class Answering(Protocol):
         ...
 
 
-def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Operator:
+def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None) -> Operator:
     """The person, with the signing key; an unknown name or unreadable key ends the command.
 
     Args:
@@ -96,16 +96,16 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
     """
     from ztpm_idp.client import Operator
 
-    known_name(name, as_json=as_json)
+    known_name(name)
     if bool(issuer) != (key is not None) or (issuer and directory is not None):
-        fail("WHICH_KEY", "give --data, or --issuer and --key together", as_json=as_json, status=USAGE)
+        fail("WHICH_KEY", "give --data, or --issuer and --key together")
     if key is not None:
-        return _told(Operator(name, open_key(key, as_json=as_json), issuer))
-    layout = layout_of(directory, as_json=as_json)
+        return _told(Operator(name, open_key(key), issuer))
+    layout = layout_of(directory)
     path = layout.operator_key(name)
     if not path.exists():
-        fail("OPERATOR_UNKNOWN", f"{path} is missing", as_json=as_json, status=USAGE)
-    return _told(Operator(name, open_key(path, as_json=as_json), issuer_of(layout, as_json=as_json)))
+        fail("OPERATOR_UNKNOWN", f"{path} is missing")
+    return _told(Operator(name, open_key(path), issuer_of(layout)))
 
 
 def _told(person: Operator) -> Operator:
@@ -114,56 +114,58 @@ def _told(person: Operator) -> Operator:
     return person
 
 
-def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Answering:
+def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None) -> Answering:
     """The person as of `operator`, as an approver."""
-    return cast("Answering", operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json))
+    return cast("Answering", operator(directory=directory, name=name, issuer=issuer, key=key))
 
 
-def known_name(name: str, *, as_json: bool) -> None:
+def known_name(name: str) -> None:
     """Checks that the name has the form of a registered id, or ends the command."""
     if not NAME.fullmatch(name):
-        fail("NAME_MALFORMED", "lower-case letters, digits, '.', '_', '-'; at most 63", as_json=as_json, status=USAGE)
+        fail("NAME_MALFORMED", "lower-case letters, digits, '.', '_', '-'; at most 63")
 
 
-def layout_of(directory: Path | None, *, as_json: bool) -> Layout:
+def layout_of(directory: Path | None) -> Layout:
     """The cell in a directory, or the command ends."""
     from ztpm.base.layout import Layout
 
     layout = Layout((directory or Path(".ztpm")).resolve())
     if not layout.trust.exists():
-        fail("NOT_A_CELL", f"{layout.trust} is missing", as_json=as_json, status=USAGE)
+        fail("NOT_A_CELL", f"{layout.trust} is missing")
     return layout
 
 
-def issuer_of(layout: Layout, *, as_json: bool) -> str:
+def issuer_of(layout: Layout) -> str:
     """Base URL of the cell's identity provider, from its trust bundle."""
     from capabilities.keys.trust import TrustBundle
     from capabilities.values.errors import CapabilityError
 
     try:
         return TrustBundle.from_json(layout.trust.read_bytes()).issuer
-    except (OSError, CapabilityError) as error:
-        fail("NOT_A_CELL", f"{layout.trust}: {type(error).__name__}", as_json=as_json, status=USAGE)
+    except CapabilityError as error:
+        fail("TRUST_MALFORMED", f"{layout.trust}: {error}")
+    except OSError as error:
+        fail_at(layout.trust, error, "UNREADABLE")
 
 
-def open_key(path: Path, *, as_json: bool) -> PrivateKey:
+def open_key(path: Path) -> PrivateKey:
     """The key in a file, or the command ends."""
     from capabilities.values.errors import BadKeyError
     from ztpm.base.layout import LayoutError, read_key
 
-    passphrase = ask_passphrase(new=False, as_json=as_json)
+    passphrase = ask_passphrase(new=False)
     try:
         return read_key(path, passphrase)
     except BadKeyError:
-        fail("PASSPHRASE_WRONG", f"it does not open {path}", as_json=as_json, status=USAGE)
+        fail("PASSPHRASE_WRONG", f"it does not open {path}")
     except LayoutError as error:
-        fail("KEYS_UNREADABLE", str(error), as_json=as_json, status=USAGE)
+        fail("KEYS_UNREADABLE", str(error))
     except OSError as error:
-        fail("KEYS_UNREADABLE", f"{path}: {error.strerror}", as_json=as_json, status=USAGE)
+        fail_at(path, error, "KEYS_UNREADABLE")
 
 
 @contextmanager
-def refusals(*, as_json: bool) -> Iterator[None]:
+def refusals() -> Iterator[None]:
     """Ends the command at a refusal by the identity provider with status 3, at an outage with 1.
 
     Either has its code.
@@ -173,15 +175,14 @@ def refusals(*, as_json: bool) -> Iterator[None]:
     try:
         yield
     except ClientError as error:
-        refuse(error, as_json=as_json)
+        refuse(error)
 
 
-def refuse(error: Any, *, as_json: bool) -> NoReturn:
+def refuse(error: Any) -> NoReturn:
     """Ends the command with the provider's answer."""
-    status = DENY if 400 <= error.status < 500 else FAILURE
     sentence, why = error.detail or "refused by the identity provider", error.explanation
     if why is None:
-        fail(error.code, sentence, as_json=as_json, status=status)
-    if not as_json and (less := why.get("repaired")) is not None:
+        fail(error.code, sentence)
+    if not AS_JSON.get() and (less := why.get("repaired")) is not None:
         sentence += f"\nAccepted would be: {plain(json.dumps(less))}"
-    fail(error.code, sentence, as_json=as_json, status=status, more={"explanation": why})
+    fail(error.code, sentence, more={"explanation": why})

@@ -10,7 +10,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import DEFER, DENY, USAGE, console, fail, plain, say_json
+from ztpm.cli.output import DEFER, DENY, console, fail, fail_at, plain, say_json
 
 if TYPE_CHECKING:
     from pep.pit.assessment.assessment import Assessment
@@ -58,9 +58,9 @@ def pit(
     if context.invoked_subcommand is not None:
         return
     if scene is None or motion is None:
-        fail("USAGE", "--scene FILE and --motion FILE are needed", as_json=as_json, status=USAGE)
+        fail("USAGE", "--scene FILE and --motion FILE are needed")
     if picture is not None and picture.suffix not in PICTURES:
-        fail("USAGE", "--picture ends in .png or .html", as_json=as_json, status=USAGE)
+        fail("USAGE", "--picture ends in .png or .html")
     from ztpm.preparing import prepare_physics, waiting
 
     with waiting("loading the physics"):
@@ -68,23 +68,23 @@ def pit(
         from policies.evidence.evidence import ImpactFault
         from ztpm.pit import Arm, to_plain
 
-        question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
+        question = _asked(scene, motion, Arm(robot, outfit, calibration))
     prepare_physics()
     said = question.answer()
     if isinstance(said, ImpactFault):
-        _fault(said.reason, said.detail, as_json=as_json)
+        _fault(said.reason, said.detail)
     try:
         proven: bytes | PitError = question.proof(said)
     except PitError as error:
         proven = error
         if question.moves:  # an answer about the arm counts no more than its proof
-            _fault("UNPROVEN", error.detail, as_json=as_json)
+            _fault("UNPROVEN", error.detail)
     if proof is not None:
         if isinstance(proven, PitError):
-            fail(proven.reason, f"no proof to write: {proven.detail}", as_json=as_json)
-        _write(proof, proven, as_json=as_json)
+            fail(proven.reason, f"no proof to write: {proven.detail}")
+        _write(proof, proven)
     if picture is not None:
-        _draw(question, said, picture, as_json=as_json)
+        _draw(question, said, picture)
     if as_json:
         say_json(to_plain(question, said, proven))
     else:
@@ -113,21 +113,21 @@ def verify(
     from ztpm.pit import Arm
 
     if (scene is None) != (motion is None):
-        fail("USAGE", "--scene and --motion belong together", as_json=as_json, status=USAGE)
+        fail("USAGE", "--scene and --motion belong together")
     try:
         verdict = checked(proof.read_bytes())
     except OSError as error:
-        fail("UNREADABLE", f"{proof}: {type(error).__name__}", as_json=as_json, status=USAGE)
+        fail_at(proof, error, "UNREADABLE")
     if isinstance(verdict, Unverified):
-        fail(str(verdict.code), verdict.place, as_json=as_json, status=DENY)
+        fail(str(verdict.code), verdict.place)
     if scene is not None and motion is not None:
-        question = _asked(scene, motion, Arm(robot, outfit, calibration), as_json=as_json)
+        question = _asked(scene, motion, Arm(robot, outfit, calibration))
         try:
             same = question.digest == verdict.question
         except PitError as error:
-            _fault(error.reason, error.detail, as_json=as_json)
+            _fault(error.reason, error.detail)
         if not same:
-            fail("OTHER_QUESTION", "a proof of the answer to another question", as_json=as_json, status=DENY)
+            fail("OTHER_QUESTION", "a proof of the answer to another question")
     about = {"tier": verdict.tier, "index": verdict.index, "rows": verdict.rows}
     digests = {"question": verdict.question, "model": verdict.model, "scene": verdict.scene}
     if as_json:
@@ -138,21 +138,21 @@ def verify(
             typer.echo(f"{name:8} {digest}")
 
 
-def _asked(scene: Path, motion: Path, arm: Arm, *, as_json: bool) -> Asked:
+def _asked(scene: Path, motion: Path, arm: Arm) -> Asked:
     from pep.pit.base.errors import PitError
     from ztpm.pit import asked
 
     try:
         return asked(scene, motion, arm)
     except PitError as error:
-        _fault(error.reason, error.detail, as_json=as_json)
+        _fault(error.reason, error.detail)
     except OSError as error:
-        fail("UNREADABLE", f"{error.filename}: {type(error).__name__}", as_json=as_json, status=USAGE)
+        fail_at("", error, "UNREADABLE")
 
 
-def _fault(reason: str, detail: str, *, as_json: bool) -> NoReturn:
+def _fault(reason: str, detail: str) -> NoReturn:
     """A fault is no tier, and no approval overrides it."""
-    fail(reason, plain(detail), as_json=as_json, status=DENY)
+    fail(reason, plain(detail))
 
 
 def _status(said: Assessment) -> int:
@@ -162,7 +162,7 @@ def _status(said: Assessment) -> int:
     return {TierRule.AUDIT: 0, TierRule.TRUST: 0, TierRule.ASK: DEFER, TierRule.REFUSE: DENY}[effect(said)]
 
 
-def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> None:
+def _draw(question: Asked, said: Assessment, file: Path) -> None:
     from pep.pit.base.errors import PitError
     from ztpm.picture.picture import picture
     from ztpm.pit import advice
@@ -170,29 +170,27 @@ def _draw(question: Asked, said: Assessment, file: Path, *, as_json: bool) -> No
     try:
         shown = picture(question.robot, question.situation, question.motion, said)
     except PitError as error:
-        fail(error.reason, f"nothing to draw: {error.detail}", as_json=as_json)
+        fail(error.reason, f"nothing to draw: {error.detail}")
     if file.suffix == ".html":
         from ztpm.picture.page import page
 
-        _write(
-            file, page(shown, subtitle=question.said, advice=advice(said, question.motion)).encode(), as_json=as_json
-        )
+        _write(file, page(shown, subtitle=question.said, advice=advice(said, question.motion)).encode())
         return
     from ztpm.picture.png import NoMatplotlibError, draw
 
     try:
         draw(shown, file, subtitle=f"{question.said}. {advice(said, question.motion)}")
     except NoMatplotlibError as error:
-        fail("NOT_INSTALLED", str(error), as_json=as_json)
+        fail("NOT_INSTALLED", str(error))
     except OSError as error:
-        fail("UNWRITABLE", f"{file}: {type(error).__name__}", as_json=as_json)
+        fail_at(file, error, "UNWRITABLE")
 
 
-def _write(file: Path, content: bytes, *, as_json: bool) -> None:
+def _write(file: Path, content: bytes) -> None:
     try:
         file.write_bytes(content)
     except OSError as error:
-        fail("UNWRITABLE", f"{file}: {type(error).__name__}", as_json=as_json)
+        fail_at(file, error, "UNWRITABLE")
 
 
 def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:

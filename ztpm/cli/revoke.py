@@ -34,8 +34,8 @@ def revoke(
     as_json: Json = False,
 ) -> None:
     """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         made = person.revocation(kind.value, id_, reason)
     if as_json:
         say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": made.epoch, "known": made.known})

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.cli.agent import AgentName, key_of
 from ztpm.cli.delegation import TokenFile, read_token
-from ztpm.cli.output import DENY, FAILURE, USAGE, fail, say_json
+from ztpm.cli.output import FAILURE, fail, fail_at, say_json
 from ztpm.cli.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
@@ -23,8 +23,6 @@ Pep = Annotated[str, typer.Option(help="Id of the gateway, as it is registered."
 Address = Annotated[
     str, typer.Option(help="Address on this machine where the program finds the robot (default: a free loopback one).")
 ]
-MISPLACED: Final = frozenset({"CONFIG_INVALID", "GATEWAY_UNKNOWN", "NOT_A_CELL"})
-"""Codes of a place that the options name wrongly."""
 
 
 def run(
@@ -87,7 +85,7 @@ def connect(
         agent, [], token=token, gateway=(gateway, audience, pep), address=address, directory=directory, as_json=as_json
     )
     if ended.cut_short:
-        fail(LEASE_OVER, str(ended.early), as_json=as_json)
+        fail(LEASE_OVER, str(ended.early))
 
 
 def _lent(
@@ -105,8 +103,8 @@ def _lent(
     from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
     from ztpm.program.refusal_lines import RefusalLines, on_standard_error
 
-    text = read_token(token, as_json=as_json)
-    key = key_of(agent, directory=directory, as_json=as_json)
+    text = read_token(token)
+    key = key_of(agent, directory=directory)
     door, audience, pep = gateway
 
     def begun(host: str) -> None:
@@ -116,13 +114,12 @@ def _lent(
             typer.echo(f"The robot is at {host}.")
 
     try:
-        place = place_of(layout_of(directory, as_json=as_json), key, door=door, audience=audience, pep=pep)
+        place = place_of(layout_of(directory), key, door=door, audience=audience, pep=pep)
         host = address or free_address()
         leased = open_lease(place.door, text, begin_lease(place, text, key))
         with RefusalLines(on_standard_error) as lines:
             return asyncio.run(lend(leased, host, command, begun=lambda: begun(host), told=lines.tell))
     except LeaseError as error:
-        status = DENY if error.refused else USAGE if error.code in MISPLACED else FAILURE
-        fail(error.code, error.detail, as_json=as_json, status=status)
+        fail(error.code, error.detail)
     except OSError as error:
-        fail("NOT_BEGUN", str(error), as_json=as_json)
+        fail_at("", error, "NOT_BEGUN")

@@ -49,7 +49,7 @@ def tools(
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
-    file = config or layout_of(directory, as_json=False).cell_config
+    file = config or layout_of(directory).cell_config
     _become("ztpm.point.tool_proxy", "--config", str(file))
 
 
@@ -72,7 +72,7 @@ def gateway(
 
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
-    file = config or layout_of(directory, as_json=False).gateway_config
+    file = config or layout_of(directory).gateway_config
     options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
     options += ["--unsafe-observe"] if unsafe_observe else []
     _become("ztpm.point.gateway_server", "--config", str(file), *options)

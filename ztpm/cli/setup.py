@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import USAGE, fail, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.passphrase import ask_passphrase
 
 
@@ -33,17 +33,17 @@ def init(
     from ztpm.base.layout import OPERATORS, Layout, LayoutError
     from ztpm.cell.setup import Addresses, SetupError, free_addresses, initialise
 
-    passphrase = ask_passphrase(new=True, as_json=as_json)
+    passphrase = ask_passphrase(new=True)
     addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))
     layout = Layout(where.resolve())
     try:
         initialise(layout, addresses, passphrase=passphrase, policy=policy, defer_timeout_s=60)
     except LayoutError as error:
-        fail("EXISTS", str(error), as_json=as_json)
+        fail("EXISTS", str(error))
     except SetupError as error:
-        fail("CONFIG_INVALID", str(error), as_json=as_json, status=USAGE)
+        fail("CONFIG_INVALID", str(error))
     except OSError as error:
-        fail("UNWRITABLE", f"{layout.root}: {error.strerror or type(error).__name__}", as_json=as_json)
+        fail_at(layout.root, error, "UNWRITABLE")
     made = {
         "data": str(layout.root),
         "issuer": addresses.issuer,

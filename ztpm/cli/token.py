@@ -11,7 +11,7 @@ import typer
 
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError, Fault, TokenError
-from ztpm.cli.output import DENY, USAGE, console, fail, say_json
+from ztpm.cli.output import console, fail, fail_at, say_json
 
 app = typer.Typer(no_args_is_help=True, help="Tokens.")
 
@@ -42,16 +42,16 @@ def inspect(
             sys.stdin.read().removeprefix("\ufeff") if source == "-" else Path(source).read_text("utf-8-sig")
         ).strip()
     except CapabilityError as error:
-        fail(str(error.code), f"{trust}: {error.detail}", as_json=as_json, status=USAGE)
+        fail("TRUST_MALFORMED", f"{trust}: {error}")
     except (OSError, UnicodeDecodeError) as error:
-        fail("UNREADABLE", f"{source}: {error}", as_json=as_json, status=USAGE)
+        fail_at(source, error, "UNREADABLE")
     token = token_from_text(text, DEFAULT)
     if isinstance(token, Fault):
-        fail(str(token.code), f"{token.clause} {token.detail}".strip(), as_json=as_json, status=DENY)
+        fail(str(token.code), f"{token.clause} {token.detail}".strip())
     try:
         seen = inspect_token(token, bundle, DEFAULT)
     except TokenError as error:
-        fail(str(error.code), error.detail, as_json=as_json, status=DENY)
+        fail(str(error.code), error.detail)
     if as_json:
         say_json({"ok": True, **seen})
     else:

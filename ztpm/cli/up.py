@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ztpm.cli.output import FAILURE, USAGE, console, fail, say_json
+from ztpm.cli.output import console, fail, fail_at, say_json
 from ztpm.cli.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
@@ -36,22 +36,22 @@ def up(
     from ztpm.up import UpError, prepare, run
     from ztpm.up import as_json as told_to_machines
 
-    ended = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-        signal.signal(number, lambda *_: ended.set())
     layout = Layout(where.resolve())
     try:
         made = not layout.root.exists()
         layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
         lock = DirectoryLock.take(layout.lock)
     except LockedError as error:
-        fail("RUNNING_ALREADY", f"{layout.root} is run by process {error.pid or '?'}", as_json=as_json)
+        fail("RUNNING_ALREADY", f"{layout.root}: process {error.pid or '?'}")
     except OSError as error:
-        fail("UNWRITABLE", f"{layout.root}: {error.strerror}", as_json=as_json)
+        fail_at(layout.root, error, "UNWRITABLE")
     with lock:
         try:
             new = is_empty(layout)
-            passphrase = ask_passphrase(new=new, as_json=as_json)
+            passphrase = ask_passphrase(new=new)  # until it is given, Ctrl-C ends the command at once
+            ended = threading.Event()
+            for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+                signal.signal(number, lambda *_: ended.set())
             if not as_json:
                 console.print(f"{'Making' if new else 'Starting'} the cell in {layout.root} ...")
             with waiting("starting the cell", at_once=True) as over:
@@ -79,7 +79,7 @@ def up(
                 run(layout, addresses, passphrase=passphrase, joints=LEFT, log=log, ended=ended, ready=ready)
         except UpError as error:
             _undo(layout, made=made)
-            fail(error.code, str(error), as_json=as_json, status=USAGE if error.usage else FAILURE)
+            fail(error.code, str(error))
         except BaseException:
             _undo(layout, made=made)
             raise

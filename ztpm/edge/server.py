@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import logging
 import resource
 import sys
 from typing import TYPE_CHECKING, Any, Final, cast
 
 import uvicorn
 
+from ztpm.codes.unavailable import unavailable
 from ztpm.edge.connection import PlacedConnection
 from ztpm.edge.listener import Listener, bound
 from ztpm.edge.places import Bounds, Places
@@ -25,8 +25,8 @@ HEADER_BYTES: Final = 32_768
 """Headers that are read: a token of 16 KiB, its proof, and room."""
 KEEP_ALIVE_S: Final = 5
 """Time for which a connection waits for its next request."""
-NOT_STARTED: Final = 3  # uvicorn's exit status where it cannot start
-_LOG: Final = logging.getLogger(__name__)
+NOT_STARTED: Final = 1
+"""Exit status where the application itself cannot start; it has said why."""
 
 
 class EdgeServer(uvicorn.Server):
@@ -37,6 +37,9 @@ class EdgeServer(uvicorn.Server):
         host, port: address to listen at; a bound socket may be given to `serve` instead.
         bounds: most connections; fewer where the system allows fewer descriptors.
         options: further ones of `uvicorn.Config`, none of which loosens the edge.
+
+    Raises:
+        UnavailableError: `CERTIFICATE_UNUSABLE`: certificate or key cannot be had.
     """
 
     def __init__(
@@ -60,18 +63,27 @@ class EdgeServer(uvicorn.Server):
             )
         )
         self._bounds = bounds or Bounds()
+        try:
+            self.config.load()
+        except OSError as error:
+            files = f"{self.config.ssl_certfile}, {self.config.ssl_keyfile}"
+            raise unavailable(error, files, code="CERTIFICATE_UNUSABLE") from error
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listens from now on, with as many descriptors as the system allows."""
+        """Listens from now on, with as many descriptors as the system allows.
+
+        Raises:
+            UnavailableError: `PORT_UNUSABLE`: the address cannot be had.
+        """
         await self.lifespan.startup()
         if self.lifespan.should_exit:
             sys.exit(NOT_STARTED)
         try:
             listening = bound(self.config.host, self.config.port) if sockets is None else sockets
         except OSError as error:
-            _LOG.error("%s port %d: %s", self.config.host, self.config.port, error.strerror)
             await self.lifespan.shutdown()
-            sys.exit(NOT_STARTED)
+            place = f"{self.config.host} port {self.config.port}"
+            raise unavailable(error, place, code="PORT_UNUSABLE") from error
         places = Places(self._bounds.within(descriptors()))
 
         def connection(place: ConnectionPlace) -> PlacedConnection:

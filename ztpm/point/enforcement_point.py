@@ -20,7 +20,7 @@ from capabilities.proof.freshness import Memory, earliest_iat_s, retention_ms
 from capabilities.token.verify import Verifier
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.clock import HeldClock, SystemClock, TimeMark
-from pep.base.errors import PepError, PepFault
+from pep.base.errors import ConfigError, PepError, PepFault
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.provider.feed import FeedMarkFile, ProviderFollower
@@ -28,6 +28,8 @@ from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import Authority
 from ztpm.base.incidents import Incidents
 from ztpm.base.report_server import serve_reports, view_of
+from ztpm.codes.code_table import FAILURE, status_of
+from ztpm.codes.unavailable import UnavailableError, line_of, unavailable
 from ztpm.edge.places import Bounds
 from ztpm.edge.rare_log import tell_rarely
 from ztpm.edge.server import EdgeServer
@@ -37,6 +39,7 @@ from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
+    from pathlib import Path
 
     import httpx2
 
@@ -251,10 +254,12 @@ class EnforcementPoint:
         self.incidents.watched("journal", self.edge.record("incident", body))
 
 
-def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
-    """Process of an enforcement point: it serves, and ends.
+def main_of(serve: Callable[[], Coroutine[None, None, None]], *, config: Path) -> None:
+    """Process of an enforcement point: it serves, and ends with the exit status of its end.
 
-    Exit code 1 for every failure that keeps it from serving.
+    Args:
+        serve: its work.
+        config: file of its configuration, for a person who has to mend it.
     """
     # The watch looks every few ms: other threads hand the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
@@ -262,12 +267,19 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
     logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
     logging.getLogger("mcp").setLevel(logging.ERROR)
     tell_rarely()
-    status = 1
+    status = FAILURE
     try:
         asyncio.run(serve())
         status = 0
+    except ConfigError as error:
+        status = _told(error.code, f"{config}: {error.detail}")
     except PepError as error:
-        sys.stderr.write(f"{error}\n")
+        status = _told(error.code, error.detail)
+    except UnavailableError as error:
+        status = _told(error.code, error.sentence)
+    except OSError as error:
+        told = unavailable(error)
+        status = _told(told.code, told.sentence)
     except Exception:  # noqa: BLE001 - any error ends the process, which tells it where its output is still read
         with contextlib.suppress(OSError):
             traceback.print_exc()
@@ -278,3 +290,10 @@ def main_of(serve: Callable[[], Coroutine[None, None, None]]) -> None:
             with contextlib.suppress(OSError):
                 stream.flush()
         os._exit(status)
+
+
+def _told(code: str, sentence: str) -> int:
+    """Tells a person; the exit status."""
+    with contextlib.suppress(OSError):
+        sys.stderr.write(f"{line_of(code, sentence)}\n")
+    return status_of(code)

@@ -27,7 +27,7 @@ from urllib.parse import urlsplit
 
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
-from pep.base.errors import ConfigError, JournalError, PepFault
+from pep.base.errors import JournalError
 from pep.base.stop_model import SAFE_MODES
 from pep.base.thread_priority import goes_first
 from pep.gate.observe_only import Unwatched
@@ -51,6 +51,7 @@ from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
+from ztpm.codes.unavailable import unavailable
 from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
@@ -224,14 +225,15 @@ class GatewayServer(RobotPoint):
         """Opens the controller's ports.
 
         Raises:
-            ConfigError: `CONFIG_INVALID`: an address or a port of them cannot be had.
+            UnavailableError: `PORT_UNUSABLE`: an address or a port of them cannot be had.
         """
         await self.ports.begin()
         try:
             await self.carriages.listen(self.config.host, self._carriage_port)
             await self.gateway.listen(self._listen_host)
         except OSError as error:
-            raise ConfigError(PepFault.CONFIG_INVALID, f"host, listen_host: {error.strerror}") from error
+            place = f"{self.config.host}, {self._listen_host}"
+            raise unavailable(error, place, code="PORT_UNUSABLE") from error
         self._tasks = [
             self.incidents.watched("leases", self._look()),
             self.incidents.watched("own lines", self.own.keep()),
@@ -411,7 +413,7 @@ async def serve(
 
 
 def main(certifier: Callable[..., Certifying] = CellStream) -> None:
-    """Command line of the gateway. Exit code 1 for every failure that keeps it from serving.
+    """Command line of the gateway.
 
     Args:
         certifier: see `GatewayServer`; a benchmark brings one of its own.
@@ -438,7 +440,7 @@ def main(certifier: Callable[..., Certifying] = CellStream) -> None:
         config.check()
         await serve(config, reports=options.reports, unsafe_observe=options.unsafe_observe, certifier=certifier)
 
-    main_of(served)
+    main_of(served, config=options.config)
 
 
 if __name__ == "__main__":

@@ -6,6 +6,7 @@ It is composed here, since the edge is `ztpm`'s and the provider knows no other 
 from __future__ import annotations
 
 import argparse
+import asyncio
 import json
 import logging
 import os
@@ -15,9 +16,12 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from ztpm.codes.code_table import status_of
+from ztpm.codes.unavailable import UnavailableError, line_of
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
 from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+from ztpm_idp.store import Store, StoreNotOpenedError
 
 if TYPE_CHECKING:
     import socket
@@ -27,8 +31,6 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
 
-USAGE: Final = 2
-"""Exit status for a configuration that is refused."""
 GRACE_S: Final = 5
 """Seconds that open requests may take to end after SIGTERM."""
 
@@ -43,10 +45,15 @@ def serve(
         keys: the five private keys.
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
+
+    Raises:
+        StoreNotOpenedError: the database cannot be had.
+        UnavailableError: nor the certificate or the port.
     """
     from ztpm.edge.server import EdgeServer
     from ztpm_idp.app import create_app
 
+    asyncio.run(_check_store(settings.database_url))
     app = create_app(settings, keys, platform=platform, policies=policies)
 
     class Announcing(EdgeServer):
@@ -74,6 +81,17 @@ def serve(
     ).run()
 
 
+async def _check_store(database_url: str) -> None:
+    """Brings the store to the newest schema: the application's own failure would end in a traceback."""
+    await (await Store.open(database_url)).close()
+
+
+def _told(code: str, sentence: str) -> int:
+    """Tells a person; the exit status."""
+    sys.stderr.write(f"{line_of(code, sentence)}\n")
+    return status_of(code)
+
+
 def main() -> int:
     """Serves by the configuration; the exit status."""
     from ztpm.edge.rare_log import tell_rarely
@@ -94,11 +112,13 @@ def main() -> int:
         platform = load_platform(settings, config.parent, keys)
         policies = load_policies(settings, config.parent)
     except SettingsError as error:
-        sys.stderr.write(f"refused to start: {error.setting}: {error.why}\n")
-        return USAGE
+        return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
-    serve(settings.settings(keys), keys, platform, policies)
+    try:
+        serve(settings.settings(keys), keys, platform, policies)
+    except (StoreNotOpenedError, UnavailableError) as error:
+        return _told(error.code, error.sentence)
     return 0
 
 

@@ -97,7 +97,7 @@ async def serve(config: ToolProxyConfig, *, reports: bool = False) -> None:
 
 
 def main() -> None:
-    """Command line of the tool server. Exit code 1 for every failure that keeps it from serving."""
+    """Command line of the tool server."""
     parser = argparse.ArgumentParser(
         prog="python -m ztpm.point.tool_proxy",
         description="The MCP tool server of a cell whose robot is behind a gateway.",
@@ -105,7 +105,7 @@ def main() -> None:
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
     options = parser.parse_args()
-    main_of(lambda: serve(read_door_config(options.config), reports=options.reports))
+    main_of(lambda: serve(read_door_config(options.config), reports=options.reports), config=options.config)
 
 
 if __name__ == "__main__":

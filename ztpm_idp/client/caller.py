@@ -159,7 +159,7 @@ class Caller:
                 follow_redirects=False,
             )
         except httpx2.HTTPError as error:
-            raise ClientError("UNREACHABLE", 0, type(error).__name__) from error
+            raise ClientError("UNREACHABLE", 0, f"{self.issuer}: {type(error).__name__}") from error
         before, self.notice = self.notice, response.headers.get("ztpm-notice", "")
         if self.notice not in {"", before} and self.on_notice is not None:
             self.on_notice(self.notice)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import errno
 import os
 from contextlib import asynccontextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -12,7 +13,7 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.errors import ConflictError, StoreUnavailableError
+from ztpm_idp.store.errors import ConflictError, NewerDatabaseError, StoreNotOpenedError, StoreUnavailableError
 from ztpm_idp.store.migrate import upgrade
 from ztpm_idp.store.transaction import Transaction
 
@@ -44,16 +45,19 @@ class Store:
         """The store at `database_url`, its schema brought to the newest.
 
         Raises:
-            StoreUnavailableError: it cannot be opened or migrated.
+            StoreNotOpenedError: it cannot be opened or migrated; with its cause and place.
         """
         engine = create_async_engine(database_url, hide_parameters=True)
-        if engine.dialect.name == _SQLITE:
-            _make_sqlite_safe(engine)
-            _make_private(engine.url.database)
         store = cls(engine)
         try:
+            if engine.dialect.name == _SQLITE:
+                _make_sqlite_safe(engine)
+                _make_private(engine.url.database)
             async with store._write_connection() as connection:
                 await connection.run_sync(upgrade)
+        except (StoreUnavailableError, NewerDatabaseError, OSError) as error:
+            await engine.dispose()
+            raise _not_opened(error, engine.url) from error
         except BaseException:
             await engine.dispose()
             raise
@@ -177,3 +181,13 @@ def _make_sqlite_safe(engine: AsyncEngine) -> None:
     def _on_begin(connection: sa.Connection) -> None:
         writes = connection.get_execution_options().get("ztpm_writes", False)
         connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def _not_opened(error: Exception, url: sa.URL) -> StoreNotOpenedError:
+    place = url.render_as_string(hide_password=True)
+    cause = error.__cause__ if isinstance(error, StoreUnavailableError) else error
+    said = str(getattr(cause, "orig", None) or cause).partition("\n")[0]
+    if isinstance(cause, NewerDatabaseError):
+        return StoreNotOpenedError("DATABASE_NEWER", f"{place}: {said}")
+    full = "disk is full" in said or getattr(cause, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
+    return StoreNotOpenedError("DISK_FULL" if full else "DATABASE_UNUSABLE", f"{place}: {said}")

@@ -14,6 +14,24 @@ class StoreUnavailableError(StoreError):
     """
 
 
+class NewerDatabaseError(StoreError):
+    """A schema that this release does not know."""
+
+
+class StoreNotOpenedError(StoreUnavailableError):
+    """The database cannot be had at the start.
+
+    Attributes:
+        code: its cause.
+        sentence: place and cause, for a person.
+    """
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(f"{code}: {sentence}")
+        self.code = code
+        self.sentence = sentence
+
+
 class OnceOnlyError(StoreError):
     """Something that happens once has happened already, in another transaction."""
 

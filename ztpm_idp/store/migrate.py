@@ -7,21 +7,31 @@ from typing import Final
 
 import sqlalchemy as sa
 
+from ztpm_idp.store.errors import NewerDatabaseError
+
 MIGRATIONS: Final = Path(__file__).parent / "migrations"
 NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py")).partition("_")[0]
 """Newest revision; its file begins with it."""
 
 
 def upgrade(connection: sa.Connection) -> None:
-    """The newest schema holds on this connection's database. Runs in the connection's transaction."""
+    """The newest schema holds on this connection's database. Runs in the connection's transaction.
+
+    Raises:
+        NewerDatabaseError: a newer release wrote the database.
+    """
     revision = sa.select(sa.column("version_num", sa.String)).select_from(sa.table("alembic_version"))
     if sa.inspect(connection).has_table("alembic_version") and connection.scalar(revision) == NEWEST:
         return
     # A sixth of the provider's start, for a database that is rarely an old one.
     from alembic import command
     from alembic.config import Config
+    from alembic.util import CommandError
 
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.attributes["connection"] = connection
-    command.upgrade(config, "head")
+    try:
+        command.upgrade(config, "head")
+    except CommandError as error:
+        raise NewerDatabaseError(str(error)) from error

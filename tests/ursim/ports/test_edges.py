@@ -495,7 +495,7 @@ def test_a_port_that_is_taken_is_named(cell):
         [sys.executable, "-m", "ursim", f"--host={cell.host}"], capture_output=True, text=True, timeout=30
     )
     assert told.returncode == 1
-    assert json.loads(told.stdout) == {"ready": False, "error": "PORT_UNAVAILABLE", "address": f"{cell.host}:29999"}
+    assert json.loads(told.stdout) == {"ready": False, "error": "PORT_UNUSABLE", "address": f"{cell.host}:29999"}
     assert f"{cell.host}:29999" in told.stderr
 
 

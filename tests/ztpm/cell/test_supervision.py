@@ -52,7 +52,7 @@ class PretendedCell:
         self.did.append((name, *options))
         if self.failures[name]:
             self.failures[name] -= 1
-            raise ChildError(f"{name} did not become ready")
+            raise ChildError(name, "broken", [])
         self.children[name] = Pretended(name)
 
     def end(self, name):

@@ -215,7 +215,7 @@ def test_what_is_not_confirmed_is_not_signed(run, who, double, answer):
     assert (told.status, [name for name, *_ in double.asked]) == (1, ["approval"])
     assert "NOT_CONFIRMED" in told.err
     told = run("approvals", "approve", ID, *who, "--json")
-    assert (told.status, told.json["code"]) == (2, "NOT_CONFIRMED")
+    assert (told.status, told.json["code"]) == (2, "USAGE")
 
 
 def test_defaults_are_those_of_the_design(run, who, double):

@@ -135,7 +135,7 @@ def test_a_bad_draft_is_not_signed(desk, name):
 
 def test_nothing_is_signed_with_a_key_that_cannot_be_had(desk):
     status, said = sign(desk, passphrase="another one altogether")
-    assert (status, said["code"]) == (2, "KEY_MALFORMED")
+    assert (status, said["code"]) == (2, "PASSPHRASE_WRONG")
     (desk / "alice.key").chmod(0o644)
     assert sign(desk)[0] == 2
     (desk / "alice.key").unlink()

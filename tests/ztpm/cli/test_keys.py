@@ -127,13 +127,13 @@ def test_what_is_refused(run, copy):
     assert refused(run, copy, "prepare", "attester", "--algorithm", "p256") == (2, "ALGORITHM")
     assert set(copy.key_ring.parent.iterdir()) == files, "a refusal makes no file"
     with DirectoryLock.take(copy.lock):
-        assert refused(run, copy, "activate", "root-2") == (1, "RUNNING")
+        assert refused(run, copy, "activate", "root-2") == (1, "RUNNING_ALREADY")
     assert key_ring.read(copy).find("root-2").state is KeyState.PREPARED
     copy.key_ring.chmod(0o622)
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
     copy.key_ring.chmod(0o600)
     copy.key_ring.write_text("{}")
-    assert refused(run, copy, "list") == (2, "KEY_MALFORMED")
+    assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
     copy.key_ring.unlink()
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
 

@@ -117,7 +117,7 @@ def test_a_new_key_is_made_once_and_its_public_half_is_told(run, tmp_path):
     told = run("person", "new-key", path, "--json")
     assert told.status == 0
     assert keys.b64u(keys.public_raw(read_key(path, b"a passphrase for tests"))) == told.json["public"]
-    assert run("person", "new-key", path, "--json").json["code"] == "UNWRITABLE"
+    assert run("person", "new-key", path, "--json").json["code"] == "EXISTS"
 
 
 @pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience"])
@@ -202,7 +202,7 @@ def test_pin_registers_what_changed_and_only_after_a_yes(run, cell, double, chan
     assert (told.status, double.asked) == (1, [])
     assert all(name in told.out for name in changed)
     told = run("mcp", "pin", *who, "--json")
-    assert (told.status, told.json["code"], double.asked) == (2, "NOT_CONFIRMED", [])
+    assert (told.status, told.json["code"], double.asked) == (2, "USAGE", [])
     double.answers = {"register_tool": None}
     told = run("mcp", "pin", *who, "--yes", "--json")
     assert (told.status, sorted(told.json["pinned"])) == (0, sorted(changed))

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 from docs import generate
 from tests.pep.pit import urdfs
+from policies.words.reason_table import REASONS, Reason
 from ztpm.pit import PATIENCE_S, Arm, asked
 
 from pep.pit import Robot
@@ -168,7 +169,7 @@ def test_a_fault_is_no_tier(pit, changed, name, edit, reason, place):
     files = (file, "sweep.motion.json") if "scene" in name else ("c0-empty.scene.json", file)
     ran = pit(*files, "--json")
     assert ran.status == 3
-    assert set(ran.json) == {"ok", "code", "detail"}
+    assert set(ran.json) == {"ok", "code", "detail", "next"}
     assert (ran.json["ok"], ran.json["code"]) == (False, reason)
     assert place in ran.json["detail"]
     spoken = pit(*files)
@@ -179,7 +180,10 @@ def test_a_fault_is_no_tier(pit, changed, name, edit, reason, place):
 def test_a_line_that_is_not_proven_to_its_end_has_no_tier_and_no_proof(pit, changed, tmp_path):
     away = changed("line.motion.json", lambda v: v.update(target_m_rad=[-2.0, -0.2268, 0.2033, 1.7352, 2.6176, 0.0]))
     ran = pit("c0-empty.scene.json", away, "--json", "--proof", tmp_path / "proof.json")
-    assert (ran.status, ran.json) == (3, {"ok": False, "code": "UNPROVEN", "detail": "unreachable"})
+    assert (ran.status, ran.json) == (
+        3,
+        {"ok": False, "code": "UNPROVEN", "detail": "unreachable", "next": REASONS[Reason.UNPROVEN].remedy},
+    )
     assert not (tmp_path / "proof.json").exists()
 
 
@@ -201,7 +205,7 @@ def test_usage(run, pit, tmp_path):
     assert pit("c0-empty.scene.json", "sweep.motion.json", "--picture", "x.gif").status == 2
     assert run("pit", "verify", tmp_path / "none").status == 2
     assert pit("c0-empty.scene.json", "sweep.motion.json", "--robot", tmp_path / "none.toml").status == 2
-    assert pit("c0-empty.scene.json", "sweep.motion.json", "--proof", tmp_path / "no" / "place").status == 1
+    assert pit("c0-empty.scene.json", "sweep.motion.json", "--proof", tmp_path / "no" / "place").status == 2
 
 
 def test_another_robot_by_name_or_file(pit, tmp_path):
@@ -329,7 +333,7 @@ def test_what_has_no_path_has_no_proof(pit, tmp_path):
     ran = pit("c0-empty.scene.json", grip, "--json")
     assert (ran.status, ran.json["tier"]) == (0, 1)
     assert (ran.json["certificate"]["verified"], ran.json["certificate"]["sha256"]) == (False, None)
-    assert pit("c0-empty.scene.json", grip, "--proof", tmp_path / "proof", "--json").status == 1
+    assert pit("c0-empty.scene.json", grip, "--proof", tmp_path / "proof", "--json").status == 3
     assert not (tmp_path / "proof").exists()
 
 

@@ -60,7 +60,7 @@ def test_what_it_is_told_goes_before_its_configuration(cell, monkeypatch):
         served.append((config.robot_host, config.listen_host))
 
     monkeypatch.setattr(gateway_server, "serve", serve)
-    monkeypatch.setattr(gateway_server, "main_of", lambda served: asyncio.run(served()))  # the process goes on
+    monkeypatch.setattr(gateway_server, "main_of", lambda served, **_: asyncio.run(served()))  # the process goes on
     own = gateway_server.read_gateway_config(cell.gateway_config)
     for robot, listen in (("", ""), ("127.77.0.3", ""), ("", "127.77.0.4"), ("127.77.0.3", "127.77.0.4")):
         options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]

@@ -100,7 +100,7 @@ def test_a_database_url_with_options_is_no_directory_name(tmp_path):
 def test_a_directory_that_holds_anything_is_left_as_it_is(tmp_path):
     (tmp_path / "mine").write_text("x")
     status, (said,) = run("init", "--data", str(tmp_path))
-    assert (status, said["code"]) == (1, "EXISTS")
+    assert (status, said["code"]) == (2, "EXISTS")
     assert [path.name for path in tmp_path.iterdir()] == ["mine"]
 
 
@@ -165,7 +165,7 @@ def test_a_ledger_is_shown(tmp_path):
 )
 def test_a_line_that_is_no_entry_is_named(tmp_path, line, code):
     status, said = shown(tmp_path, ENTRY, line)
-    assert (status, said[-1]["code"]) == (1, code)
+    assert (status, said[-1]["code"]) == (2, code)
     assert said[-1]["detail"].startswith("line 2")
 
 

@@ -58,7 +58,7 @@ def test_a_directory_with_other_things_is_left_alone(run, tmp_path):
     (tmp_path / "thesis.txt").write_text("years of work")
     refused(run("up", "--data", tmp_path, "--json"), "NOT_A_CELL", 2)
     assert (tmp_path / "thesis.txt").read_text() == "years of work"
-    refused(run("up", "--data", tmp_path / "thesis.txt", "--json"), "UNWRITABLE", 1)
+    refused(run("up", "--data", tmp_path / "thesis.txt", "--json"), "UNWRITABLE", 2)
 
 
 def test_one_cell_at_a_time(run, copy):
@@ -70,7 +70,7 @@ def test_one_cell_at_a_time(run, copy):
 
 def test_keys_that_others_can_read(run, copy):
     copy.pep_key.chmod(0o644)
-    refused(run("up", "--data", copy.root, "--json"), "KEYS_UNREADABLE", 1)
+    refused(run("up", "--data", copy.root, "--json"), "KEYS_UNREADABLE", 2)
 
 
 @pytest.mark.parametrize("name", ["trust", "pep_key", "gateway_key", "cell_config", "gateway_config", "idp_config"])
@@ -83,7 +83,7 @@ def test_an_address_that_somebody_has(run, cell, monkeypatch):
     monkeypatch.setattr("ztpm.up.FREE_S", 0.2)
     with socket.create_server((ADDRESSES.host, ADDRESSES.tools_port)):
         told = run("up", "--data", cell.root, "--json")
-    refused(told, "ADDRESS_IN_USE", 1)
+    refused(told, "PORT_UNUSABLE", 1)
     assert str(ADDRESSES.tools_port) in told.json["detail"]
     cell.lock.unlink()
     cell.log.unlink()

@@ -189,8 +189,8 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
         text=True,
         timeout=60,
     )
-    assert (ended.returncode, ended.stdout) == (1, "")
-    assert "CONFIG_INVALID" in ended.stderr
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert ended.stderr.startswith(f"CONFIG_INVALID: {path}: port") and ended.stderr.count("\n") == 1
 
 
 def test_loopback():
@@ -505,7 +505,7 @@ def test_the_process_does_not_start_on_another_persons_cell_file(tmp_path, files
         text=True,
         timeout=60,
     )
-    assert (ended.returncode, ended.stdout) == (1, "")
+    assert (ended.returncode, ended.stdout) == (2, "")
     assert "cell_signer_key" in ended.stderr
 
 

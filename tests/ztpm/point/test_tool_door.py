@@ -111,8 +111,10 @@ def test_the_process_says_what_is_wrong_and_ends(tmp_path):
     (tmp_path / "door.toml").write_text(toml(gateway_url='"http://robot.example/calls"'))
     command = [sys.executable, "-m", "ztpm.point.tool_proxy", "--config", str(tmp_path / "door.toml")]
     ended = subprocess.run(command, capture_output=True, text=True, timeout=60)
-    assert (ended.returncode, ended.stdout) == (1, "")
-    assert "CONFIG_INVALID: gateway_url" in ended.stderr
+    assert (ended.returncode, ended.stdout) == (2, "")
+    assert (
+        ended.stderr.startswith(f"CONFIG_INVALID: {tmp_path}/door.toml: gateway_url") and ended.stderr.count("\n") == 1
+    )
 
 
 class Surroundings(House):

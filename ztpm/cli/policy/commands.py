@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import FAILURE, USAGE, console, fail, plain, say_json
+from ztpm.cli.output import FAILURE, console, fail, plain, say_json
 from ztpm.cli.person import CellDirectory, Issuer, KeyFile, operator, refusals
 from ztpm.cli.policy.comparison import diff, simulate
 from ztpm.cli.policy.explanation import explain
@@ -52,13 +52,13 @@ def check(
     from policies.decision.combine import checks
     from policies.explain.advice import advise
 
-    opened = open_set(source, as_json=as_json)
+    opened = open_set(source)
     loaded = opened.policies
     registered = None
     if registry:
-        registered = _registered(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
+        registered = _registered(directory=directory, name=name, issuer=issuer, key=key)
     elif name or directory is not None or issuer or key is not None:
-        fail("USAGE", "--as, --data, --issuer and --key belong to --registry", as_json=as_json, status=USAGE)
+        fail("USAGE", "--as, --data, --issuer and --key belong to --registry")
     warnings = advise(loaded, stated=opened.stated, known=operations(), registered=registered)
     asked: dict[str, list[str]] = {row.id: [] for row in policies.CATALOG}
     for policy in loaded.policies:
@@ -124,16 +124,14 @@ def schema(
         typer.echo(json.dumps(made(), indent=2))
 
 
-def _registered(*, directory: Path | None, name: str, issuer: str, key: Path | None, as_json: bool) -> Registered:
+def _registered(*, directory: Path | None, name: str, issuer: str, key: Path | None) -> Registered:
     """Parties that the identity provider knows and that have not ended."""
     from policies.explain.advice import Registered
 
     if not name:
-        fail(
-            "USAGE", "--registry needs --as, too: the identity provider answers a person", as_json=as_json, status=USAGE
-        )
-    person = operator(directory=directory, name=name, issuer=issuer, key=key, as_json=as_json)
-    with refusals(as_json=as_json), person:
+        fail("USAGE", "--registry needs --as, too: the identity provider answers a person")
+    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    with refusals(), person:
         agents = [row for row in person.agents() if row["status"] != ENDED]
     return Registered(frozenset(row["id"] for row in agents), frozenset(row["sponsor"] for row in agents))
 

@@ -12,7 +12,7 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import USAGE, console, fail, plain, say_json
+from ztpm.cli.output import console, fail, fail_at, plain, say_json
 from ztpm.cli.policy.explanation import JournalFile
 from ztpm.cli.policy.policy_set import about, open_set
 
@@ -46,14 +46,14 @@ def diff(
     from ztpm.cli.policy.replay import Replayed, written_cases
 
     if corpus is not None and journal is not None:
-        fail("USAGE", "--corpus or --journal, not both", as_json=as_json, status=USAGE)
-    old, new = open_set(one, as_json=as_json).policies, open_set(other, as_json=as_json).policies
+        fail("USAGE", "--corpus or --journal, not both")
+    old, new = open_set(one).policies, open_set(other).policies
     change = of_sets(old, new)
     drawn = Replayed()
     with resources.as_file(resources.files("policies").joinpath(RECORDED)) as recorded:
         over = journal or corpus or recorded
         cases = written_cases(over) if journal is None else (_afresh(case) for case in drawn.cases(journal))
-        found = _compared(lambda: of_decisions(cases, old, new), over, as_json=as_json)
+        found = _compared(lambda: of_decisions(cases, old, new), over)
     if as_json:
         told = {"old": about(old), "new": about(new), **_change(change), **_comparison(found), **_left_out(drawn)}
         say_json({"ok": True, **told, "over": str(over)})
@@ -75,13 +75,11 @@ def simulate(
     from ztpm.cli.policy.replay import Replayed
 
     if journal is None:
-        fail("USAGE", "--journal FILE is wanted", as_json=as_json, status=USAGE)
-    since_ms = _since(since, as_json=as_json)
-    policies = open_set(source, as_json=as_json).policies
+        fail("USAGE", "--journal FILE is wanted")
+    since_ms = _since(since)
+    policies = open_set(source).policies
     drawn = Replayed()
-    found = _compared(
-        lambda: of_decisions(drawn.cases(journal, since_ms=since_ms), None, policies), journal, as_json=as_json
-    )
+    found = _compared(lambda: of_decisions(drawn.cases(journal, since_ms=since_ms), None, policies), journal)
     if as_json:
         say_json({"ok": True, "set": about(policies), **_comparison(found), **_left_out(drawn)})
         return
@@ -93,24 +91,24 @@ def _afresh(case: ComparedCase) -> ComparedCase:
     return replace(case, was=None)
 
 
-def _compared(compare: Callable[[], Comparison], path: Path | None, *, as_json: bool) -> Comparison:
+def _compared(compare: Callable[[], Comparison], path: Path | None) -> Comparison:
     from ztpm.cli.policy.replay import ReplayError
 
     try:
         return compare()
     except ReplayError as error:
-        fail(error.code, f"{path}: {error}", as_json=as_json)
+        fail(error.code, f"{path}: {error}")
     except OSError as error:
-        fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
+        fail_at(path, error, "UNREADABLE")
 
 
-def _since(text: str, *, as_json: bool) -> int:
+def _since(text: str) -> int:
     if not text:
         return 0
     try:
         at = dt.datetime.fromisoformat(text)
     except ValueError:
-        fail("USAGE", f"--since {text!r} is no ISO 8601 time", as_json=as_json, status=USAGE)
+        fail("USAGE", f"--since {text!r} is no ISO 8601 time")
     return int((at if at.tzinfo else at.replace(tzinfo=dt.UTC)).timestamp() * 1000)
 
 

@@ -10,7 +10,7 @@ import typer
 from rich.text import Text
 from rich.tree import Tree
 
-from ztpm.cli.output import USAGE, console, fail, plain, say_json
+from ztpm.cli.output import console, fail, fail_at, plain, say_json
 from ztpm.cli.policy.policy_set import about, open_set
 
 if TYPE_CHECKING:
@@ -48,14 +48,14 @@ def explain(
     """Show each policy's and primitive's answer to a request, their combination, and the remedies."""
     from policies.explain.explanation import explain as explained
 
-    policies = open_set(source, as_json=as_json).policies
+    policies = open_set(source).policies
     past = None
     if request is not None and journal is None and not record:
-        recorded = _case(request, as_json=as_json)
+        recorded = _case(request)
     elif request is None and journal is not None and record:
-        past, recorded = _past(journal, record, as_json=as_json)
+        past, recorded = _past(journal, record)
     else:
-        fail("USAGE", "either --request FILE, or --record ID with --journal FILE", as_json=as_json, status=USAGE)
+        fail("USAGE", "either --request FILE, or --record ID with --journal FILE")
     found = explained(recorded.request, recorded.evidence, policies)
     suggested = _suggested(recorded, found, policies)
     if as_json:
@@ -66,7 +66,7 @@ def explain(
         console.print(Text(_beside(past, policies.digest)))
 
 
-def _case(path: Path, *, as_json: bool) -> RecordedCase:
+def _case(path: Path) -> RecordedCase:
     from capabilities.values.strict_json import JsonError, read, without_mark
     from policies import PolicyError
     from policies.evidence import case_json
@@ -77,23 +77,27 @@ def _case(path: Path, *, as_json: bool) -> RecordedCase:
             raw = file.read(LINE_BYTES + 1)  # a case is at most as large as a line of a ledger
         return case_json.read(read(without_mark(raw), limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH))
     except JsonError as error:
-        fail(str(error.defect), f"{path}: {error.detail}", as_json=as_json)
+        fail(str(error.defect), f"{path}: {error.detail}")
     except PolicyError as error:
-        fail(str(error.code), f"{path}: {error}", as_json=as_json, more={"where": error.where})
+        fail(
+            str(error.code),
+            f"{path}: {error.where}: {error.detail}".rstrip(": "),
+            more={"where": error.where},
+        )
     except OSError as error:
-        fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
+        fail_at(path, error, "UNREADABLE")
 
 
-def _past(path: Path, record: str, *, as_json: bool) -> tuple[RecordedDecision, RecordedCase]:
+def _past(path: Path, record: str) -> tuple[RecordedDecision, RecordedCase]:
     from ztpm.cli.policy.replay import ReplayError, find
 
     try:
         past = find(path, record)
         return past, past.recorded()
     except ReplayError as error:
-        fail(error.code, f"{path}: {error}", as_json=as_json)
+        fail(error.code, f"{path}: {error}")
     except OSError as error:
-        fail("UNREADABLE", f"{path}: {error}", as_json=as_json)
+        fail_at(path, error, "UNREADABLE")
 
 
 def _suggested(recorded: RecordedCase, found: Explanation, policies: PolicySet) -> list[dict[str, object]]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from ztpm.cli.output import fail
+from ztpm.cli.output import fail, fail_at
 
 if TYPE_CHECKING:
     from policies import PolicySet
@@ -21,7 +21,7 @@ class OpenedPolicySet:
     stated: frozenset[str]
 
 
-def open_set(source: str, *, as_json: bool) -> OpenedPolicySet:
+def open_set(source: str) -> OpenedPolicySet:
     """The set that `source` names: a shipped one, or a TOML file.
 
     Ends the command with a `PolicyFault`, or with `UNREADABLE` when there is no such file.
@@ -35,17 +35,15 @@ def open_set(source: str, *, as_json: bool) -> OpenedPolicySet:
         if source in SHIPPED:
             text = resources.files("policies").joinpath("sets", f"{source}.toml").read_text(encoding="utf-8")
         elif not (source.endswith(".toml") or "/" in source):
-            _refuse(
-                source, "UNKNOWN_SET", f"neither a shipped set ({', '.join(SHIPPED)}) nor a .toml file", "", as_json
-            )
+            _refuse(source, "UNKNOWN_SET", f"neither a shipped set ({', '.join(SHIPPED)}) nor a .toml file", "")
         else:
             with Path(source).open(encoding="utf-8-sig") as file:
                 text = file.read(TEXT_LIMIT + 1)
         policies = load(text)
     except PolicyError as error:
-        _refuse(source, str(error.code), error.detail, error.where, as_json)
+        _refuse(source, str(error.code), error.detail, error.where)
     except (OSError, UnicodeDecodeError) as error:
-        _refuse(source, "UNREADABLE", str(error), "", as_json)
+        fail_at(source, error, "UNREADABLE")
     return OpenedPolicySet(policies, frozenset(tomllib.loads(text).get("parameters", {})))
 
 
@@ -54,6 +52,6 @@ def about(policies: PolicySet) -> dict[str, object]:
     return {"name": policies.name, "version": policies.version, "digest": policies.digest}
 
 
-def _refuse(source: str, code: str, detail: str, where: str, as_json: bool) -> NoReturn:  # noqa: FBT001 - passed on
+def _refuse(source: str, code: str, detail: str, where: str) -> NoReturn:
     place = f"{source}: {where}" if where else source
-    fail(code, f"{place}: {detail}" if detail else place, as_json=as_json, more={"source": source, "where": where})
+    fail(code, f"{place}: {detail}" if detail else place, more={"source": source, "where": where})

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.table import Table
 
-from ztpm.cli.output import FAILURE, USAGE, console, fail, plain, say_json
+from ztpm.cli.output import FAILURE, console, fail, plain, say_json
 from ztpm.cli.policy.policy_set import about, open_set
 
 if TYPE_CHECKING:
@@ -32,11 +32,11 @@ def prove(
     from policies import proof
 
     if file is not None and shipped is not None:
-        fail("USAGE", "a file or --set, not both", as_json=as_json, status=USAGE)
+        fail("USAGE", "a file or --set, not both")
     names = frozenset(name.strip() for name in harmless.split(",")) - {""}
     # with its directory a file of any name is taken for one
     source = shipped or "paper-default" if file is None else str(file.absolute())
-    loaded = open_set(source, as_json=as_json).policies
+    loaded = open_set(source).policies
     results = proof.prove(loaded, harmless=names, clock=time.perf_counter)
     proven = all(result.standing is proof.Standing.PROVEN for result in results)
     if as_json:

@@ -81,7 +81,7 @@ class RecordedDecision:
         try:
             found = case_json.read({key: self.body.get(key) for key in ("form", "request", "evidence")})
         except PolicyError as error:
-            raise ReplayError(str(error.code), str(error)) from error
+            raise ReplayError(str(error.code), f"{error.where}: {error.detail}".rstrip(": ")) from error
         stated = self._decision().get("evidence_digest")
         if stated and stated != found.evidence.digest:
             raise ReplayError("EVIDENCE_DIFFERS", "the digest of the evidence is of other evidence")
@@ -227,6 +227,6 @@ def written_cases(path: Path) -> Iterator[ComparedCase]:
         except JsonError as error:
             raise ReplayError("LINE_MALFORMED", str(error)) from error
         except PolicyError as error:
-            raise ReplayError(str(error.code), str(error)) from error
+            raise ReplayError(str(error.code), f"{error.where}: {error.detail}".rstrip(": ")) from error
         except lzma.LZMAError as error:
             raise ReplayError("LINE_MALFORMED", "not xz") from error

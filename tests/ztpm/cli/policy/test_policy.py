@@ -72,7 +72,7 @@ def told(run, *arguments, status=0):
     return ran.json
 
 
-def refused(run, *arguments, status=1):
+def refused(run, *arguments, status=2):
     body = told(run, *arguments, status=status)
     assert body["ok"] is False
     return body["code"]
@@ -94,7 +94,7 @@ def test_the_shipped_set_is_told_with_digest_parameters_and_primitives(run):
 @pytest.mark.parametrize("name", BAD)
 def test_a_bad_set_is_refused_with_its_fault_and_place(run, file, name):
     text, fault, where = BAD[name]
-    body = told(run, "check", file(text), status=1)
+    body = told(run, "check", file(text), status=2)
     assert (body["code"], body["where"]) == (str(fault), where)
 
 
@@ -343,7 +343,7 @@ def test_a_file_that_is_no_journal_is_refused_and_a_torn_line_is_none(run, journ
     for content in (b"hello\n", b"[]\n", b'{"kind": "decision"}\n{"kind": 1, "pep": 1}\n', b"3\n", b"x" * 1_048_580):
         path.write_bytes(content)
         status = run("policy", "simulate", own, "--journal", path, "--json")
-        assert (status.status, status.json["code"]) == (1, "LINE_MALFORMED"), content[:20]
+        assert (status.status, status.json["code"]) == (2, "LINE_MALFORMED"), content[:20]
     path.write_bytes(journal.read_bytes()[:-20])
     assert told(run, "simulate", own, "--journal", path)["cases"] == 4
 

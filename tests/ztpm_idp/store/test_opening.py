@@ -1,0 +1,72 @@
+"""A database that cannot be had ends in one line with its cause and place."""
+
+from __future__ import annotations
+
+import asyncio
+import errno
+import sqlite3
+
+import pytest
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import OperationalError
+from ztpm_idp.store.errors import StoreNotOpenedError, StoreUnavailableError
+
+from ztpm_idp.store import engine
+
+# aiosqlite's thread may answer a loop that the test has ended already.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+
+
+def code_of(path):
+    with pytest.raises(StoreNotOpenedError) as caught:
+        asyncio.run(engine.Store.open(f"sqlite+aiosqlite:///{path}"))
+    assert str(path) in caught.value.sentence and "\n" not in str(caught.value)
+    return caught.value.code
+
+
+@pytest.fixture
+def database(tmp_path):
+    path = tmp_path / "idp.sqlite"
+
+    async def made():
+        await (await engine.Store.open(f"sqlite+aiosqlite:///{path}")).close()
+
+    asyncio.run(made())
+    return path
+
+
+def test_of_a_newer_release(database):
+    connection = sqlite3.connect(database)
+    connection.execute("update alembic_version set version_num = 'f00dfeedf00d'")
+    connection.commit()
+    connection.close()
+    assert code_of(database) == "DATABASE_NEWER"
+
+
+def test_that_is_none(tmp_path):
+    path = tmp_path / "idp.sqlite"
+    path.write_bytes(b"no database " * 1_000)
+    path.chmod(0o600)
+    assert code_of(path) == "DATABASE_UNUSABLE"
+
+
+def test_in_no_folder(tmp_path):
+    assert code_of(tmp_path / "missing" / "idp.sqlite") == "DATABASE_UNUSABLE"
+
+
+def test_that_is_a_folder(tmp_path):
+    assert code_of(tmp_path) == "DATABASE_UNUSABLE"
+
+
+def test_on_a_full_disk(tmp_path, monkeypatch):
+    def full(_):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(engine, "_make_private", full)
+    assert code_of(tmp_path / "idp.sqlite") == "DISK_FULL"
+
+
+def test_that_fills_its_disk():
+    error = StoreUnavailableError()
+    error.__cause__ = OperationalError("insert", {}, sqlite3.OperationalError("database or disk is full"))
+    assert engine._not_opened(error, make_url("sqlite+aiosqlite:////idp.sqlite")).code == "DISK_FULL"
