@@ -126,4 +126,6 @@ def page(app: typer.Typer) -> str:
         if leaf.rows:
             lines += ["", "| argument or option | meaning | default |", "| --- | --- | --- |"]
             lines += [f"| {' | '.join(row)} |" for row in leaf.rows]
+        if leaf.command.epilog:
+            lines += ["", *leaf.command.epilog.replace(": ", ":\n\n```sh\n", 1).splitlines(), "```"]
     return "\n".join(lines) + "\n"

@@ -31,7 +31,7 @@ bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_
 app.add_typer(bench, name="bench")
 
 
-@app.command()
+@app.command(epilog="Example: ztpm eval stops --count 20")
 def stops(
     *,
     count: Annotated[int, typer.Option(min=0, max=1_000, help="Revocations at random instants of random moves.")] = 100,
@@ -75,7 +75,7 @@ def stops(
     raise typer.Exit(0 if result["ok"] else FAILURE)
 
 
-@bench.command("capabilities")
+@bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
 def bench_capabilities(
     *,
     quick: Quick = False,
@@ -89,7 +89,7 @@ def bench_capabilities(
     _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
-@bench.command("decide")
+@bench.command("decide", epilog="Example: ztpm eval bench decide --quick")
 def bench_decide(
     *,
     quick: Quick = False,
@@ -103,7 +103,7 @@ def bench_decide(
     _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
-@bench.command("pit")
+@bench.command("pit", epilog="Example: ztpm eval bench pit --quick")
 def bench_pit(
     *,
     quick: Quick = False,
@@ -117,7 +117,7 @@ def bench_pit(
     _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
-@bench.command("rtde")
+@bench.command("rtde", epilog="Example: ztpm eval bench rtde --seconds 5")
 def bench_rtde(
     *,
     seconds: Annotated[float, typer.Option(min=1, help="How long each stream lasts.")] = 60.0,
@@ -173,7 +173,7 @@ def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_jso
     console.print(bench.last_line(result.ratios))
 
 
-@app.command()
+@app.command(epilog="Example: ztpm eval tokens --quick")
 def tokens(
     *,
     quick: Annotated[
@@ -200,7 +200,7 @@ def tokens(
     raise typer.Exit(0 if report["ok"] else FAILURE)
 
 
-@app.command()
+@app.command(epilog="Example: ztpm eval conduct --quick")
 def conduct(
     *,
     quick: Annotated[bool, typer.Option("--quick", help="Few runs: shows that it runs, not that a bar holds.")] = False,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from functools import cache
 from importlib.metadata import entry_points
+from typing import Annotated
 
 import typer
 
@@ -19,6 +20,7 @@ from ztpm.cli import (
     delegation,
     demo,
     doctor,
+    explain,
     keys,
     mcp,
     people,
@@ -31,41 +33,59 @@ from ztpm.cli import (
     up,
 )
 from ztpm.cli.brought import GROUP, add_brought
+from ztpm.cli.examples import add_examples
 from ztpm.cli.policy import commands
-from ztpm.cli.root import CommandLine
+from ztpm.cli.root import LOOK, PEOPLE, PROVE, START, CommandLine
 
 app = typer.Typer(
     name="ztpm",
     cls=CommandLine,
     help="Lend authority to AI agents that move a robot: nothing moves unless authority, physics and policy agree.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
 )
-app.command("demo")(demo.demo)
-app.command("doctor")(doctor.doctor)
-app.command("up")(up.up)
-app.command("init")(setup.init)
-app.command("version")(setup.version)
-app.command("revoke")(revoke.revoke)
-app.add_typer(approvals.app, name="approvals")
-app.add_typer(agent.app, name="agent")
-app.add_typer(people.app, name="person")
-app.add_typer(keys.app, name="keys")
-app.add_typer(commands.app, name="policy")
-app.add_typer(pit.app, name="pit")
-app.add_typer(audit.app, name="audit")
+
+
+@app.callback()
+def ztpm_(
+    *,
+    version: Annotated[
+        bool, typer.Option("--version", help="Print the version.", is_eager=True, callback=setup.tell_version)
+    ] = False,
+) -> None:
+    """Lend authority to AI agents that move a robot: nothing moves unless authority, physics and policy agree."""
+
+
+app.command("demo", rich_help_panel=START)(demo.demo)
+app.command("up", rich_help_panel=START)(up.up)
+app.command("init", rich_help_panel=START)(setup.init)
+app.command("doctor", rich_help_panel=START)(doctor.doctor)
+app.command("revoke", rich_help_panel=PEOPLE)(revoke.revoke)
+app.command("explain", rich_help_panel=LOOK)(explain.explain)
+app.command("version", rich_help_panel=LOOK)(setup.version)
 token.app.command("issue")(delegation.issue)
 token.app.command("delegate")(delegation.delegate)
-app.add_typer(token.app, name="token")
-app.add_typer(cell.app, name="cell")
 mcp.app.command("serve")(serve.tools)
-app.add_typer(mcp.app, name="mcp")
 serve.idp.command("recover")(people.recover)
-app.add_typer(serve.idp, name="idp")
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)
-app.add_typer(serve.rtde, name="rtde")
+for name, group, panel in (
+    ("approvals", approvals.app, PEOPLE),
+    ("agent", agent.app, PEOPLE),
+    ("token", token.app, PEOPLE),
+    ("person", people.app, PEOPLE),
+    ("keys", keys.app, PEOPLE),
+    ("cell", cell.app, START),
+    ("idp", serve.idp, START),
+    ("mcp", mcp.app, START),
+    ("rtde", serve.rtde, START),
+    ("audit", audit.app, LOOK),
+    ("pit", pit.app, LOOK),
+    ("policy", commands.app, PROVE),
+):
+    app.add_typer(group, name=name, rich_help_panel=panel)
+add_examples(app)
 
 
 @cache

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from typing import BinaryIO
 
-app = typer.Typer(no_args_is_help=True, help="The ledger and journals, offline.")
+app = typer.Typer(no_args_is_help=True, help="The ledger and journals: export, verify and show them.")
 
 CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
@@ -55,7 +55,7 @@ def export(
 ) -> None:
     """Write the ledger's entries as JSON lines, and the signed checkpoint that they end in.
 
-    For administrators and approvers: ztpm audit export --as alice --out ledger.ndjson
+    For administrators and approvers.
     """
     if first > last:
         fail("USAGE", "--from is behind --to")
@@ -106,7 +106,7 @@ def verify(
     first: Annotated[
         int, typer.Option("--from", min=1, max=INT_LIMIT, help="First entry of a ledger that was exported in part.")
     ] = 1,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Check every link of a ledger or journal, and a ledger's signed checkpoint; name the first entry that is wrong."""
     from ztpm_idp.ledger_file import is_journal
@@ -166,7 +166,7 @@ def show(
     file: RecordFile,
     *,
     kind: Annotated[str, typer.Option(help="Only entries or records of this kind.")] = "",
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """List entries: when, who, what, and the decision with its reason."""
     from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import typer
 
+from ztpm.cli.root import PROVE
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
     from importlib.metadata import EntryPoint
@@ -36,7 +38,7 @@ def add_brought(app: typer.Typer, points: Iterable[EntryPoint]) -> None:
             _leave_out(point, "it is no Typer")
             continue
         taken.add(point.name)
-        app.add_typer(commands, name=point.name)
+        app.add_typer(commands, name=point.name, rich_help_panel=PROVE)
 
 
 def _leave_out(point: EntryPoint, why: str) -> None:

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import console, fail, fail_at, say_json
-from ztpm.cli.person import open_key
+from ztpm.cli.output import USAGE, console, fail, fail_at, say_json
+from ztpm.cli.person import Json, open_key
 
 app = typer.Typer(no_args_is_help=True, help="Cell files: what stands in a cell, signed by a person.")
 
@@ -22,7 +22,7 @@ def sign(
     out: Annotated[Path, typer.Option("--out", help="The cell file to make; one that exists is left as it is.")],
     days: Annotated[int, typer.Option(help="How long it is in force.", min=1, max=366)] = 365,
     *,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Sign the survey of a cell.
 
@@ -36,7 +36,7 @@ def sign(
     try:
         stated = survey.draft(draft.read_text("utf-8-sig"), at=int(time.time()), days=days)
     except survey.DraftError as error:
-        fail(error.code, f"{draft}: {error.detail}")
+        fail(error.code, f"{draft}: {error.detail}", status=USAGE)
     except (OSError, UnicodeDecodeError) as error:
         fail_at(draft, error, "UNREADABLE")
     signer = open_key(key)
@@ -58,7 +58,7 @@ def show(
     source: Annotated[Path, typer.Argument(help="A cell file.")],
     signer: Annotated[str, typer.Option("--signer", help="The signer's public key, base64url, as `cell_signer_key`.")],
     *,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Show the content of a cell file, once its signature is checked. Exit 3 for one that a gateway refuses."""
     from capabilities.keys import keys

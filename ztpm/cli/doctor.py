@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from ztpm.cli.output import FAILURE, console, say_json
+from ztpm.cli.person import Json
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -42,7 +43,7 @@ ConfigFile = Annotated[
 ]
 
 
-def doctor(*, config: ConfigFile = None, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
+def doctor(*, config: ConfigFile = None, as_json: Json = False) -> None:
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
     With the configuration of a gateway also that it would be taken, and how well it knows its arm.

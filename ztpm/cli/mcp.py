@@ -9,12 +9,7 @@ import typer
 from ztpm.cli.output import fail, say_json
 from ztpm.cli.person import As, CellDirectory, Json, issuer_of, layout_of, operator, refusals
 
-app = typer.Typer(no_args_is_help=True, help="MCP tools.")
-
-
-@app.callback()
-def tools_() -> None:
-    """MCP tools."""
+app = typer.Typer(no_args_is_help=True, help="The cell's MCP tools: serve them, and pin their definitions.")
 
 
 @app.command("pin")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from itertools import takewhile
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import typer
 from typer import rich_utils
@@ -17,8 +17,22 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
+START: Final = "Start a cell and its parts"
+PEOPLE: Final = "People: lend, answer, revoke"
+LOOK: Final = "Look"
+PROVE: Final = "Prove"
+PANELS: Final = (START, PEOPLE, LOOK, PROVE)
+"""Groups of the commands, in the order in which the help shows them."""
+
+
 class CommandLine(TyperGroup):
     """Group that ends wrong usage, Ctrl-C, and files that cannot be had as every other failure ends."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of the commands, group by group."""
+        names = super().list_commands(ctx)
+        panels = {name: getattr(self.commands[name], "rich_help_panel", PROVE) for name in names}
+        return sorted(names, key=lambda name: PANELS.index(panels[name]))
 
     def main(
         self,
@@ -64,4 +78,4 @@ def _usage(error: typer.TyperException) -> NoReturn:
         raise typer.Exit(error.exit_code)
     path = "ztpm" if context is None else context.command_path
     sentence = " ".join(error.format_message().split()).rstrip(".")
-    fail("USAGE", f"{sentence or 'no command is given'} ({path} --help)")
+    fail("USAGE", f"{path}: {sentence[:1].lower()}{sentence[1:]}" if sentence else f"{path}: no command is given")

@@ -11,18 +11,8 @@ import typer
 
 from ztpm.cli.person import CellDirectory, Json, layout_of
 
-idp = typer.Typer(no_args_is_help=True, help="The identity provider.")
-rtde = typer.Typer(no_args_is_help=True, help="The robot's interface.")
-
-
-@idp.callback()
-def identity_provider() -> None:
-    """The identity provider."""
-
-
-@rtde.callback()
-def robot() -> None:
-    """The robot's interface."""
+idp = typer.Typer(no_args_is_help=True, help="The identity provider: serve it, or recover an administrator.")
+rtde = typer.Typer(no_args_is_help=True, help="The robot: its gateway, a simulated one, and programs under a lease.")
 
 
 def _become(module: str, *arguments: str) -> NoReturn:
@@ -32,8 +22,10 @@ def _become(module: str, *arguments: str) -> NoReturn:
 
 
 @idp.command("serve")
-def serve(config: Annotated[Path, typer.Option("--config", exists=True, dir_okay=False)]) -> None:
-    """Serve; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
+def serve(
+    config: Annotated[Path, typer.Option("--config", help="Its configuration, idp.toml.", exists=True, dir_okay=False)],
+) -> None:
+    """Serve the identity provider; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
     _become("ztpm.point.provider_server", "--config", str(config))
 
 

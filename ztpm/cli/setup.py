@@ -9,11 +9,19 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import fail, fail_at, say_json
+from ztpm.cli.output import AS_JSON, fail, fail_at, say_json
 from ztpm.cli.passphrase import ask_passphrase
+from ztpm.cli.person import Json
 
 
-def version(*, as_json: Annotated[bool, typer.Option("--json")] = False) -> None:
+def tell_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
+    """Prints the version and ends the command, where `--version` is given."""
+    if wanted:
+        version(as_json=AS_JSON.get())
+        raise typer.Exit
+
+
+def version(*, as_json: Json = False) -> None:
     """Print the version."""
     number = importlib.metadata.version("ztpm")
     if as_json:
@@ -27,7 +35,7 @@ def init(
     where: Annotated[Path, typer.Option("--data", help="Directory to create.")] = Path(".ztpm"),
     host: Annotated[str, typer.Option(help="Address the cell listens on; plain HTTP is for loopback only.")] = "",
     policy: Annotated[str, typer.Option(help="Shipped policy set or a file.")] = "paper-default",
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
     from ztpm.base.layout import OPERATORS, Layout, LayoutError

@@ -12,13 +12,9 @@ import typer
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError, Fault, TokenError
 from ztpm.cli.output import console, fail, fail_at, say_json
+from ztpm.cli.person import Json
 
-app = typer.Typer(no_args_is_help=True, help="Tokens.")
-
-
-@app.callback()
-def tokens_() -> None:
-    """Tokens."""
+app = typer.Typer(no_args_is_help=True, help="Tokens: lend authority, lend a part of it on, look into one.")
 
 
 @app.command("inspect")
@@ -26,7 +22,7 @@ def inspect(
     source: Annotated[str, typer.Argument(help="A file that holds the token's text, or - for standard input.")],
     trust: Annotated[Path, typer.Option("--trust", help="The trust bundle.", exists=True, dir_okay=False)],
     *,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Show sponsor, hops, scope and limits of a token that verifies.
 

@@ -72,7 +72,7 @@ MISTAKES = {
         ("person", "list", "--data", "{cell}", "--as", "alice"),
         ("revoke", "agent", "mover", "--reason", "try", "--data", "{cell}", "--as", "alice"),
     ]),
-    "words that are no options": (2, "USAGE", "ztpm agent list --help", [
+    "words that are no options": (2, "USAGE", "ztpm agent list: ", [
         ("agent", "list", "--as", "alice", "--sponsor"),
         ("agent", "list"),
         ("agent", "list", "alice", "--as", "alice"),

@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import FAILURE, console, fail, plain, say_json
-from ztpm.cli.person import CellDirectory, Issuer, KeyFile, operator, refusals
+from ztpm.cli.person import CellDirectory, Issuer, Json, KeyFile, operator, refusals
 from ztpm.cli.policy.comparison import diff, simulate
 from ztpm.cli.policy.explanation import explain
 from ztpm.cli.policy.policy_set import about, open_set
@@ -21,16 +21,11 @@ if TYPE_CHECKING:
 
 ENDED: Final = "revoked"
 """State of an agent that may never act again."""
-app = typer.Typer(no_args_is_help=True, help="Policy sets.")
+app = typer.Typer(no_args_is_help=True, help="Policy sets: check, explain, compare, simulate and prove them.")
 app.command("explain")(explain)
 app.command("diff")(diff)
 app.command("simulate")(simulate)
 app.command("prove")(prove)
-
-
-@app.callback()
-def policies_() -> None:
-    """Policy sets."""
 
 
 @app.command("check")
@@ -45,7 +40,7 @@ def check(
     directory: CellDirectory = None,
     issuer: Issuer = "",
     key: KeyFile = None,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Load a policy set strictly; list its parameters, its primitives, and its probable mistakes."""
     import policies

@@ -12,7 +12,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.output import console, fail, fail_at, plain, say_json
+from ztpm.cli.output import USAGE, console, fail, fail_at, plain, say_json
+from ztpm.cli.person import Json
 from ztpm.cli.policy.explanation import JournalFile
 from ztpm.cli.policy.policy_set import about, open_set
 
@@ -39,7 +40,7 @@ def diff(
     *,
     corpus: CorpusFile = None,
     journal: JournalFile = None,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Show the differences of two sets, and the decisions of recorded cases or a journal that differ."""
     from policies.explain.differences import of_decisions, of_sets
@@ -68,7 +69,7 @@ def simulate(
     *,
     journal: JournalFile = None,
     since: Annotated[str, typer.Option(help="Only decisions since then: ISO 8601, in UTC unless it says so.")] = "",
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Decide a recorded journal or ledger again under this set, and show the decisions that differ."""
     from policies.explain.differences import of_decisions
@@ -97,7 +98,7 @@ def _compared(compare: Callable[[], Comparison], path: Path | None) -> Compariso
     try:
         return compare()
     except ReplayError as error:
-        fail(error.code, f"{path}: {error}")
+        fail(error.code, f"{path}: {error}", status=USAGE)
     except OSError as error:
         fail_at(path, error, "UNREADABLE")
 

@@ -10,7 +10,8 @@ import typer
 from rich.text import Text
 from rich.tree import Tree
 
-from ztpm.cli.output import console, fail, fail_at, plain, say_json
+from ztpm.cli.output import USAGE, console, fail, fail_at, plain, say_json
+from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
 
 if TYPE_CHECKING:
@@ -43,7 +44,7 @@ def explain(
     request: CaseFile = None,
     record: Annotated[str, typer.Option(help="A decision of the journal: its request's id, or its hash.")] = "",
     journal: JournalFile = None,
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Show each policy's and primitive's answer to a request, their combination, and the remedies."""
     from policies.explain.explanation import explain as explained
@@ -77,11 +78,12 @@ def _case(path: Path) -> RecordedCase:
             raw = file.read(LINE_BYTES + 1)  # a case is at most as large as a line of a ledger
         return case_json.read(read(without_mark(raw), limit_bytes=LINE_BYTES, limit_depth=LINE_DEPTH))
     except JsonError as error:
-        fail(str(error.defect), f"{path}: {error.detail}")
+        fail(str(error.defect), f"{path}: {error.detail}", status=USAGE)
     except PolicyError as error:
         fail(
             str(error.code),
             f"{path}: {error.where}: {error.detail}".rstrip(": "),
+            status=USAGE,
             more={"where": error.where},
         )
     except OSError as error:
@@ -95,7 +97,7 @@ def _past(path: Path, record: str) -> tuple[RecordedDecision, RecordedCase]:
         past = find(path, record)
         return past, past.recorded()
     except ReplayError as error:
-        fail(error.code, f"{path}: {error}")
+        fail(error.code, f"{path}: {error}", status=USAGE)
     except OSError as error:
         fail_at(path, error, "UNREADABLE")
 

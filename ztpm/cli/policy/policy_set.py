@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from ztpm.cli.output import fail, fail_at
+from ztpm.cli.output import USAGE, fail, fail_at
 
 if TYPE_CHECKING:
     from policies import PolicySet
@@ -54,4 +54,4 @@ def about(policies: PolicySet) -> dict[str, object]:
 
 def _refuse(source: str, code: str, detail: str, where: str) -> NoReturn:
     place = f"{source}: {where}" if where else source
-    fail(code, f"{place}: {detail}" if detail else place, more={"source": source, "where": where})
+    fail(code, f"{place}: {detail}" if detail else place, status=USAGE, more={"source": source, "where": where})

@@ -10,6 +10,7 @@ import typer
 from rich.table import Table
 
 from ztpm.cli.output import FAILURE, console, fail, plain, say_json
+from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ def prove(
     harmless: Annotated[
         str, typer.Option(help="Operations that move nothing; every other one is taken to move something.")
     ] = "read_state,stop",
-    as_json: Annotated[bool, typer.Option("--json")] = False,
+    as_json: Json = False,
 ) -> None:
     """Prove seven claims about a policy set with z3, or show a request that breaks one.
 

@@ -1,0 +1,94 @@
+"""One example of each command, shown at the end of its help and in docs/cli.md."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import typer
+    from typer.models import CommandInfo, TyperInfo
+
+EXAMPLES: Final = {
+    "demo": "",
+    "doctor": "--config .ztpm/cell/gateway.toml",
+    "up": "--data .ztpm",
+    "init": "--data .ztpm --host 127.0.0.9",
+    "version": "--json",
+    "explain": "NOT_NARROWER",
+    "revoke": "agent mover --reason 'no longer needed' --as alice",
+    "approvals list": "--state open --as bob",
+    "approvals show": "0123456789abcdef0123456789abcdef --as bob",
+    "approvals approve": "0123456789abcdef0123456789abcdef --uses 1 --minutes 2 --as bob",
+    "approvals deny": "0123456789abcdef0123456789abcdef --as bob",
+    "approvals withdraw": "0123456789abcdef0123456789abcdef --as bob",
+    "approvals open": "--agent mover --operation move_joint --minutes 10 --as bob",
+    "approvals openings": "--as bob",
+    "approvals close": "0123456789abcdef0123456789abcdef --reason 'done' --as bob",
+    "agent register": "mover --software mover.py --role mover --as alice",
+    "agent attest": "mover --software mover.py",
+    "agent list": "--as alice",
+    "agent suspend": "mover --reason 'replaced by mover-2' --as alice",
+    "agent restore": "mover --reason 'looked at, a new part' --relearn --as alice",
+    "person new-key": "erin.key",
+    "person register": "erin --public PUBLIC --role approver --as carol",
+    "person key": "--public PUBLIC --as carol",
+    "person end": "erin --reason 'left the firm' --as carol",
+    "person confirm": "0123456789abcdef --as alice",
+    "person decline": "0123456789abcdef --reason 'not known to me' --as alice",
+    "person list": "--as carol",
+    "keys list": "--data .ztpm",
+    "keys prepare": "feed --data .ztpm",
+    "keys activate": "feed-2 --data .ztpm",
+    "keys taint": "feed-1 --data .ztpm",
+    "keys revoke": "feed-1 --data .ztpm",
+    "keys renew": "--data .ztpm",
+    "policy explain": "paper-default --request case.json",
+    "policy diff": "paper-default my.toml",
+    "policy simulate": "my.toml --journal .ztpm/gateway/journal.ndjson",
+    "policy prove": "--set paper-default",
+    "policy check": "my.toml --strict",
+    "policy schema": "--example",
+    "pit": "--scene scene.json --motion motion.json --picture motion.html",
+    "pit verify": "proof.json --scene scene.json --motion motion.json",
+    "audit export": "--as carol --out ledger.ndjson",
+    "audit verify": "ledger.ndjson --trust .ztpm/trust.json",
+    "audit show": "ledger.ndjson --kind decision",
+    "token inspect": "mover.token --trust .ztpm/trust.json",
+    "token issue": "mover --software mover.py --purpose 'try it' --out mover.token --as alice",
+    "token delegate": "mover helper --token mover.token --restriction less.json --software helper.py "
+    "--purpose 'hold the part' --out helper.token",
+    "cell sign": "draft.toml --key .ztpm/operators/alice.key --out cell.jws",
+    "cell show": "cell.jws --signer PUBLIC",
+    "mcp pin": "--as carol",
+    "mcp serve": "--data .ztpm",
+    "idp serve": "--config .ztpm/idp/idp.toml",
+    "idp recover": "erin --public PUBLIC",
+    "rtde gateway": "--data .ztpm --robot 192.168.0.10",
+    "rtde sim": "--host 127.0.0.9 --fault protective_stop@5",
+    "rtde run": "mover --token mover.token -- python program.py {robot}",
+    "rtde connect": "mover --token mover.token",
+}
+"""Words of each command, and one set of arguments that it takes."""
+
+
+def add_examples(app: typer.Typer) -> None:
+    """Ends the help of each command of `app` with its example."""
+    for words, command in _commands(app, ()):
+        name = " ".join(words)
+        command.epilog = f"Example: ztpm {name} {EXAMPLES[name]}".rstrip()
+
+
+def _commands(app: typer.Typer, before: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], CommandInfo | TyperInfo]]:
+    if (
+        before
+        and app.registered_callback is not None
+        and (app.registered_callback.invoke_without_command or app.info.invoke_without_command)
+    ):
+        yield before, app.registered_callback
+    for command in app.registered_commands:
+        yield (*before, str(command.name)), command
+    for group in app.registered_groups:
+        if group.typer_instance is not None:
+            yield from _commands(group.typer_instance, (*before, str(group.name)))
