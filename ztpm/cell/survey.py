@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from typing import TYPE_CHECKING, Any, Final
 
@@ -19,6 +20,10 @@ DAYS: Final = 365
 BACKDATED_S: Final = 60
 """A file is in force from a minute before it was signed, since two machines' clocks differ a little."""
 UPRIGHT: Final = (1_000_000, 0, 0, 0)
+
+
+PLACE: Final = re.compile(r"([a-z]+)\[(\d+)\]")
+"""Place that leads the detail of a fault in a list: `zones[1].tier`."""
 
 
 class DraftError(ValueError):
@@ -48,12 +53,14 @@ def draft(text: str, *, at: int, days: int) -> cell.Cell:
     from pep.pit import CellParameters, SurveyError, surveyed
 
     try:
-        stated = cell.from_claims(_claims(tomllib.loads(text), at=at, days=days))
-        surveyed(stated, CellParameters())
+        table = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DraftError("DRAFT_MALFORMED", "not TOML") from error
+        raise DraftError("DRAFT_MALFORMED", f"not TOML: {error}") from error
+    try:
+        stated = cell.from_claims(_claims(table, at=at, days=days))
+        surveyed(stated, CellParameters())
     except CapabilityError as error:
-        raise DraftError("DRAFT_MALFORMED", error.detail) from error
+        raise DraftError("DRAFT_MALFORMED", _named(error.detail, table)) from error
     except SurveyError as error:
         raise DraftError(str(error.code), error.detail) from error
     return stated
@@ -73,15 +80,31 @@ def _claims(table: Mapping[str, Any], *, at: int, days: int) -> dict[str, object
         if name in claims:
             raise DraftError("DRAFT_MALFORMED", f"{name} is stated when the file is signed")
     for name, member in (("zones", {"tier": None}), ("contacts", {"observed": False})):
-        claims[name] = [{**member, **row} if isinstance(row, dict) else row for row in _rows(claims[name])]
+        claims[name] = [{**member, **row} if isinstance(row, dict) else row for row in _rows(claims[name], name)]
     for name in ("objects", "zones"):
-        claims[name] = [_upright(row) for row in _rows(claims[name])]
+        claims[name] = [_upright(row) for row in _rows(claims[name], name)]
     return {**claims, "not_before": at - BACKDATED_S, "not_after": at - BACKDATED_S + days * DAY_S}
 
 
-def _rows(value: object) -> list[Any]:
+def _named(detail: str, table: Mapping[str, Any]) -> str:
+    """The detail of a fault, with the name of the object, zone or contact whose place leads it."""
+    place = PLACE.match(detail)
+    rows = table.get(place[1]) if place else None
+    if (
+        place is None
+        or not isinstance(rows, list)
+        or int(place[2]) >= len(rows)
+        or not isinstance(rows[int(place[2])], dict)
+    ):
+        return detail
+    row = rows[int(place[2])]
+    name = row.get("name", row.get("object"))
+    return detail if name is None else f"{name!r} in {detail}"
+
+
+def _rows(value: object, name: str) -> list[Any]:
     if not isinstance(value, list):
-        raise DraftError("DRAFT_MALFORMED", "a list is no list")
+        raise DraftError("DRAFT_MALFORMED", f"{name}: no list")
     return value
 
 

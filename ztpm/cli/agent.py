@@ -117,8 +117,8 @@ def list_(
     console.print(table)
 
 
-@app.command("suspend")
-def suspend(
+@app.command("retire")
+def retire(
     agent: AgentName,
     *,
     reason: Reason,
@@ -128,7 +128,7 @@ def suspend(
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
-    """Suspend an agent and all authority below it, for ever."""
+    """Retire an agent and all authority below it, for ever. Nothing takes it back: register a new agent instead."""
     known_name(agent)
     person = operator(directory=directory, name=name, issuer=issuer, key=key)
     with refusals(), person:
@@ -136,7 +136,7 @@ def suspend(
     if as_json:
         say_json({"ok": True, "id": agent, "epoch": epoch})
     else:
-        typer.echo(f"Suspended, epoch {epoch}.")
+        typer.echo(f"Retired, epoch {epoch}.")
 
 
 @app.command("restore")
@@ -153,7 +153,7 @@ def restore(
     key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
-    """Restore an agent whose behaviour deviated: it may act again as before."""
+    """Restore an agent that was held back since its behaviour deviated: it may act again as before."""
     known_name(agent)
     person = operator(directory=directory, name=name, issuer=issuer, key=key)
     with refusals(), person:

@@ -7,6 +7,7 @@ another person.
 from __future__ import annotations
 
 import time
+from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -15,7 +16,8 @@ from rich.text import Text
 
 from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, console, fail, plain, say_json
-from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, answering, refusals
+from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, answering, refusals, refuse
+from ztpm.codes.unavailable import line_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -23,6 +25,17 @@ if TYPE_CHECKING:
 ID_COLUMNS = 32
 """An ask's or opening's id in hex digits."""
 app = typer.Typer(no_args_is_help=True, help="Questions to people, and their answers.")
+
+
+class AskState(StrEnum):
+    """States of an ask, as the identity provider spells them."""
+
+    OPEN = "open"
+    GRANTED = "granted"
+    DENIED = "denied"
+    WITHDRAWN = "withdrawn"
+    EXPIRED = "expired"
+
 
 AskId = Annotated[str, typer.Argument(help="Id of the ask: 32 hex digits.")]
 Uses = Annotated[int, typer.Option(min=1, max=100, help="How often it may be used.")]
@@ -38,7 +51,7 @@ OPENING_S: Final = 600
 @app.command("list")
 def list_(
     *,
-    state: Annotated[str, typer.Option(help="open, granted, denied, withdrawn or expired.")] = "open",
+    state: Annotated[AskState, typer.Option(help="How the asks stand.")] = AskState.OPEN,
     name: As,
     directory: CellDirectory = None,
     issuer: Issuer = "",
@@ -48,7 +61,7 @@ def list_(
     """List the asks in a state."""
     person = answering(directory=directory, name=name, issuer=issuer, key=key)
     with refusals():
-        rows = person.approvals(state=state)
+        rows = person.approvals(state=state.value)
     if as_json:
         say_json({"ok": True, "approvals": rows})
         return
@@ -66,6 +79,56 @@ def list_(
         )  # fmt: skip
         table.add_row(*(Text(plain(str(cell))) for cell in cells))
     console.print(table)
+
+
+@app.command("watch")
+def watch(
+    *,
+    every: Annotated[int, typer.Option("--every", min=1, max=60, help="Seconds between looks.")] = 2,
+    name: As,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
+    """Tell each open ask once, as it comes, until Ctrl-C; with --json each as one line.
+
+    While the identity provider does not answer, that is told once, and it goes on.
+    """
+    from ztpm_idp.client import ClientError
+
+    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    told: set[object] = set()
+    lost = False
+    while True:
+        try:
+            rows = person.approvals(state=AskState.OPEN.value)
+        except ClientError as error:
+            if error.code != "UNREACHABLE":
+                refuse(error)
+            if not lost:
+                typer.echo(line_of(error.code, error.detail), err=True)
+            lost = True
+        else:
+            lost = False
+            for row in rows:
+                if row.get("ask_id") not in told:
+                    _tell(row, name, as_json=as_json)
+            told = {row.get("ask_id") for row in rows}
+        time.sleep(every)
+
+
+def _tell(row: Mapping[str, Any], name: str, *, as_json: bool) -> None:
+    if as_json:
+        say_json(row)
+        return
+    wanted = f"{row.get('agent', '?')} asks for {row.get('object', '?')}.{row.get('operation', '?')}"
+    impact = (
+        f"tier {row.get('tier', '?')}, index {_index(row.get('index_milli'))}, until {_clock(row.get('expires_at'))}"
+    )
+    because = ", ".join(map(str, row.get("reasons") or []))
+    typer.echo(plain(f"{wanted}: {impact} ({because})"))
+    typer.echo(plain(f"  ztpm approvals show {row.get('ask_id', '?')} --as {name}"))
 
 
 @app.command("show")

@@ -20,6 +20,10 @@ class Ran:
     err: str
 
     @property
+    def lines(self):
+        return [json.loads(line) for line in self.out.splitlines()]
+
+    @property
     def json(self):
         return json.loads(self.out.splitlines()[-1])
 

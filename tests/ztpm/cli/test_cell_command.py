@@ -133,6 +133,19 @@ def test_a_bad_draft_is_not_signed(desk, name):
     assert not (desk / "cell.jws").exists()
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "named"),
+    [
+        ("tier = 4", "tier = 5", "'store' in zones[1].tier: "),
+        ('kind = "rigid"', 'colour = "red"', "'table' in objects[0]"),
+        ("[[contacts]]\nobject", "[contacts]\nobject", "not TOML: "),
+    ],
+)
+def test_a_fault_of_a_draft_names_the_object(desk, old, new, named):
+    (desk / "draft.toml").write_text(DRAFT.replace(old, new, 1))
+    assert f"{desk}/draft.toml: {named}" in sign(desk)[1]["detail"]
+
+
 def test_nothing_is_signed_with_a_key_that_cannot_be_had(desk):
     status, said = sign(desk, passphrase="another one altogether")
     assert (status, said["code"]) == (2, "PASSPHRASE_WRONG")

@@ -105,7 +105,7 @@ def test_an_agents_life(run, live, tmp_path):
     # ending
     first_epoch = done("revoke", "hop", narrower["hop_id"], "--reason", "done", "--as", "alice")["epoch"]
     assert refused("revoke", "token", "no-token-id", "--reason", "x", "--as", "alice") == (3, "BODY_MALFORMED")
-    assert done("agent", "suspend", "mover", "--reason", "gone", "--as", "alice")["epoch"] > first_epoch
+    assert done("agent", "retire", "mover", "--reason", "gone", "--as", "alice")["epoch"] > first_epoch
     assert refused("agent", "attest", "mover", *runs)[0] == 3
 
 

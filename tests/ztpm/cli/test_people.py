@@ -30,7 +30,7 @@ def software(tmp_path):
 
 COMMANDS = {
     "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revocation", Revocation(7, known=True)),
-    "suspend": (["agent", "suspend", "mover", "--reason", "gone"], "suspend_agent", 7),
+    "retire": (["agent", "retire", "mover", "--reason", "gone"], "suspend_agent", 7),
     "list": (["agent", "list"], "agents", [ROW]),
     "restore": (["agent", "restore", "mover", "--reason", "looked into"], "restore_agent", None),
 }
@@ -154,7 +154,7 @@ def test_names_of_agents_are_no_paths(run, who, double, software):
     for arguments in (
         ("agent", "register", "../operators/bob", "--software", software, "--role", "x", *who),
         ("agent", "attest", "../operators/bob", "--software", software, "--data", who[1]),
-        ("agent", "suspend", "../operators/bob", "--reason", "x", *who),
+        ("agent", "retire", "../operators/bob", "--reason", "x", *who),
     ):
         told = run(*arguments, "--json")
         assert (told.status, told.json["code"]) == (2, "NAME_MALFORMED")
