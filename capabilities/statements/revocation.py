@@ -2,14 +2,28 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from enum import StrEnum
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Final
 
-from capabilities.keys import keys
+from capabilities.keys import jws, keys
 from capabilities.statements import statement_form
-from capabilities.statements.claims import AgentId, Id, Name, Nonce, Thumbprint, TokenId, Url, Whole, malformed, read
+from capabilities.statements.claims import (
+    AgentId,
+    HexDigest,
+    Id,
+    Name,
+    Nonce,
+    Thumbprint,
+    TokenId,
+    Url,
+    Whole,
+    malformed,
+    read,
+)
+from capabilities.values import strict_json
 from capabilities.values.form import Form, plain, upto, words
 
 if TYPE_CHECKING:
@@ -24,6 +38,8 @@ ENTRIES: Final = 4_096
 """Most entries of one index; one that is cut, here or earlier, is asked for again from its last epoch."""
 NEVER_MS: Final = 2**53 - 1
 """Age of a view that was never made."""
+FIRST_HEAD: Final = "0" * 64
+"""Head of the first line before its first revocation."""
 
 
 class Revoked(StrEnum):
@@ -73,6 +89,8 @@ class RevocationIndex(Form, frozen=True):
         registry_version: version of the registry snapshot at that time.
         entries: ascending by epoch, exactly one for each. Where `last` is below `epoch` the index is cut, and the
             rest is to be asked for before it is acted on.
+        line: of the store's history: 0, and a higher one after each restore.
+        head: of the chain of the line's revocations at `epoch` (`first_head`, `next_head`).
     """
 
     issuer: Url
@@ -82,6 +100,8 @@ class RevocationIndex(Form, frozen=True):
     nonce: Nonce
     registry_version: Whole
     entries: Annotated[tuple[RevocationEntry, ...], upto(ENTRIES)]
+    line: Whole = 0
+    head: HexDigest = FIRST_HEAD
 
     @property
     def last(self) -> int:
@@ -147,6 +167,17 @@ def _names(chain: Chain) -> list[tuple[str, str]]:
     return names
 
 
+def first_head(line: int) -> str:
+    """Head of a line's chain before its first revocation ([STM-14]): the line's number in 64 hex digits."""
+    return f"{line:064x}"
+
+
+def next_head(head: str, epoch: int, kind: str, id_: str) -> str:
+    """Head of the chain after one more revocation ([STM-14])."""
+    link = {"epoch": epoch, "head": head, "id": id_, "kind": kind}
+    return hashlib.sha256(strict_json.canonical(link)).hexdigest()
+
+
 def check_id(kind: str, id_: str) -> None:
     """Checks that an id has the form of its kind.
 
@@ -168,6 +199,15 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> RevocationIndex:  # 
         StatementError: as `sealed.open`.
     """
     return _read(statement_form.open(KIND, text, keys, caps))
+
+
+def read_again(text: str) -> RevocationIndex:
+    """The index of a text that `open` has taken before, whose key may have gone since.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED`.
+    """
+    return _read(strict_json.parse_object(jws.split(text, most_bytes=len(text)).payload_raw))
 
 
 def _read(claims: dict[str, object]) -> RevocationIndex:

@@ -13,9 +13,8 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import secrets
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 import httpx2
@@ -25,13 +24,12 @@ from capabilities.statements import registry, revocation
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
-from pep.base.files import replace_file
 from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
+from pep.provider.feed_mark import FeedMark, KeptRevocations
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
-    from pathlib import Path
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
@@ -39,6 +37,7 @@ if TYPE_CHECKING:
     from capabilities.statements.revocation import RevocationIndex, RevocationView
     from capabilities.values.caps import Caps
     from pep.base.ports import Clock, ConductWord
+    from pep.provider.feed_mark import FeedMarkFile
 
 PERIOD_S: Final = 0.25
 """Time between pulls: an eighth of the motion lease; a quarter would do."""
@@ -58,65 +57,18 @@ LONGEST_BACKOFF_S: Final = 8.0
 
 
 @dataclass(frozen=True, slots=True)
-class FeedMark:
-    """The high-water mark that survives restarts.
-
-    Attributes:
-        issuer: issuer of the feed; another issuer's mark is no mark.
-        epoch: highest accepted.
-        registry_version: highest accepted.
-    """
-
-    issuer: str
-    epoch: int
-    registry_version: int
-
-
-class FeedMarkFile:
-    """The mark on disk, replaced atomically and synced."""
-
-    def __init__(self, path: Path) -> None:
-        self._path = path
-
-    def read(self, issuer: str) -> FeedMark:
-        """The stored mark, or zeros when there is none yet.
-
-        Raises:
-            FeedError: `STATE_UNREADABLE` when there is one that cannot be read: starting from zero would accept a
-                rolled-back feed.
-        """
-        try:
-            stored = json.loads(self._path.read_bytes())
-            mark = FeedMark(str(stored["issuer"]), int(stored["epoch"]), int(stored["registry_version"]))
-        except FileNotFoundError:
-            return FeedMark(issuer, 0, 0)
-        except (OSError, ValueError, KeyError, TypeError) as error:
-            raise FeedError(PepFault.STATE_UNREADABLE, str(self._path)) from error
-        return mark if mark.issuer == issuer else FeedMark(issuer, 0, 0)
-
-    def write(self, mark: FeedMark) -> None:
-        """The mark is on disk.
-
-        Raises:
-            OSError: when it could not be made durable.
-        """
-        content = {"issuer": mark.issuer, "epoch": mark.epoch, "registry_version": mark.registry_version}
-        replace_file(self._path, json.dumps(content).encode())
-
-
-@dataclass(frozen=True, slots=True)
 class AcceptedFeed:
     """Words of the feed accepted so far.
 
     Attributes:
-        epoch: of the newest index, -1 before the first.
-        revoked: (kind, id) pairs of all entries since the beginning.
+        line, epoch, head: of the newest index.
         read_ms: monotonic time at which the newest index's nonce was sent.
         snapshot: of the registry.
     """
 
+    line: int
     epoch: int
-    revoked: frozenset[tuple[str, str]]
+    head: str
     read_ms: int
     snapshot: RegistrySnapshot
 
@@ -164,6 +116,7 @@ class ProviderFollower:
         self._clock = clock
         self._mark_file = mark
         self._mark = mark.read(issuer)
+        self._kept = KeptRevocations(mark.path.with_suffix(".kept"), issuer=issuer, caps=caps, at=clock.wall_s())
         self._incident = incident
         self._known: AcceptedFeed | None = None
         self._sensors: dict[str, RegisteredSensor] = {}
@@ -187,7 +140,7 @@ class ProviderFollower:
         if known is None:
             return revocation.RevocationView.never()
         return revocation.RevocationView(
-            epoch=known.epoch, age_ms=self._clock.monotonic_ms() - known.read_ms, revoked=known.revoked
+            epoch=known.epoch, age_ms=self._clock.monotonic_ms() - known.read_ms, revoked=self._kept.revoked
         )
 
     def tool(self, name: str) -> RegisteredTool | None:
@@ -314,16 +267,13 @@ class ProviderFollower:
                 a verified index revokes counts even so.
         """
         known = self._known
-        epoch = 0 if known is None else known.epoch
         sent_ms = self._clock.monotonic_ms()
-        index, fresh = await self._ask_all(epoch)
-        if known is not None and fresh:
-            # Revocations count also when the rest of the answer fails: the mark that makes the view young comes last.
-            known = self._known = replace(known, revoked=known.revoked | fresh)
-        snapshot = known.snapshot if known is not None else None
+        # Revocations count also when the rest of the answer fails: the mark that makes the view young comes last.
+        index = await self._ask_all(known)
+        snapshot = known.snapshot if known is not None and known.line == index.line else None
         if snapshot is None or snapshot.version != index.registry_version:
-            snapshot = await self._registry(least=index.registry_version)
-        mark = FeedMark(self._issuer, index.epoch, snapshot.version)
+            snapshot = await self._registry(index)
+        mark = FeedMark(self._issuer, index.epoch, snapshot.version, index.line, index.head)
         if mark != self._mark:
             try:
                 await asyncio.to_thread(self._mark_file.write, mark)
@@ -334,23 +284,58 @@ class ProviderFollower:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
-        self._known = AcceptedFeed(index.epoch, fresh if known is None else known.revoked, sent_ms, snapshot)
+        self._known = AcceptedFeed(index.line, index.epoch, index.head, sent_ms, snapshot)
 
-    async def _ask_all(self, since: int) -> tuple[RevocationIndex, frozenset[tuple[str, str]]]:
-        """Everything after `since`, page by page: the last index, and the revocations."""
-        fresh: set[tuple[str, str]] = set()
-        while True:
-            nonce = secrets.token_urlsafe(NONCE_BYTES)
-            text = await self._get("/revocations", {"since": str(since), "nonce": nonce})
-            index = self._accept(text, since=since, nonce=nonce)
-            fresh.update((entry.kind, entry.id) for entry in index.entries)
-            if index.last == index.epoch:
-                return index, frozenset(fresh)
-            if not index.last > since:
-                raise FeedError(PepFault.FEED_WRONG_RANGE, "a page that leads nowhere")
-            since = index.last
+    async def _ask_all(self, known: AcceptedFeed | None) -> RevocationIndex:
+        """The last index of everything after what is known, page by page; of a new line everything.
 
-    def _accept(self, text: str, *, since: int, nonce: str) -> RevocationIndex:
+        What each page revokes is in force and on disk.
+        """
+        since, head, line = (0, "", -1) if known is None else (known.epoch, known.head, known.line)
+        whole = known is None
+        try:
+            while True:
+                nonce = secrets.token_urlsafe(NONCE_BYTES)
+                try:
+                    text = await self._get("/revocations", {"since": str(since), "nonce": nonce})
+                    index = self._hear(text, since=since, nonce=nonce)
+                    if since == 0:
+                        line, head = index.line, revocation.first_head(index.line)
+                    head = self._follow(index, line, head)
+                except FeedError as error:
+                    if whole or error.code not in (PepFault.FEED_ROLLED_BACK, PepFault.FEED_FORKED):
+                        raise
+                    since, whole = 0, True  # a store that was restored: all that it knows is asked for
+                    continue
+                if index.last == index.epoch:
+                    return index
+                if not index.last > since:
+                    raise FeedError(PepFault.FEED_WRONG_RANGE, "a page that leads nowhere")
+                since = index.last
+        finally:
+            if not self._kept.synced:
+                await self._sync()
+
+    def _follow(self, index: RevocationIndex, line: int, head: str) -> str:
+        """The head of the line's chain after this page, which meets the mark and, at the end, the index."""
+        if index.line != line:
+            raise FeedError(PepFault.FEED_FORKED, f"line {index.line} after {line}")
+        for entry in index.entries:
+            head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
+            if self._mark.differs(index.line, entry.epoch, head):
+                raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {entry.epoch}")
+        if index.last == index.epoch and index.head != head:
+            raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {index.epoch}")
+        return head
+
+    async def _sync(self) -> None:
+        try:
+            await asyncio.to_thread(self._kept.sync)
+        except OSError as error:
+            raise FeedError(PepFault.STATE_UNREADABLE, "what is revoked could not be kept") from error
+
+    def _hear(self, text: str, *, since: int, nonce: str) -> RevocationIndex:
+        """The answer to a question. What it revokes is in force even where its history is refused."""
         try:
             index = revocation.open(text, self._trust.feed, self._caps)
         except CapabilityError as error:
@@ -361,11 +346,12 @@ class ProviderFollower:
             raise FeedError(PepFault.FEED_WRONG_NONCE)
         if index.since != since:
             raise FeedError(PepFault.FEED_WRONG_RANGE)
-        if not (index.epoch >= self._mark.epoch and index.registry_version >= self._mark.registry_version):
-            raise FeedError(PepFault.FEED_ROLLED_BACK, f"epoch {index.epoch} after {self._mark.epoch}")
+        self._kept.hear(index, text, at=self._clock.wall_s())
+        if not self._mark.admits(index):
+            raise FeedError(PepFault.FEED_ROLLED_BACK, f"line {index.line}, epoch {index.epoch} after {self._mark}")
         return index
 
-    async def _registry(self, *, least: int) -> RegistrySnapshot:
+    async def _registry(self, index: RevocationIndex) -> RegistrySnapshot:
         text = await self._get_proven("/registry", {"audience": self._audience})
         try:
             snapshot = registry.open(text, self._trust.registry, self._caps)
@@ -375,8 +361,8 @@ class ProviderFollower:
             raise FeedError(PepFault.FEED_WRONG_ISSUER)
         if snapshot.audience != self._audience:
             raise FeedError(PepFault.REGISTRY_WRONG_AUDIENCE)
-        if not snapshot.version >= max(least, self._mark.registry_version):
-            raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {least}")
+        if not snapshot.version >= index.registry_version:
+            raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {index.registry_version}")
         return snapshot
 
     async def _get_proven(self, path: str, query: dict[str, str]) -> str:
@@ -407,6 +393,8 @@ class ProviderFollower:
             )
         except httpx2.HTTPError as error:
             raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
+        if response.status_code == 409:
+            raise FeedError(PepFault.FEED_ROLLED_BACK, "the provider knows less than was asked for")
         if response.status_code != 200 or not len(response.content) <= (most or self._caps.statement_bytes):
             raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code}")
         return response.text

@@ -13,7 +13,8 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.caps import DEFAULT
 from pep.base.clock import SystemClock
-from pep.provider.feed import ProviderFollower, FeedMarkFile
+from pep.provider.feed import ProviderFollower
+from pep.provider.feed_mark import FeedMarkFile
 
 LOOK_S = 0.0005
 """Interval between looks at the view, seconds: the resolution of the measurement."""

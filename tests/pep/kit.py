@@ -511,7 +511,7 @@ class FakeIssuer:
 
     def __init__(self, made, clock, *, tools=(), sensors=(), pep_key=None):
         self.made, self.clock = made, clock
-        self.epoch, self.registry_version, self.entries = 0, 1, []
+        self.epoch, self.registry_version, self.entries, self.line = 0, 1, [], 0
         self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
         self.peps = ()
         self.edges, self.agents, self.conduct_version, self.conduct_lie = (), (), 0, {}
@@ -540,7 +540,8 @@ class FakeIssuer:
         self.asked.append(path)
         match path:
             case "/revocations":
-                return httpx2.Response(200, text=self.index(**query))
+                text = self.index(**query)
+                return httpx2.Response(409 if text is None else 200, text=text or "")
             case "/revocations/wait":
                 return self.hint(**query)
             case "/registry":
@@ -560,9 +561,15 @@ class FakeIssuer:
         return httpx2.Response(404)
 
     def index(self, *, since, nonce):
-        since = int(since)
+        since, head = int(since), revocation.first_head(self.line)
+        if since > self.epoch:
+            return None
+        for entry in self.entries:
+            head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
         fields = {
             "issuer": ISSUER,
+            "line": self.line,
+            "head": head,
             "epoch": self.epoch,
             "since": since,
             "as_of_ms": int(self.clock.wall_s() * 1000),

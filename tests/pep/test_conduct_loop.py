@@ -13,7 +13,8 @@ from capabilities.values.chain import Chain
 from capabilities.values.scope import Grant, Tier
 from pep.journal.file_journal import FileJournal
 from pep.mcp.mapping import ARM_TOOLS, to_request
-from pep.provider.feed import FeedMarkFile, ProviderFollower
+from pep.provider.feed import ProviderFollower
+from pep.provider.feed_mark import FeedMarkFile
 from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import PresentedRequest
 from pep.request.call import Call

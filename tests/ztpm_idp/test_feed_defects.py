@@ -134,6 +134,8 @@ def test_a_feed_that_was_bricked_is_read_again(tmp_path):
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
             base.execute("UPDATE revocations SET id = 'http://h.example/mcp?x' WHERE epoch = 1")
             base.execute("DROP TABLE refusals")
+            for column in ("revocation_line", "revocation_head"):
+                base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
             base.execute("UPDATE alembic_version SET version_num = 'v0005'")
         world.start()
         first, second = index(world).entries

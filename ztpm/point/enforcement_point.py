@@ -23,7 +23,8 @@ from pep.base.clock import HeldClock, SystemClock, TimeMark
 from pep.base.errors import ConfigError, PepError, PepFault
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
-from pep.provider.feed import FeedMarkFile, ProviderFollower
+from pep.provider.feed import ProviderFollower
+from pep.provider.feed_mark import FeedMarkFile
 from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import Authority
 from ztpm.base.incidents import Incidents

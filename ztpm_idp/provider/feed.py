@@ -130,7 +130,7 @@ async def revocation_index(provider: Deployment, heartbeat: Heartbeat, *, since:
 
 async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
     counters = await view.counters()
-    found = await view.revocations_since(since, INDEX_ENTRIES)
+    found = await view.revocations.since(since, INDEX_ENTRIES)
     if since > counters.epoch:
         # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
         raise Problem(IdpCode.EPOCH_AHEAD)
@@ -142,6 +142,8 @@ async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: 
         nonce=nonce,
         registry_version=counters.registry_version,
         entries=_that_fit(found),
+        line=counters.revocation_line,
+        head=counters.revocation_head,
     )
     return revocation.sign(index, provider.keys.feed)
 

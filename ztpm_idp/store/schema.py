@@ -283,6 +283,8 @@ counters = sa.Table(
     sa.Column("ledger_head", sa.String(64), nullable=False),
     sa.Column("beats", sa.BigInteger, nullable=False),
     sa.Column("conduct_version", sa.BigInteger, nullable=False, server_default="0"),
+    sa.Column("revocation_line", sa.BigInteger, nullable=False, server_default="0"),
+    sa.Column("revocation_head", sa.String(64), nullable=False, server_default="0" * 64),
     sa.CheckConstraint("singleton = 1", name="one_row"),
 )
 """One row.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar, assert_never
+from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
@@ -55,9 +55,10 @@ from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.errors import OnceOnlyError
 from ztpm_idp.store.people import People
+from ztpm_idp.store.revocations import Revocations, batches
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -66,9 +67,6 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
-_T = TypeVar("_T")
-BATCH = 128
-"""Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
 NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
@@ -82,6 +80,8 @@ class Counters:
     ledger_size: int
     ledger_head: str
     conduct_version: int
+    revocation_line: int
+    revocation_head: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +102,7 @@ class Transaction:
         self.approvals = Approvals(connection)
         self.conduct = Conduct(connection)
         self.people = People(connection)
+        self.revocations = Revocations(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -128,12 +129,12 @@ class Transaction:
             hops=await self._hops(wanted),
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
-            revoked_at_epoch=await self._revoked_at(wanted.revocation),
+            revoked_at_epoch=await self.revocations.epoch_of(wanted.revocation),
             crowd=(crowd := await counts.count(self._connection, wanted.crowd))[0],
             crowd_of_all=crowd[1],
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
-            revoked=await self._revoked() if wanted.revocations else frozenset(),
+            revoked=await self.revocations.every() if wanted.revocations else frozenset(),
             epoch=(await self.counters()).epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
@@ -154,7 +155,15 @@ class Transaction:
         c = t.counters.c
         found = (
             await self._connection.execute(
-                sa.select(c.epoch, c.registry_version, c.ledger_size, c.ledger_head, c.conduct_version)
+                sa.select(
+                    c.epoch,
+                    c.registry_version,
+                    c.ledger_size,
+                    c.ledger_head,
+                    c.conduct_version,
+                    c.revocation_line,
+                    c.revocation_head,
+                )
             )
         ).one()
         return Counters(*found)
@@ -164,14 +173,6 @@ class Transaction:
         person = await self.people.owner(t.person_keys.c.key == key)
         found = await self._read(t.parties.c.key == key if person is None else t.parties.c.id == person)
         return found[0] if found else None
-
-    async def revocations_since(self, since: int, most: int) -> list[tuple[int, str, str]]:
-        """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""
-        c = t.revocations.c
-        found = await self._connection.execute(
-            sa.select(c.epoch, c.kind, c.id).where(c.epoch > since).order_by(c.epoch).limit(most)
-        )  # fmt: skip
-        return [(epoch, kind, id_) for epoch, kind, id_ in found]
 
     async def knows(self, kind: RevocationKind, id_: str) -> bool:
         """True where a thing of this kind was ever made or registered here."""
@@ -317,17 +318,6 @@ class Transaction:
         )
         return (0, 0) if found is None else (found.since_ms, found.number)
 
-    async def _revoked_at(self, what: tuple[str, str] | None) -> int | None:
-        if what is None:
-            return None
-        c = t.revocations.c
-        found: int | None = await self._scalar(sa.select(c.epoch).where(c.kind == what[0], c.id == what[1]))
-        return found
-
-    async def _revoked(self) -> frozenset[tuple[str, str]]:
-        c = t.revocations.c
-        return frozenset((kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id)))
-
     # --- writing ---------------------------------------------------------------------------------------------------
 
     async def lock(self) -> None:
@@ -343,7 +333,7 @@ class Transaction:
         counters = await self.counters()
         size, head = counters.ledger_size, counters.ledger_head
         events, lines = tuple(events), list[dict[str, object]]()
-        await self._revoke([event for event in events if isinstance(event, Revoked)], actor, at_ms)
+        await self.revocations.write([event for event in events if isinstance(event, Revoked)], actor, at_ms)
         for event in events:
             await self._write(event, actor, at_ms)
             kept = entry_of(event)
@@ -352,7 +342,7 @@ class Transaction:
             entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=kept[1])
             lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
-        for batch in _batches(lines):
+        for batch in batches(lines):
             await self._connection.execute(sa.insert(t.ledger), batch)
         await self._connection.execute(sa.update(t.counters).values(ledger_size=size, ledger_head=head))
         return (await self.counters()).epoch
@@ -423,7 +413,7 @@ class Transaction:
             case DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
                 pass  # the ledger entry is all there is
             case Revoked():
-                pass  # all of them at once, in `_revoke`
+                pass  # all of them at once, before
             case RecordTaken(pep=pep, seq=seq, digest=digest):
                 await self._connection.execute(sa.insert(t.records).values(pep=pep, seq=seq, hash=digest))
                 await self._connection.execute(
@@ -460,29 +450,3 @@ class Transaction:
                 not_after=scope.not_after,
             )
         )
-
-    async def _revoke(self, events: list[Revoked], by: str, at_ms: int) -> None:
-        """Writes revocations to the index, in this order, and ends the parties that end by them."""
-        if not events:
-            return
-        # The epochs are taken from the locked row inside this transaction: they become visible in their own order.
-        before = (await self.counters()).epoch
-        await self._connection.execute(sa.update(t.counters).values(epoch=before + len(events)))
-        index: list[dict[str, object]] = [
-            {"epoch": epoch, "kind": e.kind.value, "id": e.id, "by": by, "reason": e.reason, "at_ms": at_ms}
-            for epoch, e in enumerate(events, start=before + 1)
-        ]
-        for batch in _batches(index):
-            await self._connection.execute(sa.insert(t.revocations), batch)
-        parties = [event.party for event in events if event.party is not None]
-        for ended in _batches(parties):
-            await self._connection.execute(
-                sa.update(t.parties).where(t.parties.c.id.in_(ended)).values(standing=Standing.REVOKED.value)
-            )
-        if parties or any(event.kind is RevocationKind.KEY for event in events):
-            await self._registry_changed()
-
-
-def _batches(rows: list[_T]) -> Iterator[list[_T]]:
-    """The rows, `BATCH` at a time."""
-    return (rows[at : at + BATCH] for at in range(0, len(rows), BATCH))

@@ -8,7 +8,8 @@ from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry,
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
 from pep.base.errors import FeedError, PepFault
-from pep.provider.feed import FeedMarkFile, ProviderFollower
+from pep.provider.feed import ProviderFollower
+from pep.provider.feed_mark import FeedMarkFile
 from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, FakeIssuer, ManualClock, issuer_keys
 
 from capabilities.keys import keys

@@ -8,7 +8,8 @@ import pytest
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.clock import SystemClock
 from pep.base.errors import PepFault
-from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, FeedMarkFile, ProviderFollower
+from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, ProviderFollower
+from pep.provider.feed_mark import FeedMarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
 from capabilities.keys import keys

@@ -75,7 +75,8 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
                 "edges",
             ):
                 base.execute(f"DROP TABLE {table}")
-            base.execute("ALTER TABLE counters DROP COLUMN conduct_version")
+            for column in ("conduct_version", "revocation_line", "revocation_head"):
+                base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
             base.execute("ALTER TABLE agents DROP COLUMN workload")
             base.execute("UPDATE alembic_version SET version_num = 'v0001'")
             assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)

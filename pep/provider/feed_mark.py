@@ -1,0 +1,196 @@
+"""State of a follower that survives its restarts: its mark, and the revocations that it heard of.
+
+A provider whose database was restored knows less than its enforcement points do. The mark shows that; the revocations
+stay in force here, and are what the provider takes back.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Final
+
+from capabilities.statements import revocation
+from capabilities.values.errors import CapabilityError
+from pep.base.errors import FeedError, PepFault
+from pep.base.files import replace_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from capabilities.statements.revocation import RevocationIndex
+    from capabilities.values.caps import Caps
+
+_PASSING: Final = frozenset({str(revocation.Revoked.TOKEN), str(revocation.Revoked.HOP)})
+"""Kinds of things that end by themselves."""
+
+
+@dataclass(frozen=True, slots=True)
+class FeedMark:
+    """The high-water mark that survives restarts.
+
+    Attributes:
+        issuer: issuer of the feed; another issuer's mark is no mark.
+        epoch: highest accepted of its line.
+        registry_version: highest accepted of its line.
+        line: highest accepted.
+        head: of the line's chain at `epoch`; empty in a mark of an earlier release, which knew no heads.
+    """
+
+    issuer: str
+    epoch: int
+    registry_version: int
+    line: int
+    head: str
+
+    @classmethod
+    def none(cls, issuer: str) -> FeedMark:
+        """The mark of a follower that accepted nothing yet."""
+        return cls(issuer, 0, 0, 0, revocation.first_head(0))
+
+    def admits(self, index: RevocationIndex) -> bool:
+        """True for an index of a newer line, or of this line and no older."""
+        if index.line != self.line:
+            return index.line > self.line
+        return index.epoch >= self.epoch and index.registry_version >= self.registry_version
+
+    def differs(self, line: int, epoch: int, head: str) -> bool:
+        """True for a chain of this line that has another head at this epoch."""
+        return (line, epoch) == (self.line, self.epoch) and self.head not in ("", head)
+
+
+class FeedMarkFile:
+    """The mark on disk, replaced atomically and synced."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def read(self, issuer: str) -> FeedMark:
+        """The stored mark, or that of nothing when there is none yet.
+
+        Raises:
+            FeedError: `STATE_UNREADABLE` when there is one that cannot be read: starting from zero would accept a
+                rolled-back feed.
+        """
+        try:
+            stored = json.loads(self.path.read_bytes())
+            mark = FeedMark(
+                str(stored["issuer"]),
+                int(stored["epoch"]),
+                int(stored["registry_version"]),
+                int(stored.get("line", 0)),
+                str(stored.get("head", "")),
+            )
+        except FileNotFoundError:
+            return FeedMark.none(issuer)
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+            raise FeedError(PepFault.STATE_UNREADABLE, str(self.path)) from error
+        return mark if mark.issuer == issuer else FeedMark.none(issuer)
+
+    def write(self, mark: FeedMark) -> None:
+        """The mark is on disk.
+
+        Raises:
+            OSError: when it could not be made durable.
+        """
+        replace_file(self.path, json.dumps(asdict(mark)).encode())
+
+
+@dataclass(frozen=True, slots=True)
+class _Kept:
+    """One signed index that brought something, and the wall time at which it came, in seconds."""
+
+    at_s: int
+    text: str
+    index: RevocationIndex
+
+    @property
+    def line(self) -> bytes:
+        return json.dumps({"at": self.at_s, "text": self.text}).encode() + b"\n"
+
+    @property
+    def names(self) -> frozenset[tuple[str, str]]:
+        return frozenset((entry.kind, entry.id) for entry in self.index.entries)
+
+
+class KeptRevocations:
+    """Everything that this point heard is revoked, on disk until it would have ended.
+
+    A line for each signed index that brought something, as it was signed. A token and a hop end with the longest
+    lifetime of a token; nothing else ends by itself.
+
+    Args:
+        path: of the file, made when there is none.
+        issuer: of the feed; what another issuer revoked is not kept.
+        caps: hold the longest lifetime of a token.
+        at: wall time in seconds.
+
+    Attributes:
+        revoked: (kind, id) pairs.
+
+    Raises:
+        FeedError: `STATE_UNREADABLE` when the file cannot be read or put in order: starting without it would forget.
+    """
+
+    def __init__(self, path: Path, *, issuer: str, caps: Caps, at: float) -> None:
+        self._path = path
+        try:
+            content = path.read_bytes() if path.exists() else b""
+            # A line without its end was never synced, and what it says was never acted on as accepted.
+            whole = [self._read(line) for line in content.split(b"\n")[:-1]]
+            young_s = at - caps.lifetime_s - caps.skew_s
+            needed, covered = list[_Kept](), set[tuple[str, str]]()
+            for kept in reversed(whole):
+                living = {name for name in kept.names if name[0] not in _PASSING or kept.at_s >= young_s}
+                if kept.index.issuer == issuer and not living <= covered:
+                    needed.append(kept)
+                    covered |= kept.names
+            self._lines = needed[::-1]
+            self._unsynced, self._torn = list[_Kept](), False
+            if (fresh := b"".join(kept.line for kept in self._lines)) != content:
+                replace_file(path, fresh)
+        except (OSError, ValueError, KeyError, TypeError, CapabilityError) as error:
+            raise FeedError(PepFault.STATE_UNREADABLE, str(path)) from error
+        self.revoked = frozenset(covered)
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """The signed indexes, oldest first."""
+        return tuple(kept.text for kept in self._lines)
+
+    def hear(self, index: RevocationIndex, text: str, *, at: float) -> None:
+        """Puts what a verified index says in force at once."""
+        kept = _Kept(math.ceil(at), text, index)
+        if not kept.names <= self.revoked:
+            self.revoked |= kept.names
+            self._unsynced.append(kept)
+
+    @property
+    def synced(self) -> bool:
+        """True where all that was heard is on disk."""
+        return not self._unsynced
+
+    def sync(self) -> None:
+        """All that was heard is on disk.
+
+        Raises:
+            OSError: when it could not be made durable; the next call tries again.
+        """
+        torn, self._torn = self._torn, True
+        if torn:  # half a line may be there
+            replace_file(self._path, b"".join(kept.line for kept in (*self._lines, *self._unsynced)))
+        else:
+            with self._path.open("ab") as file:
+                file.write(b"".join(kept.line for kept in self._unsynced))
+                file.flush()
+                os.fsync(file.fileno())
+        self._torn = False
+        self._lines += self._unsynced
+        self._unsynced.clear()
+
+    def _read(self, line: bytes) -> _Kept:
+        stored = json.loads(line)
+        text = str(stored["text"])
+        return _Kept(int(stored["at"]), text, revocation.read_again(text))

@@ -1,0 +1,150 @@
+"""A provider whose database was restored: nothing that was heard is forgotten, and no other history is taken for ours."""
+
+import json
+
+import pytest
+from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.errors import FeedError, PepFault
+from pep.provider.feed_mark import KeptRevocations
+from tests.pep.kit import ISSUER
+from tests.pep.provider.test_feed import World, full
+
+
+@pytest.fixture
+def world(tmp_path):
+    world = World(tmp_path)
+    for name in ("first", "second"):
+        world.issuer.revoke("agent", name)
+    world.pull()
+    world.backup = world.issuer.epoch, list(world.issuer.entries)
+    for name in ("third", "fourth"):
+        world.issuer.revoke("agent", name)
+    world.pull()
+    return world
+
+
+def restore(world, *, line=None):
+    """The old database is back; announced as a new line, or not."""
+    world.issuer.epoch, world.issuer.entries = world.backup[0], list(world.backup[1])
+    world.issuer.line = world.issuer.line if line is None else line
+
+
+def agents(world):
+    return {id_ for kind, id_ in world.follower.view().revoked if kind == "agent"}
+
+
+ALL = {"first", "second", "third", "fourth"}
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("since", [0, 1, 2, 3])
+def test_a_database_that_was_put_back_in_silence_is_refused(world, restarted, since):
+    """At every number of revocations that follow, also where the epochs are level again, and beyond."""
+    restore(world)
+    for number in range(since):
+        world.issuer.revoke("agent", f"new-{number}")
+    if restarted:
+        world.restart()
+    world.refused(PepFault.FEED_ROLLED_BACK if since < 2 else PepFault.FEED_FORKED)
+    assert agents(world) >= ALL or restarted
+    world.refused(PepFault.FEED_ROLLED_BACK if since < 2 else PepFault.FEED_FORKED)
+    assert {name for kind, name in world.follower._kept.revoked} == ALL | {f"new-{n}" for n in range(since)}
+
+
+@pytest.mark.parametrize("restarted", [False, True])
+@pytest.mark.parametrize("since", [0, 1, 2, 3])
+def test_a_new_line_is_told_whole_and_nothing_is_forgotten(world, restarted, since):
+    restore(world, line=7)
+    world.issuer.registry_version = 0
+    for number in range(since):
+        world.issuer.revoke("agent", f"new-{number}")
+    new = {f"new-{n}" for n in range(since)}
+    if restarted:
+        world.restart()
+    world.pull()
+    assert (world.follower.view().epoch, world.follower.view().age_ms, agents(world)) == (2 + since, 0, ALL | new)
+    world.issuer.revoke("agent", "later")
+    world.pull()
+    world.restart()
+    world.pull()
+    assert agents(world) == ALL | new | {"later"}
+    # the line before is over
+    world.issuer.line = 0
+    world.refused(PepFault.FEED_ROLLED_BACK)
+
+
+def test_a_head_that_is_not_that_of_the_entries_is_refused(world):
+    world.issuer.lie = {"head": "e" * 64}
+    world.issuer.revoke("agent", "fifth")
+    world.refused(PepFault.FEED_FORKED)
+    assert "fifth" in agents(world), "revoked even so"
+
+
+def test_a_mark_of_an_earlier_release_is_taken_as_far_as_it_goes(world):
+    world.path.write_text(json.dumps({"issuer": ISSUER, "epoch": 4, "registry_version": 1}))
+    world.restart()
+    world.pull()
+    assert json.loads(world.path.read_text())["head"] == world.follower._known.head
+    world.path.write_text(json.dumps({"issuer": ISSUER, "epoch": 5, "registry_version": 1}))
+    world.restart()
+    world.refused(PepFault.FEED_ROLLED_BACK)
+
+
+def kept(world, *, after_s=0, issuer=ISSUER):
+    return KeptRevocations(
+        world.path.with_suffix(".kept"), issuer=issuer, caps=CAPS, at=world.clock.wall_s() + after_s
+    ).revoked
+
+
+def test_a_token_and_a_hop_are_kept_until_they_would_have_ended_and_the_rest_for_ever(world):
+    world.issuer.revoke("hop", "a" * 32)
+    world.pull()
+    world.issuer.revoke("token", "A" * 22)
+    world.pull()
+    passing = {("hop", "a" * 32), ("token", "A" * 22)}
+    lasting = {("agent", name) for name in ALL}
+    assert kept(world, after_s=CAPS.lifetime_s + CAPS.skew_s) == lasting | passing
+    assert kept(world, after_s=CAPS.lifetime_s + CAPS.skew_s + 1) == lasting
+    assert kept(world) == lasting, "what was dropped is gone"
+
+
+def test_the_file_holds_no_more_than_it_needs(world):
+    before = world.path.with_suffix(".kept").read_bytes()
+    assert before.count(b"\n") == 2, "one line for each pull that brought something"
+    world.path.unlink()
+    world.path.with_suffix(".kept").unlink()
+    world.restart()
+    world.pull()
+    world.pull()
+    whole = world.path.with_suffix(".kept").read_bytes()
+    assert whole.count(b"\n") == 1
+    world.path.with_suffix(".kept").write_bytes(before + whole)
+    assert kept(world) == {("agent", name) for name in ALL}
+    assert world.path.with_suffix(".kept").read_bytes() == whole
+    assert kept(world, issuer="http://127.0.0.1:1/other") == set()
+
+
+def test_a_line_that_was_cut_by_a_power_failure_is_left_out(world):
+    path = world.path.with_suffix(".kept")
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-20])
+    assert kept(world) == {("agent", "first"), ("agent", "second")}
+    assert path.read_bytes() == whole[: whole.index(b"\n") + 1]
+    path.write_bytes(whole[20:])
+    with pytest.raises(FeedError) as raised:
+        kept(world)
+    assert raised.value.code is PepFault.STATE_UNREADABLE
+
+
+def test_what_could_not_be_kept_is_in_force_and_is_kept_later(world, monkeypatch):
+    world.issuer.revoke("agent", "fifth")
+    monkeypatch.setattr("os.fsync", full)
+    world.clock.advance(300)
+    for _ in range(2):
+        world.refused(PepFault.STATE_UNREADABLE)
+        assert "fifth" in agents(world)
+        assert world.follower.view().age_ms == 300
+    monkeypatch.undo()
+    world.pull()
+    assert world.follower.view().age_ms == 0
+    assert ("agent", "fifth") in kept(world)

@@ -1,0 +1,78 @@
+"""Revocations in their table: one index, ordered by epoch, and the chain over it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, TypeVar
+
+import sqlalchemy as sa
+
+from capabilities.statements.revocation import next_head
+from ztpm_idp.domain.events import RevocationKind, Revoked
+from ztpm_idp.domain.parties import Standing
+from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+_T = TypeVar("_T")
+BATCH = 128
+"""Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
+
+
+class Revocations:
+    """Access of one transaction to the index of revocations."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    async def since(self, since: int, most: int) -> list[tuple[int, str, str]]:
+        """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""
+        c = t.revocations.c
+        found = await self._connection.execute(
+            sa.select(c.epoch, c.kind, c.id).where(c.epoch > since).order_by(c.epoch).limit(most)
+        )  # fmt: skip
+        return [(epoch, kind, id_) for epoch, kind, id_ in found]
+
+    async def epoch_of(self, what: tuple[str, str] | None) -> int | None:
+        """The epoch at which this (kind, id) was revoked, or None."""
+        if what is None:
+            return None
+        c = t.revocations.c
+        found: int | None = await self._connection.scalar(sa.select(c.epoch).where(c.kind == what[0], c.id == what[1]))
+        return found
+
+    async def every(self) -> frozenset[tuple[str, str]]:
+        """Every (kind, id) that is revoked."""
+        c = t.revocations.c
+        return frozenset((kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id)))
+
+    async def write(self, events: list[Revoked], by: str, at_ms: int) -> None:
+        """Writes revocations to the index, in this order, and ends the parties that end by them."""
+        if not events:
+            return
+        # The epochs are taken from the locked row inside this transaction: they become visible in their own order.
+        c = t.counters.c
+        before, head = (await self._connection.execute(sa.select(c.epoch, c.revocation_head))).one()
+        for epoch, event in enumerate(events, start=before + 1):
+            head = next_head(head, epoch, event.kind.value, event.id)
+        await self._connection.execute(sa.update(t.counters).values(epoch=before + len(events), revocation_head=head))
+        index: list[dict[str, object]] = [
+            {"epoch": epoch, "kind": e.kind.value, "id": e.id, "by": by, "reason": e.reason, "at_ms": at_ms}
+            for epoch, e in enumerate(events, start=before + 1)
+        ]
+        for batch in batches(index):
+            await self._connection.execute(sa.insert(t.revocations), batch)
+        parties = [event.party for event in events if event.party is not None]
+        for ended in batches(parties):
+            await self._connection.execute(
+                sa.update(t.parties).where(t.parties.c.id.in_(ended)).values(standing=Standing.REVOKED.value)
+            )
+        if parties or any(event.kind is RevocationKind.KEY for event in events):
+            await self._connection.execute(sa.update(t.counters).values(registry_version=c.registry_version + 1))
+
+
+def batches(rows: list[_T]) -> Iterator[list[_T]]:
+    """The rows, `BATCH` at a time."""
+    return (rows[at : at + BATCH] for at in range(0, len(rows), BATCH))
