@@ -27,7 +27,10 @@ SOURCES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in
 LEAVES = {leaf.words: leaf.command for leaf in leaves(command_line())}
 ENDING = {"fail": 0, "fail_at": 2, "UpError": 0, "LeaseError": 0, "ReplayError": 0, "DraftError": 0, "ClientError": 0,
           "StoreNotOpenedError": 0, "unavailable": None, "PitError": 0}  # fmt: skip
-"""Calls that end a command with a code, and its place among their arguments; None where only a keyword has it."""
+"""Place of the code among the arguments of each call that ends a command.
+
+None where only a keyword has it.
+"""
 KEYWORD = "code"
 
 

@@ -19,7 +19,7 @@ def ask(number):
 
 @pytest.fixture
 def looks(double, monkeypatch):
-    """What each look finds; after the last one a person presses Ctrl-C."""
+    """Findings of each look; after the last one a person presses Ctrl-C."""
     found, slept = [], []
 
     class Answers(dict):
