@@ -300,6 +300,7 @@ def part_of(world, first, last):
 
 def test_a_part_is_bound_to_a_checkpoint_of_its_own_and_is_never_taken_for_the_whole(world):
     full(world)
+    world.clock.at_s += 2
     lines, trust = lines_of(world), world.trust
     size = len(lines) - 1
     at_ms = [json.loads(line)["at_ms"] for line in lines[:-1]]
@@ -312,7 +313,7 @@ def test_a_part_is_bound_to_a_checkpoint_of_its_own_and_is_never_taken_for_the_w
         if end < size:
             assert found.as_of_ms == at_ms[end - 1], "a ledger that has gone on since is none of now"
         else:
-            assert found.as_of_ms >= at_ms[-1]
+            assert found.as_of_ms >= at_ms[-1] + 2_000
         if first > 1:
             assert ledger_file.verify(part, trust) == Defect(1, DefectCode.OUT_OF_SEQUENCE)
     part = part_of(world, 4, 9)
@@ -326,6 +327,18 @@ def test_a_part_is_bound_to_a_checkpoint_of_its_own_and_is_never_taken_for_the_w
         assert isinstance(ledger_file.verify(flipped, trust, first=4), Defect)
         flipped[number] = line.replace(b'"at_ms":1', b'"at_ms":2')
         assert isinstance(ledger_file.verify(flipped, trust, first=4), Defect), number
+
+
+def test_a_whole_ledger_begins_with_its_first_entry(world):
+    """Not even the ledger's own key makes a ledger whole whose first entry follows another."""
+    full(world)
+    lines, prev = [], "f" * 64
+    for line in lines_of(world)[:-1]:
+        lines.append(rfc8785.dumps(json.loads(line) | {"prev": prev}))
+        prev = hashlib.sha256(lines[-1]).hexdigest()
+    stated = checkpoint.Checkpoint(world.trust.issuer, len(lines), prev, 1)
+    signed = rfc8785.dumps({"checkpoint": checkpoint.sign(stated, world.idp_keys.ledger)})
+    assert ledger_file.verify([*lines, signed], world.trust) == Defect(1, DefectCode.CHAIN_BROKEN)
 
 
 def test_nothing_behind_the_end_is_whole(world):
