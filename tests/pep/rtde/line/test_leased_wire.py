@@ -52,23 +52,14 @@ class Here:
     def let_go(self):
         kept, self._kept = self._kept, None
         if kept is not None:
-            let_go(kept)
+            kept.disconnect()
 
     @property
     def now(self):
         return self._state.read()
 
     def control(self):
-        """A control connection, as soon as the registers of the one before it are free."""
-
-        def had():
-            try:
-                return rtde_control.RTDEControlInterface(self.gateway.host)
-            except RuntimeError as error:
-                assert "already in use" in str(error)
-                return None
-
-        return until(had, deadline_s=2.0)
+        return rtde_control.RTDEControlInterface(self.gateway.host)
 
     def moved(self, q, beyond=1e-4):
         return max(abs(a - b) for a, b in zip(self.now.q_rad, q, strict=True)) > beyond
@@ -109,7 +100,7 @@ def program(here, manner="permit"):
         yield control
     finally:
         here.gateway.tell("permit")
-        let_go(control)
+        control.disconnect()
         until(here.still)
 
 
@@ -508,7 +499,7 @@ def test_outputs_are_judged_one_by_one_and_the_slider_goes_down_alone(here):
 
 def test_a_second_one_that_would_command_is_refused(here):
     with program(here), pytest.raises(RuntimeError, match="already in use"):
-        rtde_control.RTDEControlInterface(here.gateway.host)
+        here.control()
 
 
 @pytest.mark.parametrize("port", [PRIMARY, SECONDARY, REALTIME])
