@@ -26,6 +26,7 @@ FIGURES: Final = {"": 1, "step": 22, "decision": 8, "tier": 4, "rad": 5, "ms": 5
 RIGHT: Final = frozenset({"tier", "rad", "ms"})
 NEXT: Final = (
     ("ztpm up", "the same cell, kept running, with a status page (docs/cell.md)"),
+    ("ztpm explain REPLAYED", "why that happened and what helps, for any code above"),
     ("ztpm eval stops", "many stops, each compared with the stop model"),
     ("ztpm rtde run --help", "your own ur_rtde program under a lease (docs/programs.md)"),
 )
