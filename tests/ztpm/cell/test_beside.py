@@ -21,7 +21,7 @@ class Begun:
     def until_ready(self):
         self._log.append(("ready", self.name))
         if self.name in self._fails:
-            raise ChildError(self.name)
+            raise ChildError(self.name, "it ended", [])
         return self
 
     def stop(self):
