@@ -73,7 +73,7 @@ def demo(
             started_up()
             told.extend(play(on_stage, step) for step in STORY.steps)
     else:
-        console.print("Identity provider, simulated UR3e, sensor, gateway and tool server, on this machine alone.")
+        console.print("A whole cell on this machine: provider, simulated UR3e, sensor, gateway, tools.")
         with (
             start_failures(),
             console.status("They start") as status,
