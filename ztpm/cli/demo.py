@@ -37,18 +37,28 @@ def start_failures() -> Iterator[None]:
 
 
 class _Shown(Preparing):
-    """Shows what a child prepares on the line of the running step."""
+    """Shows the running step, and what a child prepares meanwhile, on one line."""
 
     def __init__(self, status: Status) -> None:
         super().__init__()
-        self._status = status
+        self._status, self._step = status, "They start"
+
+    def begin(self, step: str) -> None:
+        """Shows this step from now on."""
+        self._step = step
+        self._status.update(step)
+
+    def over(self) -> None:
+        """Shows the step alone again."""
+        super().over()
+        self._status.update(self._step)
 
     @property
     def _changes(self) -> bool:
         return self._status.console.is_terminal
 
     def _change(self, text: str) -> None:
-        self._status.update(text)
+        self._status.update(f"{self._step}: {text}")
 
 
 def demo(
@@ -83,10 +93,10 @@ def demo(
             started_up()
             for number, step in enumerate(STORY.steps, 1):
                 lines.announce(step.id)
-                status.update(f"{step.id} ({number} of {len(STORY.steps)})")
+                shown.begin(f"{step.id} ({number} of {len(STORY.steps)})")
                 told.append(play(on_stage, step))
                 lines.tell(told[-1])
-            status.update("They end")
+            shown.begin("They end")
     sums = telling.figures(told, time.perf_counter() - started, moved_rad=MOVED_RAD)
     if as_json:
         say_json({"ok": sums.ok, "steps": [telling.as_json(step) for step in told], "figures": asdict(sums)})

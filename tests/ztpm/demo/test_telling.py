@@ -4,6 +4,7 @@ import io
 
 import pytest
 from rich.console import Console
+from ztpm.cli.demo import _Shown
 from ztpm.demo.run import MOVED_RAD, StepReport
 from ztpm.demo.story import CHAPTERS, STORY
 from ztpm.demo.telling import NEXT, Telling, figures
@@ -101,3 +102,23 @@ def test_a_broken_story_claims_less(changed, words):
     assert "42 of 43 steps" in text
     assert "✗" in text
     assert ("nothing moved without a record" in text) == (not sums.unrecorded)
+
+
+def test_a_childs_preparation_stands_behind_the_running_step_until_it_is_over():
+    with Console(file=io.StringIO(), width=80, force_terminal=True).status("They start") as status:
+        shown = _Shown(status)
+        shown.tell("compiling 3 of 26")
+        seen = [status.status]
+        shown.over()
+        seen.append(status.status)
+        shown.begin("restart-keeps (38 of 43)")
+        shown.tell("starting the gateway, 3 s")
+        seen.append(status.status)
+        shown.over()
+        seen.append(status.status)
+    assert seen == [
+        "They start: compiling 3 of 26",
+        "They start",
+        "restart-keeps (38 of 43): starting the gateway, 3 s",
+        "restart-keeps (38 of 43)",
+    ]
