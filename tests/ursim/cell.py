@@ -1,5 +1,6 @@
 """Base of the tests of the simulated controller: waiting with a deadline, and a controller without threads."""
 
+import ctypes
 import threading
 import time
 from pathlib import Path
@@ -29,9 +30,11 @@ def until(condition, deadline_s=10.0, pause_s=0.002):
 def let_go(*clients):
     """Disconnects clients of ur_rtde.
 
-    They are left alone with the half second for which each sleeps after it has closed its connection.
+    They are left alone with the half second for which each sleeps after it has closed its connection. None is ever
+    destroyed: that sleeps once more, with the interpreter's lock held.
     """
     for client in clients:
+        ctypes.pythonapi.Py_IncRef(ctypes.py_object(client))
         threading.Thread(target=client.disconnect, name="disconnect").start()
     for client in clients:
         until(lambda: not client.isConnected(), pause_s=0.001)  # noqa: B023 - called at once

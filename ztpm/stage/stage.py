@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import json
 import secrets
-import threading
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
@@ -166,8 +165,7 @@ class Stage:
     def close(self) -> None:
         """Closes the recorder."""
         if self.eyes is not None:
-            # It sleeps for half a second after it has closed the connection.
-            threading.Thread(target=self.eyes.disconnect, name="disconnect").start()
+            self.eyes.disconnect()
 
     def person(self, name: str) -> Operator:
         """The operator of that name."""
