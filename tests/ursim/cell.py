@@ -27,15 +27,19 @@ def until(condition, deadline_s=10.0, pause_s=0.002):
     raise AssertionError(f"not true within {deadline_s} s")
 
 
-def let_go(*clients):
-    """Disconnects clients of ur_rtde.
+def part_from(client):
+    """Disconnects a client of ur_rtde; half a second later another may come.
 
-    They are left alone with the half second for which each sleeps after it has closed its connection. None is ever
-    destroyed: that sleeps once more, with the interpreter's lock held.
+    It is never destroyed: that sleeps as long once more, with the interpreter's lock held.
     """
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(client))
+    client.disconnect()
+
+
+def let_go(*clients):
+    """Disconnects clients of ur_rtde, which are left alone with the half second for which each sleeps then."""
     for client in clients:
-        ctypes.pythonapi.Py_IncRef(ctypes.py_object(client))
-        threading.Thread(target=client.disconnect, name="disconnect").start()
+        threading.Thread(target=part_from, args=(client,), name="disconnect").start()
     for client in clients:
         until(lambda: not client.isConnected(), pause_s=0.001)  # noqa: B023 - called at once
 

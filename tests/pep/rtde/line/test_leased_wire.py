@@ -17,7 +17,7 @@ from pep.rtde.robot.state_receiver import STILL_RAD_S
 from tests.pep.rtde.packages import received
 from tests.pep.rtde.leased_gateway import LATER_S, leased_gateway
 from tests.pep.rtde.raw_program import Raw
-from tests.ursim.cell import HOME, let_go, until, upload
+from tests.ursim.cell import HOME, let_go, part_from, until, upload
 from ursim.ports.launch import SimulatedController
 
 rtde_control = pytest.importorskip("rtde_control", reason="ur_rtde is not installed")
@@ -52,7 +52,7 @@ class Here:
     def let_go(self):
         kept, self._kept = self._kept, None
         if kept is not None:
-            kept.disconnect()
+            part_from(kept)
 
     @property
     def now(self):
@@ -100,7 +100,7 @@ def program(here, manner="permit"):
         yield control
     finally:
         here.gateway.tell("permit")
-        control.disconnect()
+        part_from(control)
         until(here.still)
 
 
