@@ -17,16 +17,16 @@ from ztpm.cli.output import console, fail, fail_at, plain, say_json
 from ztpm.cli.person import (
     As,
     CellDirectory,
-    Issuer,
     Json,
-    KeyFile,
     Reason,
+    Signer,
     issuer_of,
     known_name,
     layout_of,
     open_key,
     operator,
     refusals,
+    signed,
 )
 
 if TYPE_CHECKING:
@@ -94,11 +94,10 @@ def attest(agent: AgentName, *, software: Software, directory: CellDirectory = N
 
 
 @app.command("list")
-def list_(
-    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
-) -> None:
+@signed
+def list_(*, signer: Signer, as_json: Json = False) -> None:
     """List every agent with its sponsor, state, trust and behaviour."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals(), person:
         rows = person.agents()
     if as_json:
@@ -118,19 +117,17 @@ def list_(
 
 
 @app.command("retire")
+@signed
 def retire(
     agent: AgentName,
     *,
     reason: Reason,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Retire an agent and all authority below it, for ever. Nothing takes it back: register a new agent instead."""
     known_name(agent)
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals(), person:
         epoch = person.suspend_agent(agent, reason)
     if as_json:
@@ -140,6 +137,7 @@ def retire(
 
 
 @app.command("restore")
+@signed
 def restore(
     agent: AgentName,
     *,
@@ -147,15 +145,12 @@ def restore(
     relearn: Annotated[
         bool, typer.Option("--relearn", help="Its work has changed: learn anew what is usual for it.")
     ] = False,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Restore an agent that was held back since its behaviour deviated: it may act again as before."""
     known_name(agent)
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals(), person:
         person.restore_agent(agent, reason, relearn=relearn)
     if as_json:

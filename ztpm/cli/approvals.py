@@ -16,7 +16,7 @@ from rich.text import Text
 
 from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, console, fail, plain, say_json
-from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, answering, refusals, refuse
+from ztpm.cli.person import Json, Reason, Signer, refusals, refuse, signed
 from ztpm.codes.unavailable import line_of
 
 if TYPE_CHECKING:
@@ -49,17 +49,15 @@ OPENING_S: Final = 600
 
 
 @app.command("list")
+@signed
 def list_(
     *,
     state: Annotated[AskState, typer.Option(help="How the asks stand.")] = AskState.OPEN,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """List the asks in a state."""
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         rows = person.approvals(state=state.value)
     if as_json:
@@ -82,13 +80,11 @@ def list_(
 
 
 @app.command("watch")
+@signed
 def watch(
     *,
     every: Annotated[int, typer.Option("--every", min=1, max=60, help="Seconds between looks.")] = 2,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Tell each open ask once, as it comes, until Ctrl-C; with --json each as one line.
@@ -97,7 +93,7 @@ def watch(
     """
     from ztpm_idp.client import ClientError
 
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     told: set[object] = set()
     lost = False
     while True:
@@ -113,7 +109,7 @@ def watch(
             lost = False
             for row in rows:
                 if row.get("ask_id") not in told:
-                    _tell(row, name, as_json=as_json)
+                    _tell(row, signer.name, as_json=as_json)
             told = {row.get("ask_id") for row in rows}
         time.sleep(every)
 
@@ -132,18 +128,16 @@ def _tell(row: Mapping[str, Any], name: str, *, as_json: bool) -> None:
 
 
 @app.command("show")
+@signed
 def show(
     ask_id: AskId,
     *,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Show everything that an approval of this ask would bind."""
     _check_id(ask_id)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         asked = person.approval(ask_id)
     if as_json:
@@ -153,6 +147,7 @@ def show(
 
 
 @app.command("approve")
+@signed
 def approve(
     ask_id: AskId,
     *,
@@ -163,16 +158,13 @@ def approve(
         bool, typer.Option("--sees-clear", help="You see with your own eyes that the cell is clear.")
     ] = False,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Approve exactly what is shown; the vote binds the digest of the very text that was shown."""
     _check_id(ask_id)
     lifetime_s = _lifetime_s(minutes, seconds, APPROVAL_S)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         asked = person.approval(ask_id)
     if not as_json:
@@ -193,42 +185,39 @@ def approve(
 
 
 @app.command("deny")
+@signed
 def deny(
     ask_id: AskId,
     *,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Deny the ask, which ends it."""
     _check_id(ask_id)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         told = person.deny(ask_id)
     _done(told, "Denied.", as_json=as_json)
 
 
 @app.command("withdraw")
+@signed
 def withdraw(
     ask_id: AskId,
     *,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Take an approval of your own back."""
     _check_id(ask_id)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         told = person.withdraw(ask_id)
     _done(told, "Withdrawn; what was used is used.", as_json=as_json)
 
 
 @app.command("open")
+@signed
 def open_(
     *,
     agent: Annotated[str, typer.Option(help="The agent that may ask.")],
@@ -239,18 +228,15 @@ def open_(
     minutes: Minutes = 0,
     seconds: Seconds = 0,
     reason: Annotated[str, typer.Option("--reason", help="For the record: one word, as a ticket's number.")] = "",
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Let an agent ask for a safety-critical (tier 4) act at all. This approves nothing."""
     lifetime_s = _lifetime_s(minutes, seconds, OPENING_S)
-    if not audience and issuer:
+    if not audience and signer.issuer:
         fail("WHICH_AUDIENCE", "--issuer needs --audience, too")
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
-    audience = audience or _audience(directory)
+    person = signer.operator()
+    audience = audience or _audience(signer.directory)
     with refusals():
         opening_id = person.open_tier_4(
             audience=audience, agent=agent, object=object_, operation=operation, uses=uses, lifetime_s=lifetime_s,
@@ -261,11 +247,10 @@ def open_(
 
 
 @app.command("openings")
-def openings(
-    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
-) -> None:
+@signed
+def openings(*, signer: Signer, as_json: Json = False) -> None:
     """List the openings that are not over."""
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         rows = person.openings()
     if as_json:
@@ -287,19 +272,17 @@ def openings(
 
 
 @app.command("close")
+@signed
 def close(
     opening_id: Annotated[str, typer.Argument(help="Id of the opening: 32 hex digits.")],
     *,
     reason: Reason,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """End an opening before its time."""
     _check_id(opening_id)
-    person = answering(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals():
         person.close_opening(opening_id, reason)
     _done({"opening_id": opening_id}, "Closed.", as_json=as_json)

@@ -17,7 +17,7 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
-from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, operator, refusals
+from ztpm.cli.person import Json, Signer, refusals, signed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -38,6 +38,7 @@ TrustFile = Annotated[
 
 
 @app.command("export")
+@signed
 def export(
     *,
     first: Annotated[int, typer.Option("--from", min=1, max=INT_LIMIT, help="First entry.")] = 1,
@@ -47,10 +48,7 @@ def export(
     out: Annotated[
         Path | None, typer.Option("--out", help="New file, which only you may read (default: standard output).")
     ] = None,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Write the ledger's entries as JSON lines, and the signed checkpoint that they end in.
@@ -61,7 +59,7 @@ def export(
         fail("USAGE", "--from is behind --to")
     if as_json and out is None:
         fail("USAGE", "--json tells of a file, so give --out")
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     count = -1  # the checkpoint is no entry
     with refusals(), person, _new(out) as file:
         for page in person.ledger_pages(first=first, last=last):

@@ -16,18 +16,17 @@ from rich.text import Text
 
 from ztpm.cli.output import DEFER, console, fail, fail_at, instant, plain, say_json
 from ztpm.cli.person import (
-    As,
     CellDirectory,
     Issuer,
     Json,
-    KeyFile,
     Reason,
+    Signer,
     issuer_of,
     known_name,
     layout_of,
     open_key,
-    operator,
     refusals,
+    signed,
 )
 
 if TYPE_CHECKING:
@@ -77,22 +76,20 @@ def new_key(
 
 
 @app.command("register")
+@signed
 def register(
     person: PersonName,
     *,
     public: PublicKey,
     role: Annotated[list[Role], typer.Option("--role", help="What the person may do; again for more.")],
     shown: ShownName = "",
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Register a sponsor, or propose an approver or administrator, whom another administrator confirms."""
     raw, roles = _raw(public), [each.value for each in role]
     known_name(person)
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         if set(roles) == {Role.SPONSOR.value}:
             caller.register_person(person, shown or person, raw, roles)
             _say("Registered.", {"id": person}, as_json=as_json)
@@ -102,31 +99,27 @@ def register(
 
 
 @app.command("key")
+@signed
 def add_key(
     *,
     public: PublicKey,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Propose a further key of one's own, as for a second machine. It gives no second vote."""
     raw = _raw(public)
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         change = caller.propose_key(raw)
     _wait(change, as_json=as_json)
 
 
 @app.command("end")
+@signed
 def end(
     person: PersonName,
     *,
     reason: Reason,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """End a person and all authority under it, for ever.
@@ -136,7 +129,7 @@ def end(
     from ztpm_idp.client import ClientError
 
     known_name(person)
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         try:
             epoch = caller.disable_person(person, reason)
         except ClientError as error:
@@ -150,44 +143,39 @@ def end(
 
 
 @app.command("confirm")
+@signed
 def confirm(
     change: ChangeId,
     *,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Confirm another administrator's change. Make sure first that the person is who it should be, and another."""
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         state = caller.confirm_change(change)
     _answered(change, state, as_json=as_json)
 
 
 @app.command("decline")
+@signed
 def decline(
     change: ChangeId,
     *,
     reason: Reason,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Decline a change, or take one's own back. Two administrators decline a recovery."""
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         state = caller.decline_change(change, reason)
     _answered(change, state, as_json=as_json)
 
 
 @app.command("list")
-def list_(
-    *, name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None, as_json: Json = False
-) -> None:
+@signed
+def list_(*, signer: Signer, as_json: Json = False) -> None:
     """List every person, and the changes that wait for another."""
-    with _caller(name, directory, issuer, key) as caller:
+    with _caller(signer) as caller:
         people, changes = caller.persons(), caller.changes()
     if as_json:
         say_json({"ok": True, "people": people, "changes": changes})
@@ -247,9 +235,9 @@ def _root_key(directory: Path | None) -> PrivateKey:
 
 
 @contextmanager
-def _caller(name: str, directory: Path | None, issuer: str, key: Path | None) -> Iterator[Operator]:
+def _caller(signer: Signer) -> Iterator[Operator]:
     """The person at work; a refusal ends the command."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals(), person:
         yield person
 

@@ -6,11 +6,14 @@ The key comes from a cell's directory (`--data DIR --as NAME`), or from a file o
 
 from __future__ import annotations
 
+import inspect
 import json
 import re
 from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn, Protocol, cast
+from typing import TYPE_CHECKING, Annotated, Any, Final, NoReturn
 
 import typer
 
@@ -19,7 +22,7 @@ from ztpm.cli.output import AS_JSON, fail, fail_at, plain
 from ztpm.cli.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from capabilities.keys.keys import PrivateKey
     from ztpm.base.layout import Layout
@@ -36,52 +39,47 @@ Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
 Reason = Annotated[str, typer.Option("--reason", help="Why, for the ledger.")]
 
 
-class Answering(Protocol):
-    """The part of `ztpm_idp.client.Operator` with which people answer asks. Each raises its `ClientError`."""
+@dataclass(frozen=True, slots=True)
+class Signer:
+    """Person whose key signs, as the options of a command name the key and the identity provider.
 
-    def approvals(self, state: str = "open") -> list[dict[str, Any]]:
-        """The asks in a state."""
-        ...
+    Attributes:
+        name: the person's id.
+        directory: the cell's directory.
+        issuer: the identity provider, with `key`, instead of `directory`.
+        key: file of the person's key.
+    """
 
-    def approval(self, ask_id: str) -> dict[str, Any]:
-        """One ask: "shown" (all that it says), "ask_digest", "state", "votes", "expires_at"."""
-        ...
+    name: str
+    directory: Path | None
+    issuer: str
+    key: Path | None
 
-    def approve(
-        self, ask_id: str, *, uses: int, lifetime_s: int, sees_clear: bool, shown: str | None
-    ) -> dict[str, Any]:
-        """The person approves the text with the digest `shown`; "state" afterwards."""
-        ...
+    def operator(self) -> Operator:
+        """The person, with the signing key; an unknown name or unreadable key ends the command."""
+        return operator(directory=self.directory, name=self.name, issuer=self.issuer, key=self.key)
 
-    def deny(self, ask_id: str) -> dict[str, Any]:
-        """The person denies; "state" afterwards."""
-        ...
 
-    def withdraw(self, ask_id: str) -> dict[str, Any]:
-        """The person takes its approval back; "state" afterwards."""
-        ...
+def _options(name: As, directory: CellDirectory = None, issuer: Issuer = "", key: KeyFile = None) -> Signer:
+    return Signer(name, directory, issuer, key)
 
-    def open_tier_4(
-        self,
-        *,
-        audience: str,
-        agent: str,
-        object: str,  # noqa: A002 - the word of the wire
-        operation: str,
-        uses: int,
-        lifetime_s: int,
-        reason: str,
-    ) -> str:
-        """A tier 4 act may be asked for; the opening's id."""
-        ...
 
-    def openings(self) -> list[dict[str, Any]]:
-        """The openings that are not over."""
-        ...
+def signed(command: Callable[..., None]) -> Callable[..., None]:
+    """The command with the four options of a `Signer` in place of its parameter `signer`."""
 
-    def close_opening(self, opening_id: str, reason: str) -> None:
-        """The opening is over."""
-        ...
+    @wraps(command)
+    def called(*, name: str, directory: Path | None, issuer: str, key: Path | None, **given: Any) -> None:
+        command(**given, signer=_options(name, directory, issuer, key))
+
+    options = inspect.signature(_options, eval_str=True).parameters.values()
+    own = inspect.signature(command, eval_str=True)
+    parameters: list[inspect.Parameter] = []
+    for parameter in own.parameters.values():
+        put = [each.replace(kind=each.KEYWORD_ONLY) for each in options] if parameter.name == "signer" else [parameter]
+        parameters += put
+    called.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
+    return called
 
 
 def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None) -> Operator:
@@ -112,11 +110,6 @@ def _told(person: Operator) -> Operator:
     """The person, who is told on standard error of what every administrator must know."""
     person.on_notice = lambda notice: typer.echo(f"NOTICE: {plain(notice)} waits; see ztpm person list", err=True)
     return person
-
-
-def answering(*, directory: Path | None, name: str, issuer: str, key: Path | None) -> Answering:
-    """The person as of `operator`, as an approver."""
-    return cast("Answering", operator(directory=directory, name=name, issuer=issuer, key=key))
 
 
 def known_name(name: str) -> None:

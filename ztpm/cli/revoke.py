@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import say_json
-from ztpm.cli.person import As, CellDirectory, Issuer, Json, KeyFile, Reason, operator, refusals
+from ztpm.cli.person import Json, Reason, Signer, refusals, signed
 
 
 class Revocable(StrEnum):
@@ -22,19 +22,17 @@ class Revocable(StrEnum):
     AUDIENCE = "audience"
 
 
+@signed
 def revoke(
     kind: Annotated[Revocable, typer.Argument(help="A hop takes all that is below it along.")],
     id_: Annotated[str, typer.Argument(metavar="ID", help="As `ztpm token inspect` and `ztpm agent list` show it.")],
     *,
     reason: Reason,
-    name: As,
-    directory: CellDirectory = None,
-    issuer: Issuer = "",
-    key: KeyFile = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
-    person = operator(directory=directory, name=name, issuer=issuer, key=key)
+    person = signer.operator()
     with refusals(), person:
         made = person.revocation(kind.value, id_, reason)
     if as_json:
