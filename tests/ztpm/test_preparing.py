@@ -76,7 +76,8 @@ def test_what_a_child_says_stays_on_the_line_of_the_running_step():
     now[0] = 11.0 + EACH_S
     shown.wait("starting")
     shown.over()
-    assert texts == ["3 of 15, 10.0 s", "3 of 15, 10.2 s", "3 of 15, 11.0 s", "starting"]
+    words = ("3 of 15, 10.0 s", "3 of 15, 10.2 s", "3 of 15, 11.0 s", "starting")
+    assert texts == [*(f"They start: {word}" for word in words), "They start"]
 
 
 def test_on_a_terminal_one_line_changes_and_is_free_afterwards():

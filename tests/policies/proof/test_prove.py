@@ -23,6 +23,7 @@ from policies.proof.outcome import Added, Outcome, outcome
 from policies.proof.verdicts import HOLDS, MAY_DEFER, is_known
 from tests.model import triples
 from typer.testing import CliRunner
+from ztpm.cli import app as command_line
 
 from policies import (
     ROWS,
@@ -399,14 +400,14 @@ def test_the_command_tells_a_counterexample(app):
 @pytest.mark.parametrize(
     ("arguments", "status", "code"),
     [
-        (["nowhere.toml"], 1, "UNREADABLE"),
-        (["--set", "nonsense"], 1, "UNKNOWN_SET"),
-        ([str(Path(__file__))], 1, "NOT_TOML"),
+        (["nowhere.toml"], 2, "UNREADABLE"),
+        (["--set", "nonsense"], 2, "UNKNOWN_SET"),
+        ([str(Path(__file__))], 2, "NOT_TOML"),
         ([str(BROKEN / "no-human-root.toml"), "--set", "paper-default"], 2, "USAGE"),
     ],
 )
-def test_the_command_names_what_is_wrong_with_its_input(app, arguments, status, code):
-    told = CliRunner().invoke(app, ["prove", *arguments, "--json"])
+def test_the_command_names_what_is_wrong_with_its_input(arguments, status, code):
+    told = CliRunner().invoke(command_line, ["policy", "prove", *arguments, "--json"])
     assert (told.exit_code, json.loads(told.stdout)["code"]) == (status, code)
 
 

@@ -258,5 +258,5 @@ def test_the_simulated_sensor_refuses_a_key_that_others_can_read(tmp_path):
          "--to", "127.0.0.1:9"],
         env={**os.environ, "ZTPM_PASSPHRASE": "secret words"}, input="", capture_output=True, text=True, timeout=60,
     )  # fmt: skip
-    assert (ended.returncode, ended.stdout) == (1, "")
+    assert (ended.returncode, ended.stdout) == (2, "")
     assert "CONFIG_INVALID" in ended.stderr

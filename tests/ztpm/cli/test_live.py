@@ -91,7 +91,7 @@ def test_an_agents_life(run, live, tmp_path):
     nothing.write_text(json.dumps(explained["repaired"]))
     done(*pass_on, "--restriction", nothing, "--out", tmp_path / "repaired.token")
     nothing.write_text('{"grants": 1, "grants": 2}')
-    assert refused(*pass_on, "--restriction", nothing, "--out", tmp_path / "x") == (2, "STATEMENT_MALFORMED")
+    assert refused(*pass_on, "--restriction", nothing, "--out", tmp_path / "x") == (2, "UNREADABLE")
     told = run("token", "inspect", second, "--trust", live.layout.trust, "--json")
     assert [hop["hop_id"] for hop in told.json["hops"]] == [issued["hop_id"], narrower["hop_id"]]
 

@@ -124,6 +124,7 @@ class Surroundings(House):
 
     def lay_out(self):
         (self.tmp / "state").mkdir()
+        self.issuer.pep_key = keys.public_raw(self.door_key)
         self.issuer.peps = tuple(PartyEntry(name, raw) for name, raw in self.peps.items())
         (self.tmp / "trust.json").write_bytes(self.trust.to_json())
         (self.tmp / "pep.key").write_bytes(keys.to_pem(self.door_key, PASSPHRASE.encode()))

@@ -163,7 +163,7 @@ def test_a_certificate_that_is_not_verified_and_a_corrupted_one_that_is_are_seen
     verdict = Verified(index=1.0, tier=1, rows=1, question="", model="", scene="")
     monkeypatch.setattr(trials, "verify", lambda text: verdict)
     assert "not verified" in complaints(1)  # a verdict on another answer
-    monkeypatch.setattr(trials, "corrupted", lambda text, rng: Corrupted("a seal on nothing", text))
+    monkeypatch.setattr(trials, "corrupted_move", lambda text, rng: Corrupted("a seal on nothing", text))
     monkeypatch.setattr(trials, "verify", true)
     assert "a seal on nothing: Verified" in complaints(1)
 

@@ -86,7 +86,7 @@ def trial(seed, number, share=0.0):
     found.counts.update(f"violation {kind}" for kind in answer.violations)
     sampled(question, answer, found, fail, control=number % CONTROL_EACH == 0)
     try:
-        certified(question, answer, np.random.default_rng([seed, number, 1]), number, found, fail)
+        certified(question, answer, np.random.default_rng([seed, number, 1]), number, found, fail, corrupted_move)
     except ProofError as error:
         fail(f"no certificate: {error.detail}")
     return found
@@ -213,7 +213,7 @@ def curved_trial(rng, number, found, fail):
         fail(f"a fault: {answer}")
         return
     try:
-        certified(question, answer, rng, number, found, fail, corrupted=corrupted_course)
+        certified(question, answer, rng, number, found, fail, corrupted_course)
     except ProofError as error:
         fail(f"no certificate: {error.detail}")
     if "joint_limit" in answer.violations:
@@ -300,7 +300,7 @@ def curved_seen(question, motion, rng, found, fail):
 # ---- the certificate
 
 
-def certified(question, answer, rng, number, found, fail, corrupted=corrupted_move):
+def certified(question, answer, rng, number, found, fail, corrupted):
     """The proof is verified, and refused when it is corrupted."""
     began = time.perf_counter()
     text = document(answer, **question)
