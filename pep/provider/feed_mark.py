@@ -1,7 +1,7 @@
 """State of a follower that survives its restarts: its mark, and the revocations that it heard of.
 
 A provider whose database was restored knows less than its enforcement points do. The mark shows that; the revocations
-stay in force here, and are what the provider takes back.
+stay in force here.
 """
 
 from __future__ import annotations

@@ -96,19 +96,20 @@ class Demands:
         profile = profile_of(move)
         if profile is None or not profile.speed_rad_s > slowest:
             return None
-        found = under(*self._known, _timing(profile), slowest, index)[-1]
+        found = under(*self._known, _timing(profile), float(slowest), float(index))[-1]
         return None if found == NOBODY else float(found)
 
     def _found(self, profile: Profile) -> tuple[Profile, Floats, Floats, Keys, Keys]:
         if self._last is None or self._last[0] != profile:
             # At no slower speed than its own: there is none to look for.
-            ratios, most, low, high, _ = under(*self._known, _timing(profile), profile.speed_rad_s, HIGHEST)
+            ratios, most, low, high, _ = under(*self._known, _timing(profile), float(profile.speed_rad_s), HIGHEST)
             self._last = profile, ratios, most, low, high
         return self._last
 
 
 def _timing(profile: Profile) -> Floats:
-    return np.array([profile.way_rad, profile.speed_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2])
+    numbers = profile.way_rad, profile.speed_rad_s, profile.acceleration_rad_s2, profile.braking_rad_s2
+    return np.array(numbers, dtype=np.float64)
 
 
 def compile_all() -> None:
