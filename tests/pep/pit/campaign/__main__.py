@@ -19,7 +19,7 @@ from multiprocessing import get_context
 from pathlib import Path
 
 from pep.pit.assessment.readiness import compile_all
-from tests.pep.pit.campaign.trials import CORRUPT_EACH, Figures, trial
+from tests.pep.pit.campaign.trials import CORRUPT_EACH, Figures, piece
 
 COUNT = 20_000
 CORRUPTIONS = 1_000
@@ -30,17 +30,6 @@ CURVED = 0.5
 OWN = (
     "between", "bracket", "__main__", "corruption", "corruption_courses", "courses", "curves", "dense", "facts", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timing", "trials", "twin",
 )  # fmt: skip
-
-
-def piece(seed, first, count, share):
-    """Some trials in a row; what breaks in one is a failure of that one."""
-    found = Figures()
-    for number in range(first, first + count):
-        try:
-            found.add(trial(seed, number, share))
-        except Exception as error:  # noqa: BLE001 - told with its number, and the others go on
-            found.failed.append(f"seed {seed}, trial {number}: {type(error).__name__}: {error}")
-    return found
 
 
 def path_of(name):

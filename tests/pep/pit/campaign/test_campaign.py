@@ -1,6 +1,8 @@
 """A slice of `make soundness`, and that each of its checks sees what it is there to see."""
 
 import re
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -173,7 +175,25 @@ def test_what_breaks_in_a_trial_is_a_failure_of_that_trial(monkeypatch):
     assert "trial 1: ZeroDivisionError" in complaints(2)
 
 
-# ---- the ledger
+# ---- the command and the ledger
+
+
+def test_the_command_tries_its_trials_in_processes_of_their_own_and_says_so(tmp_path, request):
+    asked = [
+        sys.executable,
+        "-m",
+        "tests.pep.pit.campaign",
+        "--count",
+        "2",
+        "--workers",
+        "1",
+        "--ledger",
+        tmp_path / "l",
+    ]
+    done = subprocess.run(asked, cwd=request.config.rootpath, capture_output=True, text=True, timeout=600, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "trials 0 to 1: 2 done" in done.stdout
+    assert (tmp_path / "l").read_text().count('"first": 0') == 1
 
 
 def test_a_run_goes_on_where_it_was_ended(tmp_path, monkeypatch):

@@ -62,6 +62,20 @@ class Figures:
         self.failed += other.failed
 
 
+def piece(seed, first, count, share):
+    """Some trials in a row; what breaks in one is a failure of that one.
+
+    It is here since another process finds nothing in a `__main__`.
+    """
+    found = Figures()
+    for number in range(first, first + count):
+        try:
+            found.add(trial(seed, number, share))
+        except Exception as error:  # noqa: BLE001 - told with its number, and the others go on
+            found.failed.append(f"seed {seed}, trial {number}: {type(error).__name__}: {error}")
+    return found
+
+
 def trial(seed, number, share=0.0):
     """One trial; of a motion that is no straight joint motion in so large a share of them."""
     found = Figures(counts=Counter(trials=1))
