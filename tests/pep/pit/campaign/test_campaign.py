@@ -93,6 +93,9 @@ def test_a_certificate_of_a_curved_motion_that_is_not_verified_is_seen(monkeypat
     true = trials.verify
     monkeypatch.setattr(trials, "verify", lambda text: true(text[:-1]))
     assert "not verified" in " ".join(campaign.piece(9, 0, 2, 1.0).failed)
+    monkeypatch.setattr(trials, "verify", true)
+    monkeypatch.setattr(trials, "corrupted_course", lambda text, rng: Corrupted("a seal on nothing", text))
+    assert "a seal on nothing: Verified" in " ".join(campaign.piece(9, 0, 11, 1.0).failed)
 
 
 def test_motions_are_sampled_every_millisecond():
@@ -218,7 +221,7 @@ def test_a_run_goes_on_where_it_was_ended(tmp_path, monkeypatch):
             return ended
 
     monkeypatch.setattr(campaign, "ProcessPoolExecutor", Here)
-    monkeypatch.setattr(campaign, "trial", lambda seed, number, share: one_trial(number))
+    monkeypatch.setattr(trials, "trial", lambda seed, number, share: one_trial(number))
     monkeypatch.setattr(campaign, "SHARE", 10)
     more = {"share": 0.0, "ledger": ledger, "workers": 1, "told": lambda whole: None}
     part = campaign.run(5, 0, 20, until=float("inf"), **more)
