@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import errno
 import sqlite3
+import threading
 
 import pytest
 from sqlalchemy.engine import make_url
@@ -13,13 +14,21 @@ from ztpm_idp.store.errors import StoreNotOpenedError, StoreUnavailableError
 
 from ztpm_idp.store import engine
 
-# aiosqlite's thread may answer a loop that the test has ended already.
-pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+
+async def opened(path):
+    """The store, or its fault, once aiosqlite's thread has answered this loop, which ends then."""
+    before = set(threading.enumerate())
+    try:
+        return await engine.Store.open(f"sqlite+aiosqlite:///{path}")
+    finally:
+        for thread in set(threading.enumerate()) - before:
+            while "_connection_worker_thread" in thread.name and thread.is_alive():  # noqa: ASYNC110 - a thread sets no event
+                await asyncio.sleep(0.001)
 
 
 def code_of(path):
     with pytest.raises(StoreNotOpenedError) as caught:
-        asyncio.run(engine.Store.open(f"sqlite+aiosqlite:///{path}"))
+        asyncio.run(opened(path))
     assert str(path) in caught.value.sentence and "\n" not in str(caught.value)
     return caught.value.code
 
