@@ -218,6 +218,7 @@ class GatewayServer(RobotPoint):
         )
         self.app = PathRouter(calls, {urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
+        self._ending: tuple[Lease, LeaseEnding] | None = None  # of a lease that is ended here, as its program is told
         self._tasks: list[asyncio.Task[object]] = []
         self._notes: set[asyncio.Task[None]] = set()
 
@@ -318,6 +319,8 @@ class GatewayServer(RobotPoint):
         return ToolSetup((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
 
     def _ended(self, lease: Lease, ending: LeaseEnding) -> None:
+        if self._ending is not None and self._ending[0] is lease:
+            ending = self._ending[1]  # also where the program has left meanwhile
         self.ports.over(lease, ending)
         chain = lease.credentials.chain
         body = {
@@ -360,6 +363,7 @@ class GatewayServer(RobotPoint):
         """Ends the lease, if there is one, and tells its program."""
         lease = self.leases.current
         if lease is not None:
+            self._ending = lease, ending
             try:
                 self.ports.over(lease, ending)
                 await asyncio.sleep(FAREWELL_S)
