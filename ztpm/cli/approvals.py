@@ -7,7 +7,6 @@ another person.
 from __future__ import annotations
 
 import time
-from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -18,6 +17,7 @@ from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, console, fail, plain, say_json
 from ztpm.cli.person import Json, Reason, Signer, refusals, refuse, signed
 from ztpm.codes.unavailable import line_of
+from ztpm_idp.domain.asks import AskState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,17 +25,6 @@ if TYPE_CHECKING:
 ID_COLUMNS = 32
 """An ask's or opening's id in hex digits."""
 app = typer.Typer(no_args_is_help=True, help="Questions to people, and their answers.")
-
-
-class AskState(StrEnum):
-    """States of an ask, as the identity provider spells them."""
-
-    OPEN = "open"
-    GRANTED = "granted"
-    DENIED = "denied"
-    WITHDRAWN = "withdrawn"
-    EXPIRED = "expired"
-
 
 AskId = Annotated[str, typer.Argument(help="Id of the ask: 32 hex digits.")]
 Uses = Annotated[int, typer.Option(min=1, max=100, help="How often it may be used.")]

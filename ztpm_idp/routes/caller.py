@@ -43,20 +43,16 @@ _SINCE = re.compile(r"0|[1-9][0-9]{0,15}")
 
 
 @dataclass(frozen=True, slots=True)
-class Call:
-    """An authenticated request.
+class ProvenCall:
+    """A request with a valid proof of possession.
 
     Attributes:
-        party: who calls.
         key: the key that signed the proof.
-        token: the token of `Authorization: DPoP`, decoded; the proof names it.
         raw: the body as it came.
         sent: method, address and proof.
     """
 
-    party: Party
     key: bytes
-    token: bytes | None
     raw: bytes
     sent: SignedRequest
 
@@ -79,29 +75,21 @@ class Call:
 
 
 @dataclass(frozen=True, slots=True)
-class RootCall:
-    """A request proven by the provider's root key; its members as of `Call`."""
+class Call(ProvenCall):
+    """A request of a registered party.
 
-    key: bytes
-    raw: bytes
-    sent: SignedRequest
+    Attributes:
+        party: who calls.
+        token: the token of `Authorization: DPoP`, decoded; the proof names it.
+    """
 
-    @property
-    def signed(self) -> SignedRequest:
-        """The part of the request that the ledger keeps.
+    party: Party
+    token: bytes | None
 
-        Raises:
-            Problem: with the code of the fault, for a body that is no JSON.
-        """
-        return _kept(self.sent, self.raw)
 
-    def body(self, model: type[B]) -> B:
-        """The body as `model`.
-
-        Raises:
-            Problem: with the code of the fault.
-        """
-        return _body(model, self.raw)
+@dataclass(frozen=True, slots=True)
+class RootCall(ProvenCall):
+    """A request proven by the provider's root key."""
 
 
 def _kept(sent: SignedRequest, raw: bytes) -> SignedRequest:
@@ -170,14 +158,14 @@ async def by_root(request: Request) -> RootCall:
 
 
 async def _authenticated(request: Request, raw: bytes) -> Call:
-    proof, call = _proven(request, raw)
+    proof, (key, token, raw, sent) = _proven(request, raw)
     provider = provider_of(request)
     party = await provider.caller(proof)
     place = (request.scope.get("extensions") or {}).get(PLACE)
     if place is not None:
         place.proven(f"{type(party).__name__} {party.id}")
     request.state.notice = await provider.notice(party)
-    return Call(party, *call)
+    return Call(key, raw, sent, party, token)
 
 
 def _proven(request: Request, raw: bytes) -> tuple[Proof, tuple[bytes, bytes | None, bytes, SignedRequest]]:
