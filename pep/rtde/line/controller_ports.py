@@ -22,6 +22,7 @@ from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECON
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.rtde.robot.primary_line import PrimaryLine
+from pep.rtde.robot.state_receiver import SURE_MS
 from pep.rtde.script.control_script import scripts_for
 from policies.words.reason_table import Reason
 
@@ -176,7 +177,7 @@ class LeasedPorts:
     def stop(self, rung: StopMeans) -> None:
         """Begins to stop the arm, this way or a harder one."""
         self.counted()
-        current, tenant = self.state.current(), self._tenant
+        current, tenant = self.state.current(SURE_MS), self._tenant
         idle = current is not None and current.still and current.runtime_state == STOPPED
         if rung is StopMeans.PROGRAM and idle and (tenant is None or not tenant.program.sent):
             if tenant is not None:

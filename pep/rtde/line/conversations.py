@@ -13,6 +13,7 @@ from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.line.script_uploads import LeasedScripts
 from pep.rtde.robot.connections import Conversation
+from pep.rtde.robot.state_receiver import SURE_MS
 from pep.rtde.script.control_script import Upload
 from pep.rtde.wire.client_texts import said
 from pep.rtde.wire.messages import WireError
@@ -170,7 +171,7 @@ class LeasedRtdePort(Conversation):
 
     def _slider(self) -> float:
         """Position of the slider; NaN when that is not known."""
-        newest = self._tenant.ports.state.current()
+        newest = self._tenant.ports.state.current(SURE_MS)
         return math.nan if newest is None or newest.state is None else newest.state.slider
 
     def _now(self) -> int:

@@ -27,6 +27,8 @@ FRESH_MS: Final = 100
 
 Fifty are due in that time.
 """
+SURE_MS: Final = 40
+"""Age beyond which a package excuses no stop, and lets no speed slider pass unjudged; twenty are due."""
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
 OFFSETS: Final[tuple[Offset, ...]] = (0, 24)
@@ -154,9 +156,9 @@ class StateReceiver:
         """Milliseconds since the newest package."""
         return self._clock.monotonic_ms() - self._newest.arrived_ms
 
-    def current(self) -> Package | None:
-        """Newest package, or None where that is older than 100 ms."""
-        return self._newest if self.silent_ms <= FRESH_MS else None
+    def current(self, within_ms: int = FRESH_MS) -> Package | None:
+        """Newest package, or None where that is older than `within_ms`."""
+        return self._newest if self.silent_ms <= within_ms else None
 
     def next(self) -> Package:
         """Package that arrives after this call has begun.

@@ -20,7 +20,7 @@ from pep.rtde.line.conversations import LeasedRtdePort
 from pep.rtde.line.lease_stop import OBEYS_MS, LeaseStopLadder, StopMeans
 from pep.rtde.line.script_uploads import ONLY_STOPS, LeasedScripts
 from pep.rtde.robot.connections import DASHBOARD, RTDE, SECONDARY
-from pep.rtde.robot.state_receiver import FRESH_MS, JointState
+from pep.rtde.robot.state_receiver import SURE_MS, JointState
 from pep.rtde.script.control_script import Upload, allow_list, installed_body, scripts_for
 from pep.rtde.wire.messages import ControlVersion
 from pep.rtde.wire.primary_frames import Key
@@ -144,7 +144,7 @@ def test_an_arm_of_which_nothing_new_is_heard_is_stopped_though_it_stood(ports):
     ports.state.heard = seen(ports.clock.monotonic_ms(), 0.0, STOPPED)
     ports.stop(StopMeans.PROGRAM)
     assert taken == []
-    ports.state.heard = seen(ports.clock.monotonic_ms() - FRESH_MS - 1, 0.0, STOPPED)
+    ports.state.heard = seen(ports.clock.monotonic_ms() - SURE_MS - 1, 0.0, STOPPED)
     ports.stop(StopMeans.PROGRAM)
     assert taken == [StopMeans.PROGRAM]
     assert not ports.ladder.over
@@ -220,7 +220,7 @@ def test_where_the_slider_stands_is_known_for_twenty_packages(ports):
     said_now(ports)
     port = LeasedRtdePort(ActiveLease(ports, object()), None)
     assert port._slider() == ports.state.heard.state.slider
-    ports.state.heard = replace(ports.state.heard, arrived_ms=ports.state.heard.arrived_ms - FRESH_MS - 1)
+    ports.state.heard = replace(ports.state.heard, arrived_ms=ports.state.heard.arrived_ms - SURE_MS - 1)
     assert math.isnan(port._slider())
 
 
