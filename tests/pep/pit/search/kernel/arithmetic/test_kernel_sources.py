@@ -4,6 +4,7 @@ import pickle
 import types
 
 import pytest
+from pep.pit.search.engine import chosen
 from pep.pit.search.kernel.arithmetic.code_digest import digest_of
 from pep.pit.search.kernel.arithmetic.compilation import ENTRIES, compiled
 
@@ -85,6 +86,7 @@ def test_how_every_function_is_compiled_counts(monkeypatch):
 
 
 def test_every_entry_of_the_kernel_has_a_digest_of_its_own_and_a_file_named_by_it():
+    chosen()
     digests = {each.py_func.__qualname__ + each.py_func.__module__: digest_of(each.py_func) for each in ENTRIES}
     assert len(set(digests.values())) == len(ENTRIES) > 10
     for each in ENTRIES:
