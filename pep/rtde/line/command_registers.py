@@ -51,6 +51,11 @@ READY, DONE = 1, 2
 """States of the control script, as told in its output register 0."""
 TAKEN_MS: Final = 50
 """Longest time until the control script begins with a stop, when it can hear it at all."""
+END_MS: Final = 250
+"""Ours: longest wait of a command for the end of the one before: the client may hear of that end before we do.
+
+As in [LSD-6], and more than the 0.1 s after which an end that the controller did not tell is taken as one.
+"""
 WATCHDOG_HZ: Final = 8.0
 """Ours: the controller ends the program 125 ms after our last write."""
 
@@ -81,6 +86,7 @@ class LeasedCommands:
         self._path: tuple[Waypoint, ...] = ()
         self._held: CommandQuestion | None = None
         self._held_ms = 0
+        self._early: tuple[str, int] | None = None  # a command that came before the last one's end, and when
         self._last: CommandQuestion | None = None  # forwarded
         self._stream: tuple[int, Steps | None] | None = None
         self._modes: set[int] = set()
@@ -129,7 +135,7 @@ class LeasedCommands:
 
     def end(self, reason: Reason) -> None:
         """Notes that the script runs no longer, or is about to be replaced: nothing is sent but zeros."""
-        waited = self._held is not None
+        waited = self._held is not None or self._early is not None
         self._over()
         if waited:
             self._deny(reason, "the control script has ended")
@@ -247,9 +253,11 @@ class LeasedCommands:
             pass  # told already; a clear ends that
         elif not self._running:
             self._refuse(InputRefusal(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
-        elif self._busy or (before and before not in EVERY_CYCLE and not row.every_cycle):
+        elif self._stop_next is not None or (before and before not in EVERY_CYCLE and not row.every_cycle):
             # The script would carry this one out late.
-            self._refuse(InputRefusal(Reason.BUSY, "the command before is not over"), row.name)
+            self._refuse(_NOT_OVER, row.name)
+        elif self._inside:
+            self._early = (row.name, at_ms)
         elif not self._claimed.issuperset(encode(command, self.offset)):
             self._refuse(InputRefusal(Reason.NOT_GRANTED, "its registers were not set up"), row.name)
         elif isinstance(command, v.SetWatchdog):
@@ -267,7 +275,7 @@ class LeasedCommands:
 
     def _drifted(self, command: Command) -> None:
         row = row_of(command)
-        if self._held is not None or self.denied:
+        if self._held is not None or self._early is not None or self.denied:
             return  # what stands when it is forwarded is judged then
         if row.command_class is CommandClass.GETTER:
             self._write(command)
@@ -367,14 +375,15 @@ class LeasedCommands:
         """Takes in one report: id in the command register, state of the script, standstill of the arm."""
         self._echo.told(command)
         idle, newest = command == 0 and said == READY, self._echo.newest
-        # A move goes on when the program clears it; a stop is not cleared before it is over.
-        over = command == self._once or (command == 0 and self._once not in STOPS)
+        # A move goes on when the program clears it, and may be over before we hear so; a stop is cleared after its end.
+        over = (newest and command == 0 and self._once not in STOPS) or (self._echo.ending and command == self._once)
         self._quiet = self._quiet + 1 if idle and still else 0
         # A controller may skip the package that says DONE.
-        if self._inside and newest and ((said == DONE and over) or self._quiet > QUIET):
+        if self._inside and ((said == DONE and over) or (newest and self._quiet > QUIET)):
             self._inside = False
             if command in STOPS and self._client.whole(0) == 0:
                 self._blanked()  # the program did not wait for its end
+            self._hear_early()
         if idle and newest and not self._inside:
             self._once = None
             if self._stop_next is not None and not self._sent:
@@ -383,8 +392,21 @@ class LeasedCommands:
                 self._write(stop)
                 self._acts.append(StopWritten())
 
+    def _hear_early(self) -> None:
+        """Takes in the command that has waited for the end of the one before, as it stands now."""
+        early, self._early = self._early, None
+        if early is None:
+            return
+        command = decode(self._merged({}))
+        if isinstance(command, InputRefusal):
+            self._misread(command, early[1])
+        else:
+            self._commanded(command, 0, early[1])
+
     def look(self, *, at_ms: int) -> None:
         """Acts on the passing of time alone."""
+        if self._early is not None and at_ms - self._early[1] > END_MS:
+            self._refuse(_NOT_OVER, self._early[0])
         if self._held is not None and at_ms - self._held_ms > PATIENCE_MS:
             self._withdraw()
             self._deny(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
@@ -476,6 +498,7 @@ class LeasedCommands:
             self._acts.append(Tell(text, ERROR))
 
     def _withdraw(self) -> None:
+        self._early = None
         question, self._held = self._held, None
         if question is not None:
             self._acts.append(Withdraw(question))
@@ -486,6 +509,7 @@ class LeasedCommands:
             stream[1].ended()
 
 
+_NOT_OVER: Final = InputRefusal(Reason.BUSY, "the command before is not over")
 NO_SCRIPT: Final = "no control script runs: call reuploadScript()"
 _FOLLOWS: Final = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
 

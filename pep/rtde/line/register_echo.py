@@ -30,6 +30,11 @@ class RegisterEcho:
         """True where the controller has the id that was written last, and not only an earlier equal one."""
         return not self._ahead
 
+    @property
+    def ending(self) -> bool:
+        """True where the controller has the id that was written last, or all that it lacks is the clear of that."""
+        return not self._ahead or (self._followed and list(self._ahead) == [0])
+
     def wrote(self, command: int) -> None:
         """Notes that the id was written."""
         self._same = 0

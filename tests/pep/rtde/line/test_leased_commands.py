@@ -10,7 +10,7 @@ from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.command_registers import DONE, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
+from pep.rtde.line.command_registers import DONE, END_MS, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
 from pep.rtde.line.effects import PATIENCE_MS, AskJudge, Halt, Note, Refresh, StopWritten, Tell, Withdraw, Write
 from pep.rtde.line.register_echo import QUIET
 from pep.rtde.script.move_path import PathMove, Waypoint
@@ -433,7 +433,7 @@ def test_a_stop_stays_until_the_script_has_carried_it_out():
     line.say(v.SpeedJ((0.2,) * 6, 1.0, 0.0))
     assert line.sent.whole(0) == 15
     assert line.written(line.write({INT[0]: 0})) == [], "the clear waits for the stop"
-    assert reasons(line.say(MOVE)) == ["BUSY"]
+    assert line.say(MOVE) == [], "it waits for the end of the stop"
     line.write({INT[0]: 0})
     line.robot(15, READY)
     assert line.acts() == []
@@ -454,17 +454,80 @@ def test_nothing_is_asked_while_the_script_is_in_a_move():
     line.write({INT[0]: 0})
     for command in (SPEED, v.MoveJ(Q, 1.0, 1.0, asynchronous=True), v.Read(v.Reading.STEADY)):
         line.robot(0, READY)
-        assert reasons(line.say(command)) == ["BUSY"]
+        assert line.say(command) == []
+        line.at_ms += END_MS
+        line.commands.look(at_ms=line.at_ms)
+        assert line.acts() == []
+        line.commands.look(at_ms=line.at_ms + 1)
+        acts = line.acts()
+        assert (reasons(acts), noted(acts)) == (["BUSY"], [("BUSY", row_of(command).name)])
         line.write({INT[0]: 0})
     line.robot(0, DONE)
     line.ask(SPEED)
+
+
+@pytest.mark.parametrize("command", [SPEED, MOVE])
+def test_a_program_that_hears_of_the_end_before_we_do_goes_on(command):
+    line = Line().permitted(MOVE)
+    line.robot(1, READY)
+    line.write({INT[0]: 0})
+    assert line.say(command) == []
+    line.robot(1, DONE)  # on its way while the clear was
+    (asked,) = line.acts()
+    assert asked.question.command == command
+    assert line.forward(asked.question, Steps())[0]
+
+
+def test_a_question_that_comes_before_the_end_is_passed_after_it():
+    line = Line().permitted(MOVE)
+    line.robot(1, READY)
+    line.write({INT[0]: 0})
+    assert line.say(v.Read(v.Reading.STEADY)) == []
+    line.robot(1, DONE)
+    assert line.written(line.acts()) == [v.Read(v.Reading.STEADY)]
+
+
+def test_a_stream_that_begins_before_the_end_is_asked_as_it_stands_then():
+    line, later = Line().permitted(MOVE), v.SpeedJ((0.2,) * 6, 1.0, 0.0)
+    line.robot(1, READY)
+    line.write({INT[0]: 0})
+    assert line.say(SPEED) == line.say(later) == []
+    line.robot(1, DONE)
+    (asked,) = line.acts()
+    assert asked.question.command == later
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({INT[0]: 0}, []),
+        ({DOUBLE[0]: 2.0}, ["NOT_WHAT_WAS_DECIDED"]),
+    ],
+)
+def test_what_is_withdrawn_or_swapped_before_the_end_is_not_asked(change, told):
+    line = Line().permitted(MOVE)
+    line.robot(1, READY)
+    line.write({INT[0]: 0})
+    assert line.say(MOVE) == []
+    assert reasons(line.write(change)) == told
+    line.robot(1, DONE)
+    assert not [act for act in line.acts() if isinstance(act, AskJudge)]
+
+
+def test_what_waits_for_an_end_fails_with_its_script():
+    line = Line().permitted(MOVE)
+    line.robot(1, READY)
+    line.write({INT[0]: 0})
+    line.say(MOVE)
+    line.commands.end(Reason.ROBOT_NOT_RUNNING)
+    assert reasons(line.acts()) == ["ROBOT_NOT_RUNNING"]
 
 
 def test_a_move_whose_end_the_controller_skipped_is_over_when_script_and_arm_are_quiet():
     line = Line().permitted(MOVE)
     line.write({INT[0]: 0})
     for _ in range(QUIET + 1):
-        assert reasons(line.say(SPEED)) == ["BUSY"]
+        assert line.say(SPEED) == []
         line.write({INT[0]: 0})
         line.robot(0, READY, still=True)
     line.ask(SPEED)
@@ -517,7 +580,7 @@ def test_a_word_of_the_move_before_is_none_of_the_same_move_again():
     line.write({INT[0]: 0})
     line.permitted(MOVE)
     line.robot(1, DONE)  # still of the first
-    assert reasons(line.say(SPEED)) == ["BUSY"]
+    assert line.say(SPEED) == []
     line.write({INT[0]: 0})
     line.robot(0, READY)
     line.robot(1, READY)
