@@ -28,6 +28,8 @@ CREDENTIALS: Final = "ztpm.credentials"
 HTTP_REQUEST: Final = "ztpm.knock"
 """Key in the ASGI scope under which the request that was read travels."""
 SCHEME: Final = "dpop"
+REFUSED_CODE: Final = -32_003
+"""JSON-RPC code of a refusal at the door: ours, of the range that is left to servers."""
 REFUSALS_AT_ONCE: Final = 4
 """Refusals recorded at the same time.
 
@@ -183,4 +185,7 @@ class Refusals:
             # Refused either way; only the journal's own state has got worse, and that denies every effect by itself.
             with contextlib.suppress(JournalError):
                 await self._edge.record("refusal", body)
-        await answer(send, status, json.dumps({"decision": "DENY", "reason": str(reason)}).encode(), headers)
+        # Clients of MCP read the JSON-RPC error, and show its message.
+        error = {"jsonrpc": "2.0", "id": None, "error": {"code": REFUSED_CODE, "message": str(reason)}}
+        told = {"decision": "DENY", "reason": str(reason), **error}
+        await answer(send, status, json.dumps(told).encode(), headers)

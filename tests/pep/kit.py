@@ -190,6 +190,12 @@ class Feed:
         self.revoked |= {(kind, identity)}
 
 
+def refusal_body(reason):
+    """Body of a request that was refused at the door, for clients of MCP and for others."""
+    error = {"code": -32_003, "message": reason}
+    return {"decision": "DENY", "reason": reason, "jsonrpc": "2.0", "id": None, "error": error}
+
+
 class Registry:
     """Registered tools, trust and sensors."""
 

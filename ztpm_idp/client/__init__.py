@@ -2,11 +2,14 @@
 
 from ztpm_idp.client.caller import ClientError, Issued, Revocation
 from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
+from ztpm_idp.client.denials import Deferred, Denied, raise_refused
 from ztpm_idp.client.signing import ProofAuth
 
 __all__ = [
     "Agent",
     "ClientError",
+    "Deferred",
+    "Denied",
     "Evidence",
     "Issued",
     "Operator",
@@ -14,4 +17,5 @@ __all__ = [
     "Revocation",
     "delegate_request",
     "issue_request",
+    "raise_refused",
 ]

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.values.scope import Restriction, Scope
+    from ztpm_idp.client.tools import Tools
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,6 +128,26 @@ class Agent(Caller):
         """Delegates as `delegate` does, with the delegate's id and evidence as they were received."""
         request = delegate_request(delegate, restriction, purpose=purpose)
         return self._issued(self._post("/tokens/delegate", {"request": request, "evidence": evidence}, token=token))
+
+    def tools(
+        self, url: str, token: str, *, patience_s: float = 0.0, asked: Callable[[str], None] | None = None
+    ) -> Tools:
+        """The tools of an MCP server, called with this agent's authority.
+
+        Example::
+
+            async with planner.tools("https://plant.example/mcp", lent.token) as tools:
+                answer = await tools.call("open_valve", {"valve": 7, "percent": 40})
+
+        Args:
+            url: of the server: the audience of the token.
+            token: this agent's.
+            patience_s: so long a deferred call waits for people before it raises `Deferred`.
+            asked: told the page at which people answer, once for each deferred call.
+        """
+        from ztpm_idp.client.tools import Tools  # with the MCP SDK, whose import takes half a second
+
+        return Tools(url, self.auth(token), patience_s=patience_s, asked=asked)
 
     def _evidence(self, delegator: str, request_digest: bytes) -> str:
         stated = attestation.Evidence(

@@ -33,6 +33,7 @@ from pep.rtde.line.effects import (
     Write,
 )
 from pep.rtde.line.register_echo import QUIET, RegisterEcho
+from pep.rtde.line.script_terms import DONE, END_MS, NO_SCRIPT, NOT_OVER, READY, TAKEN_MS, WATCHDOG_HZ, occupies
 from pep.rtde.wire.client_texts import said, told
 from pep.rtde.wire.recipes import DOUBLE, INT
 from pep.rtde.wire.refusal import InputRefusal
@@ -46,18 +47,6 @@ if TYPE_CHECKING:
     from pep.rtde.script.move_path import Waypoint
     from pep.rtde.wire.codec import Value
     from pep.rtde.wire.recipes import Offset, WritableVariables
-
-READY, DONE = 1, 2
-"""States of the control script, as told in its output register 0."""
-TAKEN_MS: Final = 50
-"""Longest time until the control script begins with a stop, when it can hear it at all."""
-END_MS: Final = 250
-"""Ours: longest wait of a command for the end of the one before: the client may hear of that end before we do.
-
-As in [LSD-6], and more than the 0.1 s after which an end that the controller did not tell is taken as one.
-"""
-WATCHDOG_HZ: Final = 8.0
-"""Ours: the controller ends the program 125 ms after our last write."""
 
 
 class LeasedCommands:
@@ -126,8 +115,7 @@ class LeasedCommands:
         """Notes that our control script runs, with that path in it, and listens to us alone."""
         self._running, self._path = True, path
         self._sent, self._once, self._inside, self.stands = 0, None, False, None
-        self._echo = RegisterEcho()
-        self._stop_next = None
+        self._echo, self._stop_next = RegisterEcho(), None
         self._modes.clear()
         if self.denied:
             self.denied = False
@@ -252,10 +240,10 @@ class LeasedCommands:
         elif self.denied:
             pass  # told already; a clear ends that
         elif not self._running:
-            self._refuse(InputRefusal(Reason.ROBOT_NOT_RUNNING, NO_SCRIPT), row.name)
+            self._refuse(NO_SCRIPT, row.name)
         elif self._stop_next is not None or (before and before not in EVERY_CYCLE and not row.every_cycle):
             # The script would carry this one out late.
-            self._refuse(_NOT_OVER, row.name)
+            self._refuse(NOT_OVER, row.name)
         elif self._inside:
             self._early = (row.name, at_ms)
         elif not self._claimed.issuperset(encode(command, self.offset)):
@@ -406,7 +394,7 @@ class LeasedCommands:
     def look(self, *, at_ms: int) -> None:
         """Acts on the passing of time alone."""
         if self._early is not None and at_ms - self._early[1] > END_MS:
-            self._refuse(_NOT_OVER, self._early[0])
+            self._refuse(NOT_OVER, self._early[0])
         if self._held is not None and at_ms - self._held_ms > PATIENCE_MS:
             self._withdraw()
             self._deny(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
@@ -475,7 +463,7 @@ class LeasedCommands:
         self._echo.wrote(row.id)
         if not row.every_cycle and row.id:
             self._once = row.id
-            self._inside = isinstance(command, v.Stop) or (isinstance(command, v.Move) and not _asynchronous(command))
+            self._inside = occupies(command)
         if isinstance(command, v.Stop):
             self._modes -= ended_by(command, self._modes)
         elif row.id in MODES:
@@ -509,16 +497,4 @@ class LeasedCommands:
             stream[1].ended()
 
 
-_NOT_OVER: Final = InputRefusal(Reason.BUSY, "the command before is not over")
-NO_SCRIPT: Final = "no control script runs: call reuploadScript()"
 _FOLLOWS: Final = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")
-
-
-def brake_registers(offset: Offset) -> tuple[str, ...]:
-    """Variables of stops and the watchdog: one that is not written would keep its stale value."""
-    stops = (v.StopJ(0.0, asynchronous=False), v.SpeedStop(0.0), v.ServoStop(0.0), v.SetWatchdog(WATCHDOG_HZ))
-    return tuple(dict.fromkeys(name for command in stops for name in encode(command, offset)))
-
-
-def _asynchronous(command: v.Move) -> bool:
-    return not isinstance(command, v.MoveUntilContact) and command.asynchronous

@@ -13,8 +13,8 @@ from __future__ import annotations
 from enum import Enum
 from typing import TYPE_CHECKING, Final
 
-from pep.rtde.line.command_registers import DONE, READY
 from pep.rtde.line.lease_stop import PLAYING, STOPPED
+from pep.rtde.line.script_terms import DONE, READY
 from pep.rtde.robot.program import OURS, STARTED
 
 if TYPE_CHECKING:

@@ -32,7 +32,7 @@ class RegisterEcho:
 
     @property
     def ending(self) -> bool:
-        """True where the controller has the id that was written last, or all that it lacks is the clear of that."""
+        """True where the controller lacks nothing that was written, or only the last clear."""
         return not self._ahead or (self._followed and list(self._ahead) == [0])
 
     def wrote(self, command: int) -> None:

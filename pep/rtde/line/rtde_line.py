@@ -15,10 +15,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.command.register_image import RegisterImage
-from pep.rtde.line.command_registers import LeasedCommands, brake_registers
+from pep.rtde.line.command_registers import LeasedCommands
 from pep.rtde.line.effects import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.line.output_registers import LeasedOutputs
 from pep.rtde.line.relay import OutgoingFrames, OwnInputs, Relay, belongs_to_others
+from pep.rtde.line.script_terms import brake_registers
 from pep.rtde.line.stream_update import Following
 from pep.rtde.wire.client_texts import fitted
 from pep.rtde.wire.codec import Recipe, encode_answer, encode_request

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from pep.rtde.command import command_values as v
 from pep.rtde.command.rounding import on_grid
-from pep.rtde.line.command_registers import DONE, READY, LeasedCommands
+from pep.rtde.line.command_registers import LeasedCommands
+from pep.rtde.line.script_terms import DONE, READY
 
 if TYPE_CHECKING:
     from pep.rtde.command.command_values import Command

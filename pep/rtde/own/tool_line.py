@@ -16,9 +16,9 @@ from pep.base.errors import PepFault, RobotError
 from pep.rtde.command.command_table import READS
 from pep.rtde.command.io_commands import MASKS, encode_io
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.command_registers import brake_registers
 from pep.rtde.line.effects import Halt, StopWritten, Write
 from pep.rtde.line.lease_stop import StopMeans
+from pep.rtde.line.script_terms import brake_registers
 from pep.rtde.own.tool_commands import ToolCommands
 from pep.rtde.robot.connections import RTDE, SECONDARY, Upstream
 from pep.rtde.script.control_script import Upload

@@ -12,7 +12,7 @@ from mcp.client.streamable_http import streamable_http_client
 from pep.base.clock import SystemClock
 from pep.mcp.guard import DECISION_META
 from pep.mcp.ticket_layer import TICKET
-from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT, FailingJournal, full_scope, reading
+from tests.pep.kit import AUDIENCE, HOST, MOVE, PORT, FailingJournal, full_scope, reading, refusal_body
 from tests.pep.mcp.forwarding import DOOR, GATEWAY_PORT, URL, House
 from tests.pep.mcp.test_mcp import HEADERS, Signed, call_body
 
@@ -37,7 +37,7 @@ async def until(holds):
 
 
 def refused(house, answer, status, reason):
-    assert (answer.status_code, answer.json()) == (status, {"decision": "DENY", "reason": reason})
+    assert (answer.status_code, answer.json()) == (status, refusal_body(reason))
     assert [body["reason"] for body in house.door_records("refusal")] == [reason]
 
 

@@ -24,7 +24,7 @@ from pep.rtde.robot.state_receiver import JointState
 from pep.watch.watch import MotionOutcome
 from policies.evidence.evidence import ImpactFault
 from tests.hostile_bodies import HOSTILE_BODIES
-from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_scope, reading
+from tests.pep.kit import AUDIENCE, HOST, ISSUER, MOVE, PORT, Rig, agent, full_scope, reading, refusal_body
 
 from capabilities.keys import keys
 from capabilities.proof import mcp_meta as meta
@@ -318,7 +318,7 @@ def test_a_transport_without_credentials_is_denied(cell):
 
 def refused(response, status, reason):
     assert response.status_code == status
-    assert response.json() == {"decision": "DENY", "reason": reason}
+    assert response.json() == refusal_body(reason)
     if status == 401:
         challenge = response.headers["www-authenticate"]
         assert challenge.startswith("DPoP ")

@@ -8,7 +8,7 @@ from pep.base.clock import SystemClock
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.body_screen import BODY_BYTES
 from pep.mcp.ticket_layer import TICKET
-from tests.pep.kit import AUDIENCE, FailingJournal
+from tests.pep.kit import AUDIENCE, FailingJournal, refusal_body
 from tests.pep.mcp.forwarding import URL, House, Shifted
 from tests.pep.mcp.test_mcp import HEADERS, call_body
 
@@ -50,7 +50,7 @@ class Request:
 
 
 def refused(house, answer, reason, clause=None, status=403):
-    assert (answer.status_code, answer.json()) == (status, {"decision": "DENY", "reason": reason})
+    assert (answer.status_code, answer.json()) == (status, refusal_body(reason))
     (record,) = [r["body"] for r in house.records("refusal")]
     assert (record["reason"], record["status"], record["where"].get("clause")) == (reason, status, clause)
     assert record["evidence"]["chain"] == "not collected"

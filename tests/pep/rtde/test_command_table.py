@@ -29,7 +29,7 @@ from pep.pit.robot.inverse_kinematics import stance
 from pep.pit.robot.twist import turn_of, turned_by
 from pep.rtde.command.command_table import ROWS
 from pep.rtde.command.limits import OFFSET_M
-from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.line.script_terms import WATCHDOG_HZ
 from pep.rtde.robot.connections import REALTIME
 from pep.rtde.robot.state_receiver import STILL_RAD_S
 from tests.pep.rtde.packages import received

@@ -14,7 +14,7 @@ from dataclasses import replace
 from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.base.thread_priority import LEAST
 from pep.rtde.command.limits import widest
-from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.line.script_terms import WATCHDOG_HZ
 from pep.rtde.robot.connections import PORTS
 from policies.words.parameters import Parameters
 from tests.e2e.test_gateway import House, Run

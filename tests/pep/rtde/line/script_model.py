@@ -2,7 +2,7 @@
 
 from pep.rtde.command.command_table import EVERY_CYCLE, decode, row_of
 from pep.rtde.command.register_image import RegisterImage
-from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.line.script_terms import DONE, READY
 
 from pep.rtde.command import command_values as v
 

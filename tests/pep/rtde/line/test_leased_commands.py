@@ -10,7 +10,8 @@ from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS
 from pep.rtde.lease.lease import LeaseEnding
-from pep.rtde.line.command_registers import DONE, END_MS, READY, TAKEN_MS, WATCHDOG_HZ, LeasedCommands
+from pep.rtde.line.command_registers import LeasedCommands
+from pep.rtde.line.script_terms import DONE, END_MS, READY, TAKEN_MS, WATCHDOG_HZ
 from pep.rtde.line.effects import PATIENCE_MS, AskJudge, Halt, Note, Refresh, StopWritten, Tell, Withdraw, Write
 from pep.rtde.line.register_echo import QUIET
 from pep.rtde.script.move_path import PathMove, Waypoint

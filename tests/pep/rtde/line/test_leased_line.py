@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from pep.rtde.command.command_table import encode
 from pep.rtde.command.command_values import MoveJ, StopJ
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
-from pep.rtde.line.command_registers import WATCHDOG_HZ
+from pep.rtde.line.script_terms import WATCHDOG_HZ
 from pep.rtde.line.effects import AskJudge, Note, Tell, Withdraw
 from pep.rtde.line.rtde_line import LeasedLine
 from pep.rtde.wire.codec import Framer, Recipe, decode_answer, decode_request, encode_answer, encode_request

@@ -13,7 +13,7 @@ from pep.base.errors import PepFault, RobotError
 from pep.base.stop_model import ESCALATE_MS
 from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.active_lease import ActiveLease
-from pep.rtde.line.command_registers import DONE, READY
+from pep.rtde.line.script_terms import DONE, READY
 from pep.rtde.line.control_program import START_MS, WAIT_MS, ControlProgram, ControlStep, Phase
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.conversations import LeasedRtdePort

@@ -1,0 +1,155 @@
+"""Tools of an MCP server, called with an agent's authority through the SDK's own client."""
+
+from __future__ import annotations
+
+import time
+from contextlib import AsyncExitStack
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import anyio
+import httpx2
+from mcp import Client, MCPError
+from mcp.client.streamable_http import streamable_http_client
+
+from ztpm_idp.client import direct_http
+from ztpm_idp.client.caller import TIMEOUT_S, ClientError
+from ztpm_idp.client.denials import DECISION_META, REFUSED_CODE, Deferred, Denied, error_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from types import TracebackType
+
+    from mcp_types import CallToolResult, Tool
+
+CALL_S: Final = 600.0
+"""Ours: longest wait for the answer to a call, which may be a motion's end."""
+_RETRY_S: Final = 5.0
+"""Longest pause between two looks at a deferred call."""
+
+
+class Tools:
+    """An open connection to one server: every request of it is signed and presents the token.
+
+    Args:
+        url: of the server, canonical: the audience of the token.
+        auth: signs each request.
+        patience_s: so long a deferred call waits for people before it raises `Deferred`.
+        asked: told the page at which people answer, once for each deferred call.
+        clock: monotonic, seconds.
+
+    Raises:
+        Denied: on entering: the server refused the token.
+        ClientError: `UNREACHABLE`: no server answers there.
+    """
+
+    def __init__(
+        self,
+        url: str,
+        auth: httpx2.Auth,
+        *,
+        patience_s: float = 0.0,
+        asked: Callable[[str], None] | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self.url = url
+        self._auth = auth
+        self._patience_s = patience_s
+        self._asked = asked
+        self._clock = clock
+        self._open = AsyncExitStack()
+        self._client: Client | None = None
+
+    async def __aenter__(self) -> Self:
+        async with AsyncExitStack() as opening:
+            http = await opening.enter_async_context(direct_http.async_client())
+            http.auth, http.timeout = self._auth, httpx2.Timeout(TIMEOUT_S, read=CALL_S)
+            transport = streamable_http_client(self.url, http_client=http)
+            try:
+                self._client = await opening.enter_async_context(Client(transport))
+            except Exception as error:
+                raise self._told(error) from error
+            self._open = opening.pop_all()
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._client = None
+        await self._open.aclose()
+
+    async def list(self) -> list[Tool]:
+        """The tools that the server shows to this token.
+
+        Raises:
+            Denied, ClientError: as `call`.
+        """
+        found: list[Tool] = []
+        cursor: str | None = None
+        while True:
+            try:
+                page = await self._connected().list_tools(cursor=cursor)
+            except Exception as error:
+                raise self._told(error) from error
+            found += page.tools
+            cursor = page.next_cursor
+            if cursor is None:
+                return found
+
+    async def call(self, tool: str, arguments: Mapping[str, object] | None = None) -> CallToolResult:
+        """Result of a permitted call; `is_error` in it is the tool's own.
+
+        Args:
+            tool: name of it.
+            arguments: of the call; a retry has exactly the same.
+
+        Raises:
+            Denied: nothing has happened.
+            Deferred: people were asked, and have not answered within `patience_s`.
+            ClientError: `UNREACHABLE` or `ANSWER_MALFORMED`: whether it has happened is not known.
+        """
+        given, begun, told = dict(arguments or {}), self._clock(), False
+        while True:
+            try:
+                return await self._once(tool, given)
+            except Deferred as deferred:
+                if not told and self._asked is not None:
+                    self._asked(deferred.page)
+                told = True
+                pause_s = min(float(deferred.retry_after_s), _RETRY_S)
+                if self._clock() + pause_s - begun > self._patience_s:
+                    raise
+            await anyio.sleep(pause_s)
+
+    async def _once(self, tool: str, arguments: dict[str, Any]) -> CallToolResult:
+        try:
+            result = await self._connected().call_tool(tool, arguments)
+        except Exception as error:
+            raise self._told(error) from error
+        refused = error_of((result.meta or {}).get(DECISION_META))
+        if refused is not None and result.is_error:
+            raise refused
+        return result
+
+    def _connected(self) -> Client:
+        if self._client is None:
+            raise RuntimeError("`async with` opens the connection first")
+        return self._client
+
+    def _told(self, error: Exception) -> Exception:
+        """The error in the words of this client; the SDK wraps the ones of its transport in groups."""
+        for each in _inside(error):
+            match each:
+                case MCPError(code=code, message=reason) if code == REFUSED_CODE:
+                    return Denied(reason, {"decision": "DENY", "reason": reason})
+                case httpx2.HTTPError() | OSError():
+                    return ClientError("UNREACHABLE", 0, f"{self.url}: {type(each).__name__}")
+                case MCPError(message=said):
+                    return ClientError("ANSWER_MALFORMED", 0, f"{self.url}: {said}")
+        return error
+
+
+def _inside(error: BaseException) -> list[BaseException]:
+    """The error and those that it holds."""
+    if isinstance(error, BaseExceptionGroup):
+        return [each for held in error.exceptions for each in _inside(held)]
+    return [error]
