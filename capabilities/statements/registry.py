@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from capabilities.keys import keys as key_forms
 from capabilities.statements import statement_form
-from capabilities.statements.claims import HexDigest, Name, PublicKey, Url, Whole, read, unique
+from capabilities.statements.claims import AgentId, HexDigest, Name, PublicKey, Url, Whole, read, unique
 from capabilities.values.form import Form, plain, upto, within
 from capabilities.values.scope import Tier
 
@@ -22,7 +22,8 @@ SENSORS: Final = 64
 AGENTS: Final = 1_024
 APPROVERS: Final = 64
 PEPS: Final = 16
-"""Most tools, sensors, agents, approvers and enforcement points of one snapshot.
+SUSPENDED: Final = 128
+"""Most tools, sensors, agents with trust, approvers, enforcement points and suspended agents of one snapshot.
 
 With names of 63 bytes, the longest that the identity provider registers, all of them together still fit a statement.
 """
@@ -73,6 +74,7 @@ class RegistrySnapshot(Form, frozen=True):
         tools, sensors, trust: each name once.
         approvers: each key once. A person may have several, and is one approver.
         peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.
+        suspended: agents that a person suspended: until it is restored, each is as one that is revoked.
     """
 
     issuer: Url
@@ -84,6 +86,7 @@ class RegistrySnapshot(Form, frozen=True):
     trust: Annotated[tuple[TrustEntry, ...], upto(AGENTS)]
     approvers: Annotated[tuple[PartyEntry, ...], upto(APPROVERS)]
     peps: Annotated[tuple[PartyEntry, ...], upto(PEPS)]
+    suspended: Annotated[tuple[AgentId, ...], upto(SUSPENDED)] = ()
 
     def tool(self, name: str) -> ToolEntry | None:
         """The tool of this name, or None."""
@@ -128,4 +131,5 @@ def _read(claims: dict[str, object]) -> RegistrySnapshot:
     unique(snapshot.trust, lambda entry: entry.agent, "an agent")
     unique(snapshot.approvers, lambda entry: entry.key, "an approver's key")
     unique(snapshot.peps, lambda entry: entry.id, "an enforcement point")
+    unique(snapshot.suspended, lambda agent: agent, "a suspended agent")
     return snapshot

@@ -64,6 +64,7 @@ class AcceptedFeed:
         line, epoch, head: of the newest index.
         read_ms: monotonic time at which the newest index's nonce was sent.
         snapshot: of the registry.
+        suspended: its suspended agents, as (kind, id) pairs: whatever they are in counts as revoked meanwhile.
     """
 
     line: int
@@ -71,6 +72,7 @@ class AcceptedFeed:
     head: str
     read_ms: int
     snapshot: RegistrySnapshot
+    suspended: frozenset[tuple[str, str]]
 
 
 class ProviderFollower:
@@ -140,7 +142,9 @@ class ProviderFollower:
         if known is None:
             return revocation.RevocationView.never()
         return revocation.RevocationView(
-            epoch=known.epoch, age_ms=self._clock.monotonic_ms() - known.read_ms, revoked=self._kept.revoked
+            epoch=known.epoch,
+            age_ms=self._clock.monotonic_ms() - known.read_ms,
+            revoked=self._kept.revoked | known.suspended if known.suspended else self._kept.revoked,
         )
 
     def tool(self, name: str) -> RegisteredTool | None:
@@ -284,7 +288,8 @@ class ProviderFollower:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
-        self._known = AcceptedFeed(index.line, index.epoch, index.head, sent_ms, snapshot)
+        suspended = frozenset((str(revocation.Revoked.AGENT), agent) for agent in snapshot.suspended)
+        self._known = AcceptedFeed(index.line, index.epoch, index.head, sent_ms, snapshot, suspended)
 
     async def _ask_all(self, known: AcceptedFeed | None) -> RevocationIndex:
         """The last index of everything after what is known, page by page; of a new line everything.

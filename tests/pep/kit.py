@@ -519,7 +519,7 @@ class FakeIssuer:
         self.made, self.clock = made, clock
         self.epoch, self.registry_version, self.entries, self.line = 0, 1, [], 0
         self.tools, self.sensors, self.trust, self.approvers = tuple(tools), tuple(sensors), (), ()
-        self.peps = ()
+        self.peps, self.suspended = (), ()
         self.edges, self.agents, self.conduct_version, self.conduct_lie = (), (), 0, {}
         self.down = False
         self.lie = {}
@@ -612,6 +612,7 @@ class FakeIssuer:
                 trust=self.trust,
                 approvers=self.approvers,
                 peps=self.peps,
+                suspended=self.suspended,
             ),
             self.made["registry"],
         )

@@ -32,7 +32,7 @@ def cell(tmp_path_factory):
         world.private["cell-2"] = keys.generate()
         alice.register_pep("cell-2", keys.public_raw(world.private["cell-2"]), ["http://127.0.0.1:8801/mcp"])
         world.agent("dead")
-        alice.suspend_agent("dead", "odd")
+        alice.retire_agent("dead", "odd")
         world.agent("new", attested=False)
         world.agent("other")
         for name, roles in {"erin": ["approver"], "frank": ["sponsor"], "grace": ["approver"]}.items():

@@ -334,7 +334,7 @@ def test_the_whole_budget_and_what_is_never_budgeted(cell):
     alice = cell.world.people["alice"]
     opening_id = opened(cell)
     alice.close_opening(opening_id, "no")
-    assert alice.suspend_agent("a1", "odd") == 1
+    assert alice.retire_agent("a1", "odd") == 1
     assert len(cell.answers().asks) == 24
 
 

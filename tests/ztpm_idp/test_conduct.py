@@ -384,7 +384,7 @@ def test_what_cannot_be_restored(lent):
     assert refused(bob, "nobody") == "NOT_PERMITTED"
     assert refused(alice, "cell-1") == "NOT_FOUND"
     probed(lent)
-    alice.suspend_agent("mover", "r")
+    alice.retire_agent("mover", "r")
     assert refused(alice, "mover") == "AGENT_INACTIVE"
     for body in ({"reason": "r", "relearn": 1}, {"relearn": True}, {"reason": "r", "extra": 1}):
         with pytest.raises(ClientError) as caught:
@@ -395,7 +395,7 @@ def test_what_cannot_be_restored(lent):
 def test_the_dead_are_not_told_of(lent):
     probed(lent)
     assert told(lent).agents
-    lent.people["alice"].suspend_agent("mover", "r")
+    lent.people["alice"].retire_agent("mover", "r")
     assert told(lent).agents == ()
     assert told(lent).edges == ()
 
@@ -403,7 +403,7 @@ def test_the_dead_are_not_told_of(lent):
 def test_what_the_dead_lent_is_not_told_of(lent):
     probed(lent)
     assert told(lent).edges
-    lent.people["alice"].suspend_agent("planner", "r")
+    lent.people["alice"].retire_agent("planner", "r")
     assert told(lent).edges == ()
     assert [standing.agent for standing in told(lent).agents] == ["mover"]
 
@@ -497,6 +497,6 @@ def test_a_young_agent_is_compared_with_its_peers_alone(world, monkeypatch):
         worked(world, person.issue(holder, world.scope(), purpose="p").token, 1)
     assert found == {"new": ["old"], "planner": [], "bobs": [], "old": []}
     assert set(held(world, "new")[1].careers) == {"new"}, "what is stored is its own"
-    alice.suspend_agent("old", "r")
+    alice.retire_agent("old", "r")
     worked(world, alice.issue(world.agents["new"], world.scope(), purpose="p").token, 1)
     assert found["new"] == []

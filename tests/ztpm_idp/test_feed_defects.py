@@ -136,6 +136,7 @@ def test_a_feed_that_was_bricked_is_read_again(tmp_path):
             base.execute("DROP TABLE refusals")
             for column in ("revocation_line", "revocation_head"):
                 base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
+            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
             base.execute("UPDATE alembic_version SET version_num = 'v0005'")
         world.start()
         first, second = index(world).entries
@@ -194,7 +195,7 @@ def test_the_openapi_has_no_dangling_reference_and_describes_refusals(world):
 
 def test_another_method_is_told_which_there_are(world):
     with world.anonymous() as http:
-        for path, allowed in (("/tokens", "POST"), ("/revocations", "GET, POST"), ("/agents/x/suspend", "POST")):
+        for path, allowed in (("/tokens", "POST"), ("/revocations", "GET, POST"), ("/agents/x/retire", "POST")):
             answer = http.put(ISSUER + path)
             assert (answer.status_code, answer.headers["allow"]) == (405, allowed)
             assert answer.json()["code"] == "METHOD_NOT_ALLOWED"

@@ -322,7 +322,7 @@ def test_the_dead_get_nothing(world):
     assert refused(world.people["bob"].issue, planner, world.scope(), purpose="p").code == "CALLER_INACTIVE"
     request = delegate_request("mover", SLOWER, purpose="p")
     evidence = mover.evidence("planner", request)
-    world.people["alice"].suspend_agent("mover", "odd")
+    world.people["alice"].retire_agent("mover", "odd")
     assert (
         refused(planner.delegate_with, lent.token, "mover", SLOWER, purpose="p", evidence=evidence).code
         == "AGENT_INACTIVE"
@@ -334,9 +334,9 @@ def test_the_dead_get_nothing(world):
     assert (error.code, error.status) == ("REVOKED", 401)
 
 
-def test_suspending_before_the_first_attestation_is_for_ever(world):
+def test_retiring_before_the_first_attestation_is_for_ever(world):
     helper = world.agent("helper", attested=False)
-    world.people["alice"].suspend_agent("helper", "odd")
+    world.people["alice"].retire_agent("helper", "odd")
     assert refused(helper.attest).code == "CALLER_INACTIVE"
     assert [row["status"] for row in world.people["alice"].agents()] == ["revoked"]
 

@@ -78,7 +78,7 @@ def test_one_revocation_takes_one_epoch(world):
     world.agent("mover")
     alice = world.people["alice"]
     with ThreadPoolExecutor(TOGETHER) as pool:
-        epochs = list(pool.map(lambda _: alice.suspend_agent("mover", "r"), range(TOGETHER)))
+        epochs = list(pool.map(lambda _: alice.retire_agent("mover", "r"), range(TOGETHER)))
     assert epochs == [1] * TOGETHER
 
 

@@ -58,6 +58,7 @@ def test_revocations_of_an_earlier_release_are_chained(tmp_path):
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
             base.execute("ALTER TABLE counters DROP COLUMN revocation_line")
             base.execute("ALTER TABLE counters DROP COLUMN revocation_head")
+            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
             base.execute("UPDATE alembic_version SET version_num = 'v0007'")
         world.start()
         assert (index(world).line, index(world).head) == (0, head)

@@ -164,7 +164,7 @@ def test_revoking_again_changes_nothing(world):
     forest(world)
     alice = world.people["alice"]
     first = alice.revoke("agent", "mover", "one")
-    assert alice.suspend_agent("mover", "two") == first
+    assert alice.retire_agent("mover", "two") == first
     assert [(e.epoch, e.kind, e.id) for e in index(world).entries] == [(1, "agent", "mover")]
 
 

@@ -129,11 +129,31 @@ def retire(
     known_name(agent)
     person = signer.operator()
     with refusals(), person:
-        epoch = person.suspend_agent(agent, reason)
+        epoch = person.retire_agent(agent, reason)
     if as_json:
         say_json({"ok": True, "id": agent, "epoch": epoch})
     else:
         typer.echo(f"Retired, epoch {epoch}.")
+
+
+@app.command("suspend")
+@signed
+def suspend(
+    agent: AgentName,
+    *,
+    reason: Reason,
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Suspend an agent and all authority through it, until it is restored."""
+    known_name(agent)
+    person = signer.operator()
+    with refusals(), person:
+        person.suspend_agent(agent, reason)
+    if as_json:
+        say_json({"ok": True, "id": agent, "status": "suspended"})
+    else:
+        typer.echo("Suspended.")
 
 
 @app.command("restore")
@@ -148,7 +168,7 @@ def restore(
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Restore an agent that was held back since its behaviour deviated: it may act again as before."""
+    """Restore an agent that was suspended, or held back since its behaviour deviated: it may act again as before."""
     known_name(agent)
     person = signer.operator()
     with refusals(), person:

@@ -31,6 +31,7 @@ EXAMPLES: Final = {
     "agent attest": "mover --software mover.py",
     "agent list": "--as alice",
     "agent retire": "mover --reason 'replaced by mover-2' --as alice",
+    "agent suspend": "mover --reason 'it asks oddly' --as alice",
     "agent restore": "mover --reason 'looked at, a new part' --relearn --as alice",
     "person new-key": "erin.key",
     "person register": "erin --public PUBLIC --role approver --as carol",

@@ -192,12 +192,16 @@ class Operator(PeopleCaller):
         named = {"workload": workload} if workload else {}
         self._post("/agents", body | {"sponsor": sponsor or self.id} | named)
 
-    def suspend_agent(self, id: str, reason: str) -> int:  # noqa: A002
-        """The agent and all that is below it are dead; the epoch."""
-        return int(self._post(f"/agents/{id}/suspend", {"reason": reason})["epoch"])
+    def retire_agent(self, id: str, reason: str) -> int:  # noqa: A002
+        """The agent and all that is below it are dead, for ever; the epoch."""
+        return int(self._post(f"/agents/{id}/retire", {"reason": reason})["epoch"])
+
+    def suspend_agent(self, id: str, reason: str) -> None:  # noqa: A002
+        """The agent and all that is below it may do nothing until a person restores it."""
+        self._post(f"/agents/{id}/suspend", {"reason": reason})
 
     def restore_agent(self, id: str, reason: str, *, relearn: bool = False) -> None:  # noqa: A002
-        """The agent's deviations are taken off it: it may act again as before.
+        """The agent's suspension is ended, and its deviations are taken off it: it may act again as before.
 
         Args:
             id: of the agent.
@@ -205,7 +209,7 @@ class Operator(PeopleCaller):
             relearn: its work has changed: its baseline is learned anew.
 
         Raises:
-            ClientError: `NOTHING_TO_RESTORE` when nothing was reported of it, `NOT_PERMITTED` and other codes.
+            ClientError: `NOTHING_TO_RESTORE` when it is not suspended and nothing was reported of it, and other codes.
         """
         self._post(f"/agents/{id}/restore", {"reason": reason, "relearn": relearn})
 

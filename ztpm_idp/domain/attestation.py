@@ -75,13 +75,15 @@ def attest(rules: Rules, state: State, command: Attest, at_ms: int) -> Outcome:
 
 
 def may_receive(state: State, id_: str) -> RegisteredAgent | Refusal:
-    """The agent, when it may receive authority: registered, attested once, not revoked, with an active sponsor.
+    """The agent, when it may receive authority: attested once, neither suspended nor revoked, its sponsor active.
 
     The state must hold the agent and, when it is registered, its sponsor.
     """
     match state.parties.get(id_):
         case RegisteredAgent(standing=Standing.REVOKED):
             return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked")
+        case RegisteredAgent(standing=Standing.SUSPENDED):
+            return Refusal(IdpCode.AGENT_SUSPENDED, "the agent is suspended")
         case RegisteredAgent(standing=Standing.REGISTERED):
             return Refusal(FaultCode.HOP_NOT_ATTESTED, "the agent has never been attested")
         case RegisteredAgent() as agent if active_person(state, agent.sponsor, PersonRole.SPONSOR) is None:

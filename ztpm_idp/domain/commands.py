@@ -14,7 +14,16 @@ from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.changes import ChangeKind
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside, Wanted
+from ztpm_idp.domain.state import (
+    AgentsOf,
+    Approvers,
+    PepsOf,
+    SensorsOf,
+    SuspendedBeside,
+    ToolsBeside,
+    TrustBeside,
+    Wanted,
+)
 
 if TYPE_CHECKING:
     from capabilities.values.scope import Restriction, Scope
@@ -138,8 +147,20 @@ class StateTrust:
 
 
 @dataclass(frozen=True, slots=True)
+class SuspendAgent:
+    """A person suspends an agent until one restores it."""
+
+    by: str
+    agent: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class RestoreAgent:
-    """A person takes an agent's deviations off it; with `relearn` its baseline is learned anew, too."""
+    """A person ends an agent's suspension and takes its deviations off it.
+
+    With `relearn` its baseline is learned anew, too.
+    """
 
     by: str
     agent: str
@@ -273,6 +294,7 @@ Command = (
     | RegisterSensor
     | RegisterTool
     | StateTrust
+    | SuspendAgent
     | RestoreAgent
     | GiveNonce
     | Attest
@@ -310,6 +332,8 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), crowd=ToolsBeside(tool.audience, tool.name))
         case StateTrust(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), crowd=TrustBeside(agent))
+        case SuspendAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), crowd=SuspendedBeside(agent))
         case RestoreAgent(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), conduct_of=frozenset({agent}))
         case GiveNonce(by=by):

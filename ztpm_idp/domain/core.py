@@ -27,6 +27,7 @@ from ztpm_idp.domain.commands import (
     RestoreAgent,
     Revoke,
     StateTrust,
+    SuspendAgent,
     TakeAsk,
     TakeRecords,
 )
@@ -52,6 +53,8 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         refused = caller_refused(state, command.by)
         if refused is not None:
             return refused
+        if state.parties[command.by].standing is Standing.SUSPENDED and not isinstance(command, Revoke):
+            return Refusal(IdpCode.AGENT_SUSPENDED, "it may only revoke what it holds")
     outcome = _decided(rules, state, command, at_ms)
     if isinstance(command, Initialise | Recover | CompleteRecovery) or not isinstance(outcome, Refusal):
         return outcome
@@ -82,6 +85,8 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return registry.register_tool(state, command)
         case StateTrust():
             return registry.state_trust(state, command)
+        case SuspendAgent():
+            return registry.suspend_agent(state, command)
         case RestoreAgent():
             return registry.restore_agent(rules, state, command, at_ms)
         case GiveNonce():

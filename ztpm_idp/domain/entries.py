@@ -13,6 +13,7 @@ from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
+    AgentSuspended,
     ApprovalActRefused,
     AskTaken,
     ChangeAnswered,
@@ -32,6 +33,7 @@ from ztpm_idp.domain.events import (
     RefusalCounted,
     RefusalsSpent,
     Revoked,
+    SuspensionEnded,
     TokenDelegated,
     TokenIssued,
     ToolRegistered,
@@ -90,6 +92,10 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "trust-stated", {"agent": agent, "permille": permille}
         case NonceGiven() | NonceConsumed() | PermitOpened() | PermitConcluded() | ConductObserved() | RefusalCounted():
             return None
+        case AgentSuspended(agent=agent, reason=reason):
+            return "agent-suspended", {"agent": agent, "reason": reason}
+        case SuspensionEnded(agent=agent, reason=reason):
+            return "suspension-ended", {"agent": agent, "reason": reason}
         case AgentRestored(agent=agent, reason=reason, relearned=relearned):
             return "agent-restored", {"agent": agent, "reason": reason, "relearned": relearned}
         case AgentAttested(agent=agent, measurement=measurement, evidence=evidence, kind=kind):

@@ -238,6 +238,22 @@ class ConductObserved:
 
 
 @dataclass(frozen=True, slots=True)
+class AgentSuspended:
+    """A person suspended an agent: no token that it is in counts from now on."""
+
+    agent: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class SuspensionEnded:
+    """A person ended an agent's suspension: its tokens count again, and it stands as before."""
+
+    agent: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
 class AgentRestored:
     """A person took an agent's deviations off it; `relearned`: its baseline, too."""
 
@@ -330,6 +346,8 @@ Event = (
     | PermitOpened
     | PermitConcluded
     | ConductObserved
+    | AgentSuspended
+    | SuspensionEnded
     | AgentRestored
     | AskTaken
     | VoteCast

@@ -31,6 +31,8 @@ class Standing(StrEnum):
     REGISTERED = "registered"
     """An agent that has not been attested yet."""
     ACTIVE = "active"
+    SUSPENDED = "suspended"
+    """An agent that may do nothing until a person restores it; then it stands as it stood before."""
     REVOKED = "revoked"
 
 

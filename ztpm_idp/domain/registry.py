@@ -1,4 +1,4 @@
-"""Registry: the rights to register parties, each with one key and one role, to state trust, to restore agents."""
+"""Registry: the rights to register parties, each with one key and one role, to state trust, to suspend and restore."""
 
 from __future__ import annotations
 
@@ -11,7 +11,14 @@ from policies.conduct import behaviour
 from policies.conduct.behaviour import RestoreError
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.events import AgentRestored, PartyRegistered, ToolRegistered, TrustStated
+from ztpm_idp.domain.events import (
+    AgentRestored,
+    AgentSuspended,
+    PartyRegistered,
+    SuspensionEnded,
+    ToolRegistered,
+    TrustStated,
+)
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredAgent,
@@ -30,6 +37,7 @@ if TYPE_CHECKING:
         RegisterTool,
         RestoreAgent,
         StateTrust,
+        SuspendAgent,
     )
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.parties import Party
@@ -49,6 +57,8 @@ TRUSTED_OF_ONE: Final = 128
 
 It is an eighth of a snapshot's number, so that no sponsor can fill one alone.
 """
+SUSPENDED_OF_ONE: Final = 16
+"""Most suspended agents of one sponsor: an eighth of a snapshot's number, as of trust."""
 
 
 def active_person(state: State, id_: str, role: PersonRole) -> RegisteredPerson | None:
@@ -164,28 +174,48 @@ def state_trust(state: State, command: StateTrust) -> Outcome:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
 
 
-def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int) -> Outcome:
-    """Restores an agent, for its sponsor or an administrator.
+def suspend_agent(state: State, command: SuspendAgent) -> Outcome:
+    """Suspends an agent, for its sponsor or an administrator; nothing happens again to a suspended one."""
+    agent = _agent_in_charge(state, command.by, command.agent, "suspends")
+    if isinstance(agent, Refusal):
+        return agent
+    if agent.standing is Standing.SUSPENDED:
+        return ()
+    if not state.crowd < SUSPENDED_OF_ONE:
+        return full(f"{SUSPENDED_OF_ONE} suspended agents of one sponsor")
+    if not state.crowd_of_all < snapshot.SUSPENDED:
+        return full(f"{snapshot.SUSPENDED} suspended agents")
+    return (AgentSuspended(agent.id, command.reason),)
 
-    A person who may end an agent may also restore it.
-    """
-    agent = state.parties.get(command.agent)
-    admin = active_person(state, command.by, PersonRole.ADMIN) is not None
-    if not isinstance(agent, RegisteredAgent):
-        code = IdpCode.NOT_FOUND if admin else IdpCode.NOT_PERMITTED
-        return Refusal(code, "no such agent" if admin else "the sponsor or an administrator restores an agent")
-    if not admin and not is_sponsor_of(state, command.by, agent):
-        return Refusal(IdpCode.NOT_PERMITTED, "the sponsor or an administrator restores an agent")
-    if agent.standing is Standing.REVOKED:
-        return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked, for ever")
+
+def restore_agent(rules: Rules, state: State, command: RestoreAgent, at_ms: int) -> Outcome:
+    """Restores an agent, for those who may suspend it: ends its suspension, and takes its deviations off it."""
+    agent = _agent_in_charge(state, command.by, command.agent, "restores")
+    if isinstance(agent, Refusal):
+        return agent
+    suspended = agent.standing is Standing.SUSPENDED
+    ended = (SuspensionEnded(agent.id, command.reason),) if suspended else ()
     before, at = conduct.of(state, agent.id), at_ms // 1_000
     again = behaviour.relearn if command.relearn else behaviour.restore
     try:
         after = replace(before, behaviour=again(before.behaviour, agent.id, by=command.by, at=at), restored_at=at)
     except RestoreError:
-        return Refusal(IdpCode.NOTHING_TO_RESTORE, "nothing was reported of it")
+        return ended or Refusal(IdpCode.NOTHING_TO_RESTORE, "it is not suspended, and nothing was reported of it")
     told = conduct.published(agent.id, after, at=at, parameters=rules.policies.parameters)
-    return (AgentRestored(agent.id, command.reason, command.relearn, after, told),)
+    return (*ended, AgentRestored(agent.id, command.reason, command.relearn, after, told))
+
+
+def _agent_in_charge(state: State, by: str, id_: str, verb: str) -> RegisteredAgent | Refusal:
+    """The agent, when it is not revoked and `by` is its sponsor or an administrator."""
+    agent = state.parties.get(id_)
+    admin = active_person(state, by, PersonRole.ADMIN) is not None
+    if not admin and not (isinstance(agent, RegisteredAgent) and is_sponsor_of(state, by, agent)):
+        return Refusal(IdpCode.NOT_PERMITTED, f"the sponsor or an administrator {verb} an agent")
+    if not isinstance(agent, RegisteredAgent):
+        return Refusal(IdpCode.NOT_FOUND, "no such agent")
+    if agent.standing is Standing.REVOKED:
+        return Refusal(IdpCode.AGENT_INACTIVE, "the agent is revoked, for ever")
+    return agent
 
 
 def full(of_what: str) -> Refusal:

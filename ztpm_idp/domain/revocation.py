@@ -34,7 +34,9 @@ def revoke(state: State, command: Revoke) -> Outcome:
             pass
         case RegisteredPerson(standing=Standing.ACTIVE) if _of_oneself(state, command, caller.id):
             pass
-        case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE) if _held_by(state, command, caller):
+        case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE | Standing.SUSPENDED) if _held_by(
+            state, command, caller
+        ):
             pass
         case _:
             return Refusal(IdpCode.NOT_PERMITTED, "not the caller's to revoke")

@@ -78,6 +78,13 @@ class TrustBeside:
 
 
 @dataclass(frozen=True, slots=True)
+class SuspendedBeside:
+    """Suspended agents, but for this one: of its sponsor, and of all."""
+
+    agent: str
+
+
+@dataclass(frozen=True, slots=True)
 class ToolsBeside:
     """Tools of an audience, but for this one."""
 
@@ -104,7 +111,7 @@ class Approvers:
     """Keys of active people who may approve."""
 
 
-Crowd = AgentsOf | TrustBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
+Crowd = AgentsOf | TrustBeside | SuspendedBeside | ToolsBeside | SensorsOf | PepsOf | Approvers
 """Crowd of parties whose number may be bounded."""
 
 
@@ -129,7 +136,7 @@ class Wanted:
     agents_of: str | None = None
     """A person: those of its agents that are not in the revocation index."""
     revocations: bool = False
-    """Every revocation, with its epoch: for judging a token."""
+    """Every revocation, with its epoch, and every suspension: for judging a token."""
     ask: str | None = None
     """An ask, with its votes."""
     asks_of: str | None = None
@@ -170,7 +177,8 @@ class State:
             singly, and then of all.
         agents_of: ids of the wanted person's agents that are not in the revocation index, in order.
         empty: no party is registered at all.
-        revoked: every (kind, id) that is revoked, when the command judges a token.
+        revoked: every (kind, id) that is revoked, and every agent that is suspended, when the command judges a
+            token.
         epoch: of that set.
         asked: the wanted ask.
         standing: asks that may be open, and those of the wanted audience that may be granted.

@@ -15,11 +15,13 @@ from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import (
     AgentRestored,
+    AgentSuspended,
     AskTaken,
     ConductObserved,
     OpeningMade,
     PartyRegistered,
     Revoked,
+    SuspensionEnded,
     ToolRegistered,
     TrustStated,
     VoteCast,
@@ -244,6 +246,7 @@ async def _registry(provider: Deployment, view: Transaction, *, audience: str, a
             registry.PartyEntry(p.id, key) for p in people for key in sorted(p.keys) if PersonRole.APPROVER in p.roles
         ),
         peps=tuple(registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences),
+        suspended=tuple(await view.suspended()),
     )
     return registry.sign(snapshot, provider.keys.registry)
 
@@ -325,7 +328,7 @@ def _registries(event: Event) -> frozenset[str]:
             | ToolRegistered(tool=RegisteredTool(audience=audience))
         ):
             return frozenset({audience})
-        case PartyRegistered(party=RegisteredPerson()) | TrustStated():
+        case PartyRegistered(party=RegisteredPerson()) | TrustStated() | AgentSuspended() | SuspensionEnded():
             return frozenset({""})
         case _:
             return frozenset()

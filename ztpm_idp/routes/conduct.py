@@ -39,7 +39,7 @@ async def conduct(request: Request, call: Caller) -> PlainTextResponse:  # noqa:
 
 @router.post("/agents/{id_}/restore", openapi_extra=body_of(wire.RestoreBody))
 async def restore_agent(request: Request, id_: str, call: Caller) -> dict[str, str]:
-    """The agent's sponsor, or an administrator, takes its deviations off it: it may act again as before."""
+    """The agent's sponsor, or an administrator, ends its suspension and takes its deviations off it."""
     body = call.body(wire.RestoreBody)
     command = commands.RestoreAgent(call.party.id, id_, body.reason, body.relearn)
     await provider_of(request).run(command, actor=call.party.id)

@@ -82,7 +82,15 @@ async def attest(request: Request, id_: str, call: Caller) -> dict[str, str]:
 
 
 @router.post("/agents/{id_}/suspend", openapi_extra=body_of(wire.ReasonBody))
-async def suspend_agent(request: Request, id_: str, call: Caller) -> dict[str, int]:
+async def suspend_agent(request: Request, id_: str, call: Caller) -> dict[str, str]:
+    """The agent's sponsor, or an administrator, suspends it, and all authority through it, until it is restored."""
+    body = call.body(wire.ReasonBody)
+    await provider_of(request).run(commands.SuspendAgent(call.party.id, id_, body.reason), actor=call.party.id)
+    return {"id": id_, "status": "suspended"}
+
+
+@router.post("/agents/{id_}/retire", openapi_extra=body_of(wire.ReasonBody))
+async def retire_agent(request: Request, id_: str, call: Caller) -> dict[str, int]:
     """The agent and everything below it are dead, for ever."""
     return await end(request, call, RevocationKind.AGENT, id_)
 

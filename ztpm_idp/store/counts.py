@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, Standing
-from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, ToolsBeside, TrustBeside
+from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, SuspendedBeside, ToolsBeside, TrustBeside
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.people import REVOKED_KEYS
 
@@ -28,10 +28,9 @@ async def count(connection: AsyncConnection, crowd: Crowd | None) -> tuple[int, 
         case AgentsOf(sponsor):
             found = _living(t.agents).where(living, t.agents.c.sponsor == sponsor)
         case TrustBeside(agent):
-            trusted = _living(t.agents).where(living, t.agents.c.trust_permille.is_not(None), t.agents.c.id != agent)
-            sponsor_of = sa.select(t.agents.c.sponsor).where(t.agents.c.id == agent).scalar_subquery()
-            own = await _number(connection, trusted.where(t.agents.c.sponsor == sponsor_of))
-            return own, await _number(connection, trusted)
+            return await _beside(connection, agent, t.agents.c.trust_permille)
+        case SuspendedBeside(agent):
+            return await _beside(connection, agent, t.agents.c.suspended_ms)
         case ToolsBeside(audience, name):
             found = sa.select(t.tools.c.name).where(t.tools.c.audience == audience, t.tools.c.name != name)
         case SensorsOf(audience):
@@ -66,6 +65,16 @@ async def unrevoked_agents(connection: AsyncConnection, person: str | None) -> t
         sa.select(t.agents.c.id).where(t.agents.c.sponsor == person, ~revoked).order_by(t.agents.c.id)
     )
     return tuple(found.scalars())
+
+
+async def _beside(connection: AsyncConnection, agent: str, column: sa.Column[int]) -> tuple[int, int]:
+    """Number of other living agents that have a value in this column: of the agent's sponsor, and of all."""
+    a = t.agents.c
+    others = _living(t.agents).where(
+        t.parties.c.standing != Standing.REVOKED.value, column.is_not(None), a.id != agent
+    )  # fmt: skip
+    sponsor_of = sa.select(a.sponsor).where(a.id == agent).scalar_subquery()
+    return await _number(connection, others.where(a.sponsor == sponsor_of)), await _number(connection, others)
 
 
 def _living(table: sa.Table) -> sa.Select[tuple[str]]:

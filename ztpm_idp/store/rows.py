@@ -32,6 +32,7 @@ PARTY_COLUMNS = sa.select(
     t.agents.c.sponsor,
     t.agents.c.trust_permille,
     t.agents.c.workload,
+    t.agents.c.suspended_ms,
     t.peps.c.audiences,
     t.sensors.c.calibration,
     t.sensors.c.transit_ms,
@@ -56,6 +57,9 @@ def party(row: sa.Row[Any]) -> Party:
             )
         case "agent":
             digest = bytes(r["software_digest"])
+            # The standing that it returns to stays in its column; a revocation outlives a suspension.
+            if r["suspended_ms"] is not None and standing is not Standing.REVOKED:
+                standing = Standing.SUSPENDED
             return RegisteredAgent(
                 id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"],
                 r["workload"] or "",

@@ -88,6 +88,7 @@ agents = sa.Table(
     sa.Column("attested_ms", sa.BigInteger, nullable=True),
     sa.Column("trust_permille", sa.Integer, nullable=True),
     sa.Column("workload", sa.String(256), nullable=True),
+    sa.Column("suspended_ms", sa.BigInteger, nullable=True),
 )
 
 peps = sa.Table(

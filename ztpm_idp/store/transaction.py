@@ -12,6 +12,7 @@ from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
+    AgentSuspended,
     ApprovalActRefused,
     AskTaken,
     ChangeAnswered,
@@ -32,6 +33,7 @@ from ztpm_idp.domain.events import (
     RefusalsSpent,
     RevocationKind,
     Revoked,
+    SuspensionEnded,
     TokenDelegated,
     TokenIssued,
     ToolRegistered,
@@ -134,7 +136,7 @@ class Transaction:
             crowd_of_all=crowd[1],
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
-            revoked=await self.revocations.every() if wanted.revocations else frozenset(),
+            revoked=await self._dead() if wanted.revocations else frozenset(),
             epoch=(await self.counters()).epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
@@ -212,6 +214,17 @@ class Transaction:
         )
         return [(agent, permille) for agent, permille in found]
 
+    async def suspended(self) -> list[str]:
+        """Ids of suspended agents, in order."""
+        a, p = t.agents.c, t.parties.c
+        found = await self._connection.execute(
+            sa.select(a.id)
+            .join_from(t.agents, t.parties, p.id == a.id)
+            .where(a.suspended_ms.is_not(None), p.standing != Standing.REVOKED.value)
+            .order_by(a.id)
+        )
+        return list(found.scalars())
+
     async def tools(self, audience: str) -> list[sa.Row[Any]]:
         """The tools of an audience, by name."""
         return list(
@@ -227,6 +240,11 @@ class Transaction:
             sa.select(c.line).where(c.seq > after, c.seq <= through).order_by(c.seq).limit(most)
         )  # fmt: skip
         return [bytes(line) for (line,) in found]
+
+    async def _dead(self) -> frozenset[tuple[str, str]]:
+        """Every (kind, id) by which a token is dead now: what is revoked, and agents that are suspended."""
+        suspended = {(RevocationKind.AGENT.value, agent) for agent in await self.suspended()}
+        return await self.revocations.every() | suspended
 
     async def _scalar(self, query: sa.Select[Any]) -> Any:
         return (await self._connection.execute(query)).scalar_one_or_none()
@@ -380,6 +398,12 @@ class Transaction:
             case TrustStated(agent=agent, permille=permille):
                 await self._connection.execute(
                     sa.update(t.agents).where(t.agents.c.id == agent).values(trust_permille=permille)
+                )
+                await self._registry_changed()
+            case AgentSuspended(agent=agent) | SuspensionEnded(agent=agent):
+                since_ms = at_ms if isinstance(event, AgentSuspended) else None
+                await self._connection.execute(
+                    sa.update(t.agents).where(t.agents.c.id == agent).values(suspended_ms=since_ms)
                 )
                 await self._registry_changed()
             case NonceGiven():

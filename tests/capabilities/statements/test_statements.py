@@ -1017,6 +1017,7 @@ def test_the_largest_snapshot_fits():
         tuple(registry.TrustEntry(f"{long}{i:04}", 1_000) for i in range(registry.AGENTS)),
         tuple(registry.PartyEntry(f"{long}{i:04}", raw_of(f"alice{i}")) for i in range(registry.APPROVERS)),
         tuple(registry.PartyEntry(f"{long}{i:04}", raw_of("alice")) for i in range(registry.PEPS)),
+        tuple(f"{long}{i:04}" for i in range(registry.SUSPENDED)),
     )
     assert registry.open(registry.sign(full, SIGNER), TRUSTED, DEFAULT) == full
 

@@ -84,6 +84,26 @@ def test_age_runs_from_sending_on_the_monotonic_clock(world):
     assert world.follower.view().age_ms == 1_600
 
 
+def test_a_suspended_agent_counts_as_revoked_until_it_is_restored(world):
+    def told(*agents):
+        world.issuer.suspended, world.issuer.registry_version = agents, world.issuer.registry_version + 1
+        world.pull()
+        return world.follower.view().revoked
+
+    world.issuer.revoke("agent", "gone")
+    assert told("mover", "gone") == {("agent", "mover"), ("agent", "gone")}
+    # It is current with the view or there is none: without the registry the view grows old, and says so meanwhile.
+    world.issuer.registry_version, world.issuer.registry_audience = 4, "http://127.0.0.1:1/mcp"
+    world.clock.advance(2_001)
+    world.refused(PepFault.REGISTRY_WRONG_AUDIENCE)
+    assert world.follower.view().age_ms == 2_001
+    world.issuer.registry_audience = None
+    assert told() == {("agent", "gone")}
+    world.restart()
+    world.pull()
+    assert world.follower.view().revoked == {("agent", "gone")}
+
+
 def test_entries_accumulate(world):
     world.issuer.revoke("hop", "a" * 32)
     world.pull()

@@ -102,11 +102,21 @@ def test_an_agents_life(run, live, tmp_path):
     )
     assert refused(*lend, "--scope", own, "--out", tmp_path / "x")[0] == 3  # long over
 
+    # suspending, and back
+    why = ("--reason", "it asks oddly", "--as", "alice")
+    assert done("agent", "suspend", "mover", *why)["status"] == "suspended"
+    assert refused("agent", "attest", "mover", *runs) == (3, "AGENT_SUSPENDED")
+    assert refused(*pass_on, "--restriction", less, "--out", tmp_path / "x") == (3, "AGENT_SUSPENDED")
+    assert done("agent", "restore", "mover", *why)["status"] == "restored"
+    assert refused("agent", "restore", "mover", *why) == (3, "NOTHING_TO_RESTORE")
+    assert done("agent", "attest", "mover", *runs)["status"] == "active"
+
     # ending
     first_epoch = done("revoke", "hop", narrower["hop_id"], "--reason", "done", "--as", "alice")["epoch"]
     assert refused("revoke", "token", "no-token-id", "--reason", "x", "--as", "alice") == (3, "BODY_MALFORMED")
     assert done("agent", "retire", "mover", "--reason", "gone", "--as", "alice")["epoch"] > first_epoch
     assert refused("agent", "attest", "mover", *runs)[0] == 3
+    assert refused("agent", "restore", "mover", *why) == (3, "AGENT_INACTIVE")
 
 
 def test_pin_with_nothing_to_do_and_after_a_change(run, live, monkeypatch):

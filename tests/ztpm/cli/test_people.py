@@ -30,7 +30,8 @@ def software(tmp_path):
 
 COMMANDS = {
     "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revocation", Revocation(7, known=True)),
-    "retire": (["agent", "retire", "mover", "--reason", "gone"], "suspend_agent", 7),
+    "retire": (["agent", "retire", "mover", "--reason", "gone"], "retire_agent", 7),
+    "suspend": (["agent", "suspend", "mover", "--reason", "odd"], "suspend_agent", None),
     "list": (["agent", "list"], "agents", [ROW]),
     "restore": (["agent", "restore", "mover", "--reason", "looked into"], "restore_agent", None),
 }

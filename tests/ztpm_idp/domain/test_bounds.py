@@ -14,7 +14,7 @@ from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Tier
 from tests.ztpm_idp.test_revoking import index
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER
-from ztpm_idp.domain.events import PartyRegistered, ToolRegistered, TrustStated
+from ztpm_idp.domain.events import AgentSuspended, PartyRegistered, ToolRegistered, TrustStated
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredAgent,
@@ -67,7 +67,7 @@ def test_a_sponsor_has_a_bounded_number_of_living_agents(world, monkeypatch):
         sponsor="alice",
     )
     register(world, "bobs", by="bob")  # another sponsor has its own
-    world.people["alice"].suspend_agent("one", "r")
+    world.people["alice"].retire_agent("one", "r")
     register(world, "three")
 
 
@@ -83,9 +83,29 @@ def test_a_sponsor_states_trust_in_a_bounded_number_of_agents(world, monkeypatch
     bob.set_trust("two", 200)  # stating it anew adds nobody
     register(world, "alices")
     world.people["alice"].set_trust("alices", 4)
-    bob.suspend_agent("one", "r")
+    bob.retire_agent("one", "r")
     bob.set_trust("three", 3)
     assert {entry.agent: entry.permille for entry in fetched(world).trust} == {"two": 200, "three": 3, "alices": 4}
+
+
+def test_suspended_agents_are_bounded_by_sponsor_and_over_all(world, monkeypatch):
+    monkeypatch.setattr(registry, "SUSPENDED_OF_ONE", 1)
+    monkeypatch.setattr(snapshot, "SUSPENDED", 2)
+    for name, by in (("one", "bob"), ("two", "bob"), ("three", "alice"), ("four", "carla")):
+        if by == "carla":
+            world.person("carla", "sponsor")
+            world.people["carla"] = world.caller(type(world.people["bob"]), "carla")
+        register(world, name, by=by)
+    alice, bob, carla = (world.people[name] for name in ("alice", "bob", "carla"))
+    bob.suspend_agent("one", "r")
+    bob.suspend_agent("one", "again adds nobody")
+    full(bob.suspend_agent, "two", "r")
+    alice.suspend_agent("three", "r")
+    full(carla.suspend_agent, "four", "r")
+    assert fetched(world).suspended == ("one", "three")
+    bob.retire_agent("one", "r")
+    carla.suspend_agent("four", "r")
+    assert fetched(world).suspended == ("four", "three")
 
 
 def test_trust_is_bounded_over_all_sponsors(world, monkeypatch):
@@ -159,6 +179,8 @@ def largest():
             RegisteredAgent(name("a", n), *party(), Standing.ACTIVE, bytes(32), "m", "r", "alice", None)
         )
         yield TrustStated(name("a", n), 1_000)
+    for n in range(snapshot.SUSPENDED):
+        yield AgentSuspended(name("a", n), "r")
 
 
 @pytest.mark.long
@@ -175,6 +197,7 @@ def test_the_largest_registry_is_one_statement(world):
     assert len(found.tools) == snapshot.TOOLS
     assert len(found.sensors) == snapshot.SENSORS
     assert len(found.peps) == snapshot.PEPS
+    assert len(found.suspended) == snapshot.SUSPENDED
     # One more of anything is refused at the door, whoever asks.
     alice = world.people["alice"]
     full(alice.register_tool, audience=AUDIENCE, name="more", definition_digest="1" * 64, operation="o", base_tier=1)
@@ -232,7 +255,7 @@ def test_a_disabled_persons_agents_end_in_other_peoples_trees(world):
 def test_ending_a_person_again_or_its_agents_before_gives_no_entry_twice(world):
     for name in ("mover", "helper"):
         world.agent(name, sponsor="bob")
-    world.people["bob"].suspend_agent("mover", "r")
+    world.people["bob"].retire_agent("mover", "r")
     assert world.people["bob"].revoke("sponsor", "bob", "r") == 3  # a person may end itself, by either door
     assert revoked_of(world) == [(1, "agent", "mover"), (2, "sponsor", "bob"), (3, "agent", "helper")]
     for ask in (

@@ -44,7 +44,8 @@ def good_bodies(world):
             {"id": "new", "key": key(), "software_digest": "0" * 64, "model": "m", "role": "r", "sponsor": "alice"},
             {"alice", "dan"},
         ),
-        ("/agents/helper/suspend", {"reason": "odd"}, {"alice", "dan", "helper"}),
+        ("/agents/helper/suspend", {"reason": "odd"}, {"alice", "dan"}),
+        ("/agents/helper/retire", {"reason": "odd"}, {"alice", "dan", "helper"}),
         ("/agents/helper/trust", {"permille": 500}, {"alice", "dan"}),
         ("/agents/helper/attestations", {"evidence": helper._evidence("", bytes(32))}, {"helper"}),
         ("/peps", {"id": "cell-2", "key": key(), "audiences": [AUDIENCE]}, {"alice", "dan"}),
@@ -155,12 +156,13 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
         paths.append(path)
     # Permitted ones last: some of them end a party.
     order = sorted(
-        good_bodies(world), key=lambda row: "suspend" in row[0] or "disable" in row[0] or row[0] == "/revocations"
+        good_bodies(world),
+        key=lambda row: row[0].endswith(("suspend", "retire", "disable")) or row[0] == "/revocations",
     )
     for path, body, may, _, token in order:
         who = "alice" if "alice" in may else min(may)
         assert send(world, path, json.dumps(body), who, token).is_success, path
-    assert len(paths) == 23
+    assert len(paths) == 24
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -171,7 +173,7 @@ def test_the_openapi_names_every_endpoint(world):
     gets = {path.removeprefix("/ztpm") for path, verbs in described.items() if "get" in verbs}
     assert posts == {
         "/people", "/people/{id_}/disable", "/changes/person", "/changes/key", "/changes/end", "/changes/{change_id}/confirm",
-        "/changes/{change_id}/decline", "/recoveries", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/trust",
+        "/changes/{change_id}/decline", "/recoveries", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/retire", "/agents/{id_}/trust",
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
@@ -395,7 +397,7 @@ def test_one_key_has_one_owner_and_one_role(world):
 
 def test_an_id_is_never_used_again(world):
     world.agent("helper")
-    world.people["alice"].suspend_agent("helper", "odd")
+    world.people["alice"].retire_agent("helper", "odd")
     for register in ("person", "agent", "pep", "sensor"):
         raw = keys.public_raw(keys.generate())
         with pytest.raises(ClientError) as caught:

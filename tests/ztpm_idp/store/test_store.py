@@ -78,6 +78,7 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
             for column in ("conduct_version", "revocation_line", "revocation_head"):
                 base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
             base.execute("ALTER TABLE agents DROP COLUMN workload")
+            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
             base.execute("UPDATE alembic_version SET version_num = 'v0001'")
             assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)
         before = first_rows(file)
