@@ -18,6 +18,7 @@ from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
 from ztpm.cli.person import Json, Signer, refusals, signed
+from ztpm.cli.record_kinds import JOURNAL, LEDGER, check_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -28,6 +29,9 @@ app = typer.Typer(no_args_is_help=True, help="The ledger and journals: export, v
 CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
 MILLI: Final = 1000
+KIND_HELP: Final = (
+    f"Only what is of this kind. Records of journals: {', '.join(JOURNAL)}. Entries of the ledger: {', '.join(LEDGER)}."
+)
 
 RecordFile = Annotated[
     Path, typer.Argument(help="An exported ledger, or a journal (JSON lines).", exists=True, dir_okay=False)
@@ -163,13 +167,15 @@ def _ledger(lines: BinaryIO, trust: Path, first: int, *, as_json: bool) -> None:
 def show(
     file: RecordFile,
     *,
-    kind: Annotated[str, typer.Option(help="Only entries or records of this kind.")] = "",
+    kind: Annotated[str, typer.Option(metavar="KIND", help=KIND_HELP)] = "",
     as_json: Json = False,
 ) -> None:
     """List entries: when, who, what, and the decision with its reason."""
     from ztpm_idp.ledger_file import LINE_BYTES, LINE_DEPTH
     from ztpm_idp.provider.body_json import BodyError, parse_json
 
+    if kind:
+        check_kind(kind)
     table = Table(box=None, pad_edge=False)
     for heading in ("seq", "time", "actor", "kind", "decision", "reason", "request"):
         table.add_column(heading)
