@@ -56,6 +56,7 @@ from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
+from ztpm.point.lease_listener import LeaseListener
 from ztpm.point.robot import confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
@@ -189,6 +190,7 @@ class GatewayServer(RobotPoint):
             clock=self.clock,
         )
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
+        self.arrivals = LeaseListener(self.carriages)
         self.gateway = Gateway(self.ports)
         door = LeaseEndpoint(
             leases=self.leases,
@@ -230,7 +232,7 @@ class GatewayServer(RobotPoint):
         """
         await self.ports.begin()
         try:
-            await self.carriages.listen(self.config.host, self._carriage_port)
+            await self.arrivals.listen(self.config.host, self._carriage_port)
             await self.gateway.listen(self._listen_host)
         except OSError as error:
             place = f"{self.config.host}, {self._listen_host}"
@@ -247,7 +249,8 @@ class GatewayServer(RobotPoint):
         self.gateway.close()
         await self._end(LeaseEnding.GATEWAY)
         await self.tools.stop()
-        await self.carriages.close()
+        self.arrivals.close()
+        self.carriages.end(LeaseEnding.GATEWAY)
         await self.judging_commands.close()
         with contextlib.suppress(TimeoutError):
             async with asyncio.timeout(STANDS_S):

@@ -30,7 +30,7 @@ PATIENCE_S: Final = 1.0
 
 
 class LeasePort:
-    """Listener for carriages.
+    """Port for carriages.
 
     Args:
         leases: of the robot.
@@ -55,15 +55,15 @@ class LeasePort:
         self._begun = begun
         self._ended = ended
         self._held: _Carried | None = None
-        self._server: asyncio.Server | None = None
 
-    async def listen(self, host: str, port: int) -> None:
-        """Listens from now on.
+    def door(self, *, made: Callable[[asyncio.Transport], None], over: Callable[[], None]) -> asyncio.Protocol:
+        """Protocol of a connection that arrives.
 
-        Raises:
-            OSError: the address cannot be had.
+        Args:
+            made: is told of its transport.
+            over: is told, once, that it waits no longer for its id: it is carried, or gone.
         """
-        self._server = await asyncio.get_running_loop().create_server(lambda: _Door(self._carry), host, port)
+        return _Door(self._carry, made, over)
 
     def end(self, ending: LeaseEnding) -> None:
         """Ends the open lease, if there is one."""
@@ -80,12 +80,6 @@ class LeasePort:
         """
         if self._held is None and self._leases.silent(at_ms=self._clock.monotonic_ms()):
             self.end(LeaseEnding.SILENT)
-
-    async def close(self) -> None:
-        """Closes the port, and ends the lease."""
-        if self._server is not None:
-            self._server.close()
-        self.end(LeaseEnding.GATEWAY)
 
     def over(self, lease: Lease, ending: LeaseEnding) -> None:
         """Handles the end of that lease's carriage."""
@@ -105,17 +99,26 @@ class LeasePort:
 class _Door(asyncio.Protocol):
     """Connection that has not named its lease yet."""
 
-    def __init__(self, carry: Callable[[bytes], LeaseConnection | None]) -> None:
+    def __init__(
+        self,
+        carry: Callable[[bytes], LeaseConnection | None],
+        made: Callable[[asyncio.Transport], None],
+        over: Callable[[], None],
+    ) -> None:
         self._carry = carry
+        self._made = made
+        self._over = over
         self._said = b""
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         assert isinstance(transport, asyncio.Transport)
         self._transport = transport
         self._timer = asyncio.get_running_loop().call_later(PATIENCE_S, transport.abort)
+        self._made(transport)
 
     def connection_lost(self, exc: Exception | None) -> None:  # noqa: ARG002 - asyncio's signature
         self._timer.cancel()
+        self._over()
 
     def data_received(self, data: bytes) -> None:
         self._said += data
@@ -126,6 +129,7 @@ class _Door(asyncio.Protocol):
         if carrier is None:
             self._transport.abort()
             return
+        self._over()
         self._transport.set_protocol(carrier)
         carrier.connection_made(self._transport)
         if len(self._said) > ID_BYTES:

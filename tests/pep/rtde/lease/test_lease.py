@@ -31,10 +31,12 @@ from pep.rtde.robot.connections import UNREAD_BYTES
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig
 from ztpm.base.peer import user_of
+from ztpm.point.lease_listener import WAITING, LeaseListener
 from ztpm.program.program_ports import ProgramPorts
 
 from capabilities.keys import keys
 from capabilities.proof import session_opening
+from pep.rtde.lease import lease_port
 
 pytestmark = pytest.mark.real_time
 
@@ -106,13 +108,15 @@ class House:
     async def __aenter__(self):
         with socket.create_server((HOST, 0)) as free:
             self.address = free.getsockname()
-        await self.port.listen(*self.address)
+        self.arrivals = LeaseListener(self.port)
+        await self.arrivals.listen(*self.address)
         self.http = httpx2.AsyncClient(transport=httpx2.ASGITransport(self.door.app()))
         return self
 
     async def __aexit__(self, *_):
         await self.http.aclose()
-        await self.port.close()
+        self.arrivals.close()
+        self.port.end(LeaseEnding.GATEWAY)
 
     def begun(self, holder, *, key=None, audience=AUDIENCE, verifier_key=None):
         return session_opening.begin(
@@ -167,6 +171,53 @@ async def until(what):
 async def read(reader, count):
     async with asyncio.timeout(10):
         return await reader.readexactly(count)
+
+
+# ---- places at the port
+
+
+def silent(address, host):
+    """Connection that says nothing."""
+    return socket.create_connection(address, timeout=5, source_address=(host, 0))
+
+
+def is_open(connection):
+    connection.setblocking(False)
+    try:
+        return connection.recv(1) != b""
+    except BlockingIOError:
+        return True
+    except ConnectionResetError:
+        return False
+
+
+def test_one_address_has_so_many_places_and_its_oldest_silent_connection_goes_first(tmp_path, monkeypatch):
+    monkeypatch.setattr(lease_port, "PATIENCE_S", 60.0)  # so that none of them ends by itself
+    crowd_of, other_of = (f"127.{HOST.split('.')[1]}.{HOST.split('.')[2]}.{last}" for last in (21, 22))
+
+    async def scenario(house):
+        places = house.arrivals.places
+        with contextlib.ExitStack() as stack:
+            other = stack.enter_context(silent(house.address, other_of))
+            await until(lambda: len(places) == 1)
+            crowd = [stack.enter_context(silent(house.address, crowd_of)) for _ in range(WAITING.by_address)]
+            await until(lambda: len(places) == 1 + WAITING.by_address)
+            assert all(map(is_open, crowd))
+            async with asyncio.timeout(10):
+                while is_open(crowd[0]):  # first those are hung up on that follow within the grace of the others
+                    stack.enter_context(silent(house.address, crowd_of))
+                    await asyncio.sleep(0.02)
+            assert all(map(is_open, crowd[2:]))
+            assert len(places) == 1 + WAITING.by_address
+            # Another address has its place as before; what is carried waits no longer.
+            lease_id, _ = await house.lease(house.rig.agent())
+            assert is_open(other)
+            other.sendall(lease_id)
+            await until(lambda: house.carried == 1)
+            assert len(places) == WAITING.by_address
+        await until(lambda: len(places) == 0)
+
+    in_house(scenario, tmp_path)
 
 
 # ---- the lease alone
