@@ -33,8 +33,10 @@ def up(
     from ztpm.base.lock import DirectoryLock, LockedError
     from ztpm.cell.setup import free_addresses, is_empty
     from ztpm.preparing import waiting
-    from ztpm.up import UpError, prepare, run
-    from ztpm.up import as_json as told_to_machines
+
+    with waiting("starting the cell", at_once=True):  # a busy machine takes seconds to load what a cell is made of
+        from ztpm.up import UpError, prepare, run
+        from ztpm.up import as_json as told_to_machines
 
     layout = Layout(where.resolve())
     try:
