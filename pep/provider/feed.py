@@ -64,7 +64,7 @@ class AcceptedFeed:
         line, epoch, head: of the newest index.
         read_ms: monotonic time at which the newest index's nonce was sent.
         snapshot: of the registry.
-        suspended: its suspended agents, as (kind, id) pairs: whatever they are in counts as revoked meanwhile.
+        suspended: its suspended agents, as (kind, id) pairs: each counts as revoked meanwhile.
     """
 
     line: int

@@ -6,6 +6,7 @@ import os
 import sys
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from difflib import get_close_matches
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -18,7 +19,6 @@ from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
 from ztpm.cli.person import Json, Signer, refusals, signed
-from ztpm.cli.record_kinds import JOURNAL, LEDGER, check_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -29,6 +29,19 @@ app = typer.Typer(no_args_is_help=True, help="The ledger and journals: export, v
 CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
 MILLI: Final = 1000
+LEDGER: Final = (
+    "agent-attested", "agent-registered", "agent-restored", "agent-suspended", "ask-refused", "ask-taken",
+    "change-confirmed", "change-declined", "change-ended", "change-proposed", "closing-refused", "delegation-refused",
+    "opening-closed", "opening-made", "opening-refused", "pep-record", "pep-registered", "person-key-added",
+    "person-registered", "refusals-spent", "revoked", "sensor-registered", "suspension-ended", "token-delegated",
+    "token-issued", "tool-registered", "trust-stated", "vote-cast", "vote-refused",
+)  # fmt: skip
+"""Kinds of the ledger's entries."""
+JOURNAL: Final = (
+    "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "lease", "lease-ended", "outcome",
+    "refusal", "stream", "stream-values", "ticket",
+)  # fmt: skip
+"""Kinds of a journal's records, which the ledger holds as a `pep-record` each."""
 KIND_HELP: Final = (
     f"Only what is of this kind. Records of journals: {', '.join(JOURNAL)}. Entries of the ledger: {', '.join(LEDGER)}."
 )
@@ -175,7 +188,7 @@ def show(
     from ztpm_idp.provider.body_json import BodyError, parse_json
 
     if kind:
-        check_kind(kind)
+        _check_kind(kind)
     table = Table(box=None, pad_edge=False)
     for heading in ("seq", "time", "actor", "kind", "decision", "reason", "request"):
         table.add_column(heading)
@@ -195,6 +208,14 @@ def show(
             table.add_row(*(Text(plain(cell)) for cell in row.cells))
     if not as_json:
         console.print(table)
+
+
+def _check_kind(word: str) -> None:
+    """Ends the command for a word that is no kind, and names the near ones."""
+    every = sorted({*LEDGER, *JOURNAL})
+    if word not in every:
+        near = get_close_matches(word, every, n=3) or every
+        fail("USAGE", f"--kind {word}: no such kind; there is {', '.join(near)}")
 
 
 class _MalformedError(Exception):

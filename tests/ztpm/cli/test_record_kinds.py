@@ -7,7 +7,7 @@ from pathlib import Path
 import pep
 import pytest
 import ztpm
-from ztpm.cli.record_kinds import JOURNAL, LEDGER
+from ztpm.cli.audit import JOURNAL, LEDGER
 from ztpm_idp.domain.changes import Word
 
 from ztpm_idp.domain import approvals, entries
@@ -55,6 +55,7 @@ def record_kinds():
                     yield kind.value
 
 
+@pytest.mark.long
 def test_every_kind_that_is_written_can_be_asked_for_and_no_other():
     assert sorted(set(entry_kinds())) == list(LEDGER)
     assert sorted(set(record_kinds())) == list(JOURNAL)
