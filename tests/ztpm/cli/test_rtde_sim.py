@@ -92,8 +92,19 @@ def frame(client):
     return exactly(client, struct.unpack(">H", exactly(client, 2))[0] - 2)
 
 
+def torn(client):
+    """True once a version comes in two halves: they are 2 ms apart, and a reader that is late sees them as one."""
+    for _ in range(10):
+        client.sendall(rtde("v"))
+        first = client.recv(64)
+        assert (first + exactly(client, 19 - len(first)))[:3] == b"\0\x13v"
+        if len(first) < 19:
+            return True
+    return False
+
+
 def test_faults_of_the_command_line_come_and_those_with_a_time_come_then():
-    faults = ("delay=0.1", "torn_frames", "in_use=input_int_register_0,input_int_register_1", "drop_connections@2")
+    faults = ("delay=0.1", "torn_frames", "in_use=input_int_register_0,input_int_register_1", "drop_connections@4")
     with faulty(*[f"--fault={each}" for each in faults]) as process:
         process.stdout.readline()
         begun = time.monotonic()
@@ -106,12 +117,9 @@ def test_faults_of_the_command_line_come_and_those_with_a_time_come_then():
                 assert frame(client) == b"I\0IN_USE"
             client.sendall(rtde("I", b"input_int_register_2"))
             assert frame(client) == b"I\1INT32"
-            client.sendall(rtde("v"))
-            first = client.recv(64)
-            assert len(first) < 19  # the first half of a version
-            assert (first + exactly(client, 19 - len(first)))[:3] == b"\0\x13v"
-            assert client.recv(1) == b""
-            assert 1.9 < time.monotonic() - begun < 10
+            assert torn(client)
+            assert client.recv(64) == b""
+            assert 3.9 < time.monotonic() - begun < 12
         status, _ = ended(process)
     assert status == 0
 
