@@ -1,0 +1,30 @@
+"""Enforcement: one gate for any tool, and what stands before tools, robots and functions.
+
+    from pep import Within, guard, operation
+
+guards the tools of a server (docs/guard.md). They are loaded when they are asked for: who wants physics alone loads no
+server.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any, Final
+
+if TYPE_CHECKING:
+    from pep.base.declaration import Within, operation
+    from pep.point.tool_server import guard, pins
+
+__all__ = ["Within", "guard", "operation", "pins"]
+_HOMES: Final = {
+    "Within": "pep.base.declaration",
+    "guard": "pep.point.tool_server",
+    "operation": "pep.base.declaration",
+    "pins": "pep.point.tool_server",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOMES:
+        raise AttributeError(name)
+    return getattr(import_module(_HOMES[name]), name)

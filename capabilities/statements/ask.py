@@ -35,7 +35,9 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
 KIND: Final = "ask"
-PERCEPTIONS: Final = frozenset({"fresh", "stale", "missing"})
+NO_ROBOT: Final = "none"
+"""Perception of an act that no robot does: nothing is looked at, and nobody has to see a cell."""
+PERCEPTIONS: Final = frozenset({"fresh", "stale", "missing", NO_ROBOT})
 VALUES: Final = 32
 CONTRIBUTORS: Final = 64
 REASONS: Final = 16
@@ -91,7 +93,8 @@ class Ask(Form, frozen=True):
         tier, index_milli: as computed.
         reasons: the deferral reasons that an approval would resolve, at least one.
         contributors: ranked, highest index first.
-        perception: "fresh", "stale" or "missing"; `perception_age_ms` of the frame that was used, or None.
+        perception: "fresh", "stale" or "missing", or "none" for an act without a robot; `perception_age_ms` of the
+            frame that was used, or None.
         approvers: how many different people must approve, 1 or 2.
         opening_id: the opening that a tier 4 ask rests on, else "".
         asked_at, expires_at: seconds since the epoch.
@@ -150,6 +153,9 @@ def _read(claims: dict[str, object]) -> Ask:
     unique(ask.reasons, lambda reason: reason, "a reason")
     if len(ask.start_urad) not in (0, JOINTS):
         raise malformed("start_urad has not six angles")
+    looked = ask.index_milli or ask.start_urad or ask.contributors or ask.perception_age_ms is not None
+    if ask.perception == NO_ROBOT and looked:
+        raise malformed("an act without a robot has no physics")
     if not ask.asked_at < ask.expires_at:
         raise malformed("it ends before it begins")
     if ask.approvers < APPROVERS_OF_TIER.get(ask.tier, 1):

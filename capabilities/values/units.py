@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from enum import StrEnum
+from fractions import Fraction
 from typing import Final
 
 from capabilities.values.errors import FaultCode, QuantityError
@@ -101,6 +102,31 @@ def parse(value: object, unit: Unit) -> int:
     whole = round(scaled)
     if si(whole, unit) != value:
         raise QuantityError(FaultCode.NOT_ON_GRID, f"finer than one {unit}; the nearest is {si(whole, unit)!r}")
+    return whole
+
+
+def scaled(value: object, scale: int, *, exact: bool) -> int:
+    """The integer for a number of which one makes `scale` integers: the nearest one, of two the even one.
+
+    The number is what its shortest decimal says, as JSON has it; -0.0 is 0.
+
+    Args:
+        value: an int or float; anything else is refused, bool included.
+        scale: above 0.
+        exact: a number between two integers is refused.
+
+    Raises:
+        QuantityError: as `parse`; `NOT_ON_GRID` only where `exact`.
+    """
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise QuantityError(FaultCode.NOT_A_NUMBER, f"{type(value).__name__} is not a number")
+    if isinstance(value, float) and not math.isfinite(value):
+        raise QuantityError(FaultCode.NOT_FINITE, "not a finite number")
+    if not -INT_LIMIT <= value * scale <= INT_LIMIT:
+        raise QuantityError(FaultCode.OUT_OF_RANGE, f"beyond {INT_LIMIT}")
+    whole = round(precise := Fraction(repr(value)) * scale)
+    if exact and precise != whole:
+        raise QuantityError(FaultCode.NOT_ON_GRID, f"finer than 1/{scale}; the nearest is {whole / scale!r}")
     return whole
 
 

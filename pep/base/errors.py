@@ -40,6 +40,17 @@ class PepFault(StrEnum):
     GRIPPER_INACTIVE = "GRIPPER_INACTIVE"
     OUTPUT_UNCONFIRMED = "OUTPUT_UNCONFIRMED"
     LEDGER_REFUSED = "LEDGER_REFUSED"
+    # declarations of tools, at start
+    UNIT_UNKNOWN = "UNIT_UNKNOWN"
+    SCALE_INVALID = "SCALE_INVALID"
+    BOUND_EMPTY = "BOUND_EMPTY"
+    ROW_LOWERS = "ROW_LOWERS"
+    DECLARATION_MALFORMED = "DECLARATION_MALFORMED"
+    TOOL_TWICE = "TOOL_TWICE"
+    TOOL_UNDECLARED = "TOOL_UNDECLARED"
+    TOOL_SCHEMA_DIFFERS = "TOOL_SCHEMA_DIFFERS"
+    TOOL_UNKNOWN = "TOOL_UNKNOWN"
+    TOOL_DEFINITION_CHANGED = "TOOL_DEFINITION_CHANGED"
 
 
 class PepError(Exception):
@@ -65,6 +76,10 @@ class FeedError(PepError):
 
 class ConfigError(PepError):
     """A configuration that is refused."""
+
+
+class DeclarationError(PepError):
+    """A tool whose declaration is refused; `detail` names tool and place."""
 
 
 class RobotError(PepError):

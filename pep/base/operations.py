@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from enum import Enum
 from typing import TYPE_CHECKING, Final, TypeVar
 
 from capabilities.values.errors import QuantityError
 from capabilities.values.scope import Range, Tier
 from capabilities.values.units import Parameter, Quantity, Unit, parse
+from pep.base.operation_row import (
+    ArgumentForm,
+    BoundedParameter,
+    Moves,
+    Operation,
+    OperationKind,
+    RobotPart,
+    Sent,
+    ToolArgument,
+)
 from pep.base.stop_model import STREAM_SPEED_RAD_S
 from policies.evidence.model import Request
 
@@ -19,124 +27,6 @@ if TYPE_CHECKING:
 
 ROBOT: Final = "ur3e"
 T = TypeVar("T")
-
-
-class OperationKind(Enum):
-    """Effect of an operation on the world."""
-
-    READ = "read"
-    """None."""
-    MOTION = "motion"
-    """Something moves: physics is computed, one at a time."""
-    SWITCH = "switch"
-    """Something wired to the robot is switched, and may move; one at a time."""
-    STOP = "stop"
-    """Motion ends. Never subject to a permit."""
-
-
-class Moves(Enum):
-    """Course of the thing that an operation moves."""
-
-    NOTHING = "nothing"
-    TO_JOINTS = "to_joints"
-    """The arm, straight in joint space to six angles."""
-    THROUGH_JOINTS = "through_joints"
-    """The arm, straight in joint space from waypoint to waypoint, at rest at each."""
-    TO_POSE = "to_pose"
-    """The tool, straight to a pose."""
-    AT_JOINT_SPEEDS = "at_joint_speeds"
-    """The arm, for a time."""
-    AT_TOOL_SPEED = "at_tool_speed"
-    """The tool, for a time."""
-    AFTER_JOINTS = "after_joints"
-    """The arm, after a stream of joint angles."""
-    FINGERS = "fingers"
-    """The fingers, to an opening."""
-    FINGERS_WHOLE = "fingers_whole"
-    """The fingers, over their whole stroke."""
-    OUTPUT = "output"
-    """The device that is wired to a digital output."""
-    STANDS = "stands"
-    """Nothing moves, and the arm has to stand: later operations mean something else afterwards."""
-
-
-class Sent(Enum):
-    """Way of an operation to the robot."""
-
-    NEVER = "never"
-    ONCE = "once"
-    """One command of the control script; a leased program may give it."""
-    STREAM = "stream"
-    """Likewise, and further values may follow it without a request of their own."""
-    OUTPUT = "output"
-    """Output registers beside the control script; likewise a leased program's."""
-    GRIPPER = "gripper"
-    """The gripper's own port: of the cell's tools alone."""
-
-
-class ArgumentForm(Enum):
-    """Form of a tool's argument."""
-
-    NUMBER = "number"
-    VECTOR = "vector"
-    """A list of numbers, one for each parameter."""
-    WAYPOINTS = "waypoints"
-    """A list of 1 to `WAYPOINTS` lists of six numbers."""
-    FLAG = "flag"
-    """True or false, 1 or 0 in the request. A number is none."""
-
-
-@dataclass(frozen=True, slots=True)
-class ToolArgument:
-    """An argument of a tool.
-
-    Attributes:
-        name: of it.
-        form: of its value.
-        parameters: so many of the operation's parameters, in their order, come from it.
-    """
-
-    name: str
-    form: ArgumentForm
-    parameters: int = 1
-
-
-@dataclass(frozen=True, slots=True)
-class BoundedParameter:
-    """Parameter with the robot's own bound, which holds beside every token."""
-
-    parameter: Parameter
-    bound: Range
-
-
-@dataclass(frozen=True, slots=True)
-class Operation:
-    """One operation.
-
-    Attributes:
-        object: the thing acted on.
-        name: of the operation.
-        limits: each parameter in order, with the robot's own bound; a request gives exactly these.
-        kind: of its effect.
-        base_tier: least tier; the registry may ask for a higher one.
-        moves: course of what it moves.
-        sent: way to the robot.
-        arguments: of the tool of its name, in the parameters' order; None without a tool.
-        parameters: the parameters of `limits`.
-    """
-
-    object: str
-    name: str
-    limits: tuple[BoundedParameter, ...]
-    kind: OperationKind
-    base_tier: Tier
-    moves: Moves
-    sent: Sent
-    arguments: tuple[ToolArgument, ...] | None = None
-    parameters: tuple[Parameter, ...] = field(init=False)
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "parameters", tuple(each.parameter for each in self.limits))
 
 
 ARM: Final = frozenset(
@@ -224,8 +114,7 @@ MOVE_JOINT: Final = Operation(
     (*_JOINT_ANGLES, *_LEADING_AXIS),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.TO_JOINTS,
-    Sent.ONCE,
+    RobotPart(Moves.TO_JOINTS, Sent.ONCE),
     (ToolArgument("q_rad", ArgumentForm.VECTOR, JOINTS), *_LEADING_ARGUMENTS),
 )
 MOVE_PATH: Final = Operation(
@@ -234,11 +123,10 @@ MOVE_PATH: Final = Operation(
     (*_angles(*(f"p{leg}_q{i}" for leg in range(WAYPOINTS) for i in range(JOINTS))), *_LEADING_AXIS),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.THROUGH_JOINTS,
-    Sent.ONCE,
+    RobotPart(Moves.THROUGH_JOINTS, Sent.ONCE),
     (ToolArgument("waypoints_rad", ArgumentForm.WAYPOINTS, WAYPOINTS * JOINTS), *_LEADING_ARGUMENTS),
 )
-STOP: Final = Operation(ROBOT, "stop", (), OperationKind.STOP, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ())
+STOP: Final = Operation(ROBOT, "stop", (), OperationKind.STOP, Tier.NO_EFFECT, RobotPart(Moves.NOTHING, Sent.NEVER), ())
 GRIPPER_MOVE: Final = Operation(
     ROBOT,
     "gripper_move",
@@ -249,8 +137,7 @@ GRIPPER_MOVE: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.FINGERS,
-    Sent.GRIPPER,
+    RobotPart(Moves.FINGERS, Sent.GRIPPER),
     (
         ToolArgument("width_m", ArgumentForm.NUMBER),
         ToolArgument("speed_m_s", ArgumentForm.NUMBER),
@@ -263,8 +150,7 @@ GRIPPER_ACTIVATE: Final = Operation(
     (),
     OperationKind.MOTION,
     Tier.CONSEQUENTIAL,  # the fingers make a full stroke, also with an object between them
-    Moves.FINGERS_WHOLE,
-    Sent.GRIPPER,
+    RobotPart(Moves.FINGERS_WHOLE, Sent.GRIPPER),
     (),
 )
 SPEED_JOINT: Final = Operation(
@@ -280,8 +166,7 @@ SPEED_JOINT: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.AT_JOINT_SPEEDS,
-    Sent.STREAM,
+    RobotPart(Moves.AT_JOINT_SPEEDS, Sent.STREAM),
     (
         ToolArgument("qd_rad_s", ArgumentForm.VECTOR, JOINTS),
         ToolArgument("acceleration_rad_s2", ArgumentForm.NUMBER),
@@ -294,12 +179,11 @@ SET_DIGITAL_OUTPUT: Final = Operation(
     (_limit("pin", Unit.COUNT, 0, OUTPUTS - 1), _limit("value", Unit.COUNT, 0, 1)),
     OperationKind.SWITCH,
     Tier.REVERSIBLE,
-    Moves.OUTPUT,
-    Sent.OUTPUT,
+    RobotPart(Moves.OUTPUT, Sent.OUTPUT),
     (ToolArgument("pin", ArgumentForm.NUMBER), ToolArgument("value", ArgumentForm.FLAG)),
 )
 READ_STATE: Final = Operation(
-    ROBOT, "read_state", (), OperationKind.READ, Tier.NO_EFFECT, Moves.NOTHING, Sent.NEVER, ()
+    ROBOT, "read_state", (), OperationKind.READ, Tier.NO_EFFECT, RobotPart(Moves.NOTHING, Sent.NEVER), ()
 )
 MOVE_LINEAR: Final = Operation(
     ROBOT,
@@ -311,8 +195,7 @@ MOVE_LINEAR: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.TO_POSE,
-    Sent.ONCE,
+    RobotPart(Moves.TO_POSE, Sent.ONCE),
 )
 SPEED_LINEAR: Final = Operation(
     ROBOT,
@@ -325,8 +208,7 @@ SPEED_LINEAR: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.AT_TOOL_SPEED,
-    Sent.ONCE,  # the joints of a changing tool speed have no bound: one at a time
+    RobotPart(Moves.AT_TOOL_SPEED, Sent.ONCE),  # the joints of a changing tool speed have no bound: one at a time
 )
 SERVO_JOINT: Final = Operation(
     ROBOT,
@@ -339,8 +221,9 @@ SERVO_JOINT: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    Moves.AFTER_JOINTS,
-    Sent.STREAM,  # the limits of a token hold for each of the angles, not for the first alone
+    RobotPart(
+        Moves.AFTER_JOINTS, Sent.STREAM
+    ),  # the limits of a token hold for each of the angles, not for the first alone
 )
 SET_SPEED_SLIDER: Final = Operation(
     ROBOT,
@@ -348,8 +231,7 @@ SET_SPEED_SLIDER: Final = Operation(
     (_limit("fraction", Unit.PERMILLE, 0, 1_000),),
     OperationKind.SWITCH,
     Tier.REVERSIBLE,
-    Moves.STANDS,
-    Sent.OUTPUT,
+    RobotPart(Moves.STANDS, Sent.OUTPUT),
 )
 SET_PAYLOAD: Final = Operation(
     ROBOT,
@@ -357,8 +239,7 @@ SET_PAYLOAD: Final = Operation(
     (_limit("mass", Unit.GRAM, 0, PAYLOAD_G), *_lengths("cx", "cy", "cz")),
     OperationKind.SWITCH,
     Tier.CONSEQUENTIAL,  # it changes the meaning of later commands
-    Moves.STANDS,
-    Sent.ONCE,
+    RobotPart(Moves.STANDS, Sent.ONCE),
 )
 SET_TCP: Final = Operation(
     ROBOT,
@@ -366,8 +247,7 @@ SET_TCP: Final = Operation(
     _POSE,
     OperationKind.SWITCH,
     Tier.CONSEQUENTIAL,  # likewise
-    Moves.STANDS,
-    Sent.ONCE,
+    RobotPart(Moves.STANDS, Sent.ONCE),
 )
 OPERATIONS: Final = (
     MOVE_JOINT,

@@ -13,7 +13,6 @@ if TYPE_CHECKING:
 
     from capabilities.statements.conduct import AgentEntry
     from capabilities.statements.revocation import RevocationView
-    from capabilities.values.chain import Refusal
     from capabilities.values.scope import Tier
     from policies.conduct.report import Edge
     from policies.evidence.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
@@ -127,14 +126,6 @@ class Journal(Protocol):
 
     def append(self, kind: str, body: dict[str, object]) -> str:
         """The record's hash (hex). Raises when it cannot be made durable."""
-        ...
-
-
-class RobotLimits(Protocol):
-    """Limits of the robot itself, which hold beside every token."""
-
-    def refuse(self, request: Request) -> Refusal | None:
-        """The first parameter outside of the robot's limits, or None."""
         ...
 
 

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any, Final, TypeVar
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import OperationKind, touchable
+from pep.base.operation_row import OperationKind
+from pep.base.operations import touchable
 from pep.base.ports import Assessed
 from pep.gate import records
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
@@ -32,7 +33,7 @@ from pep.request.permit import Permit, unfulfilled
 from pep.world.sequence import ARRIVED
 from policies.decision.pdp import decide
 from policies.decision.policy import requirement
-from policies.evidence.evidence import NOT_COLLECTED, Evidence, ImpactFault, ImpactReading
+from policies.evidence.evidence import NOT_COLLECTED, DeclaredImpact, Evidence, ImpactFault, ImpactReading
 from policies.evidence.model import Decision, Effect, Finding, Request
 from policies.evidence.tiers import FRESH, authorised_milli
 from policies.words.reason_table import Reason
@@ -40,13 +41,13 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
-    from pep.base.ports import Clock, Journal, MotionSlot, Physics, Registry, RobotLimits
+    from pep.base.ports import Clock, Journal, MotionSlot, Registry
     from pep.gate.observe_only import Simulated
+    from pep.gate.robot_ports import RobotPorts
     from pep.people.asks import Asks
     from pep.people.deferral import Announcer, AskNotice
     from pep.request.authority import Authority
     from pep.request.call import Call
-    from pep.world.sequence import Sequence
     from policies.decision.policy import PolicySet
 
 PHYSICS_TIMEOUT_S: Final = 3.0
@@ -90,10 +91,7 @@ class Gate(Edge):
         clock: both clocks.
         authority: steps 1 to 10, and again at the last moment.
         registry: trust in agents, and what is known of their conduct.
-        limits: the robot's own limits.
-        slot: one motion at a time.
-        sequence: the recent acts of the robot.
-        physics: runtime impact.
+        robot: ports of the robot; None where there is none, and each request for one breaks, which denies it.
         policies: the policies of decisions.
         journal: durable; nothing moves before its answer.
         asks: deferrals, what people answered, and what was used of it.
@@ -111,10 +109,7 @@ class Gate(Edge):
         clock: Clock,
         authority: Authority,
         registry: Registry,
-        limits: RobotLimits,
-        slot: MotionSlot,
-        sequence: Sequence,
-        physics: Physics,
+        robot: RobotPorts | None,
         policies: PolicySet,
         journal: Journal,
         asks: Asks,
@@ -128,10 +123,7 @@ class Gate(Edge):
         self._unsafe_observe = unsafe_observe
         self._clock = clock
         self._authority = authority
-        self._limits = limits
-        self._slot = slot
-        self._sequence = sequence
-        self._physics = physics
+        self._robot = robot
         self._asks = asks
         self._announcer = announcer
         # A worker of its own, so that a long assessment never delays a record, nor a stop.
@@ -139,7 +131,8 @@ class Gate(Edge):
 
     def looked(self) -> None:
         """Notes that a caller was told the arm's place outside of the tools (`pep.world.sequence.Sequence.looked`)."""
-        self._sequence.looked()
+        if self._robot is not None:
+            self._robot.sequence.looked()
 
     async def run(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:
         """Answers one call; its effect has happened exactly when the decision is PERMIT.
@@ -158,7 +151,8 @@ class Gate(Edge):
                 if decision.effect is not Effect.PERMIT:
                     if self._unsafe_observe is None:
                         return await self._conclude(call, evidence, decision)
-                    if not physical or self._slot.reserve(call.request.request_id):
+                    robot = _robot_of(call, self._robot)
+                    if not physical or robot is None or robot.slot.reserve(call.request.request_id):
                         return await self._observed(call, evidence, decision, effect)
                     return await self._conclude(call, evidence, _denied(decision, Reason.BUSY))
                 undone = unfulfilled(decision, call.request)
@@ -190,7 +184,11 @@ class Gate(Edge):
             return await self._broken(call, error)
         finally:
             self._asks.release(call.request.request_id)
-            self._slot.release(call.request.request_id)
+            self._free(call)
+
+    def _free(self, call: Call) -> None:
+        if self._robot is not None:
+            self._robot.slot.release(call.request.request_id)
 
     async def _decided(self, call: Call, *, physical: bool) -> tuple[Evidence, Decision, int]:
         """Evidence as far as it is worth having, the verdict on it, and the time of asking.
@@ -198,29 +196,25 @@ class Gate(Edge):
         They are asked once of what is cheap and of the robot's own state, and once more when physics has answered.
         """
         evidence = self._cheap(call)
-        if physical and not _fault(evidence):
+        ports = _robot_of(call, self._robot)
+        if ports is None and not _fault(evidence):
+            evidence = replace(evidence, impact=DeclaredImpact(*call.operation.tier_of(call.request.values)))
+        if ports is not None and call.readiness is not None and physical and not _fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
             decided_ms = self._clock.monotonic_ms()
             decision = decide(call.request, evidence, self._policies)
             ready = all(finding.primitive != STATE for finding in decision.findings)
             # A request without the arm takes no slot from the one that has it.
-            if (robot.exclusive or ready) and not self._takes_slot(call, evidence):
+            if (robot.exclusive or ready) and not _takes_slot(call, evidence, ports.slot):
                 return evidence, _denied(decision, Reason.BUSY), decided_ms
             if not ready:
                 return evidence, decision, decided_ms
-            evidence = await self._dear(call, evidence)
+            evidence = await self._dear(call, evidence, ports)
         if not _fault(evidence):
             evidence = self._asks.witness(call.request, evidence)
         decided_ms = self._clock.monotonic_ms()
         return evidence, decide(call.request, evidence, self._policies), decided_ms
-
-    def _takes_slot(self, call: Call, evidence: Evidence) -> bool:
-        """True where the slot is this request's, or the request prolongs the same agent's running stream."""
-        chain = evidence.chain
-        return self._slot.reserve(call.request.request_id) or (
-            isinstance(chain, Chain) and self._slot.joins(call.request, agent=chain.leaf.agent)
-        )
 
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""
@@ -244,29 +238,29 @@ class Gate(Edge):
         seen = replace(seen, request_fault=refused)
         if refused is not None:
             return seen
-        seen = replace(seen, robot_fault=self._limits.refuse(request))
+        seen = replace(seen, robot_fault=call.operation.refuse(request))
         if seen.robot_fault is not None:
             return seen
         trust, behaviour = self.conduct.trust(chain, at=seen.at), self.conduct.behaviour(chain.leaf.agent, at=seen.at)
         return replace(seen, trust=trust, behaviour=behaviour)
 
-    async def _dear(self, call: Call, seen: Evidence) -> Evidence:
+    async def _dear(self, call: Call, seen: Evidence, ports: RobotPorts) -> Evidence:
         """Physics, and then authority once more: a revocation may arrive during an assessment."""
         touch = touchable(seen.chain) if isinstance(seen.chain, Chain) else frozenset()
-        answer = await self._in_time(partial(self._physics.assess, call.request, touch=touch))
+        answer = await self._in_time(partial(ports.physics.assess, call.request, touch=touch))
         found = Assessed(answer, NOT_COLLECTED) if isinstance(answer, ImpactFault) else answer
         # The request joined with the recent acts: small steps are no smaller than their sum.
-        joined = self._sequence.joined(call.request, impact=found.impact)
+        joined = ports.sequence.joined(call.request, impact=found.impact)
         together = None
         if joined is not None:
             start = joined.start_urad
-            whole = partial(self._physics.together, joined.request, start_urad=start, touch=touch)
+            whole = partial(ports.physics.together, joined.request, start_urad=start, touch=touch)
             together = await self._in_time(whole)
         at, at_ms = self._clock.wall_s(), self._clock.monotonic_ms()
         chain = self._standing(call)
         seen = replace(seen, at=at, at_ms=at_ms, impact=found.impact, perception=found.perception, chain=chain)
         # the slot is this request's, or its running stream's: nothing else is unfinished
-        sequence = self._sequence.reading(
+        sequence = ports.sequence.reading(
             call.request,
             agent=_agent(call),
             impact=seen.impact,
@@ -321,7 +315,9 @@ class Gate(Edge):
         effect: Callable[[Permit], Awaitable[EffectResult]],
     ) -> GateResult:
         """The effect, with its outcome on record."""
-        self._sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
+        robot = _robot_of(call, self._robot)
+        if robot is not None:
+            robot.sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
@@ -333,9 +329,10 @@ class Gate(Edge):
             )
             recorded = await self._concluded(permit, body)
             return GateResult(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
-        if call.operation.kind is OperationKind.READ:
-            self._sequence.looked()
-        self._sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
+        if robot is not None:
+            if call.operation.kind is OperationKind.READ:
+                robot.sequence.looked()
+            robot.sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
         return GateResult(decision, result=result, recorded=await self._concluded(permit, body))
@@ -345,8 +342,10 @@ class Gate(Edge):
     ) -> GateResult:
         """Effect of a denied or deferred request, observed in the simulator: recorded before, and reported as such."""
         record = await self.record("decision", records.decision(call, evidence, decision))
-        if call.operation.kind is OperationKind.MOTION and not isinstance(evidence.impact, ImpactReading):
-            await self._in_time(partial(self._physics.remember, call.request))
+        robot = _robot_of(call, self._robot)
+        assessed = isinstance(evidence.impact, ImpactReading)
+        if robot is not None and call.operation.kind is OperationKind.MOTION and not assessed:
+            await self._in_time(partial(robot.physics.remember, call.request))
         permit = Permit(
             request_id=call.request.request_id,
             digest=call.request.digest,
@@ -392,7 +391,7 @@ class Gate(Edge):
             state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
             if state is AskState.OPEN and ask is not None:
                 # nothing will move: the slot waits for no provider
-                self._slot.release(call.request.request_id)
+                self._free(call)
                 state = await self._announcer.announce(ask)
             if state is AskState.EXPIRED:
                 decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
@@ -440,6 +439,27 @@ class Gate(Edge):
 def _denied(decided: Decision, reason: Reason) -> Decision:
     """Denial of the gate itself, over the digests of the decision."""
     return replace(denial(decided, reason, SEQUENCE), findings=(Finding(SEQUENCE, reason),))
+
+
+def _robot_of(call: Call, ports: RobotPorts | None) -> RobotPorts | None:
+    """Ports of the robot that the call commands; None for an operation without one.
+
+    Raises:
+        ValueError: the operation is a robot's, and here is none.
+    """
+    if call.operation.robot is None:
+        return None
+    if ports is None or call.readiness is None:
+        raise ValueError("an operation of a robot, and no robot")
+    return ports
+
+
+def _takes_slot(call: Call, evidence: Evidence, slot: MotionSlot) -> bool:
+    """True where the slot is this request's, or the request prolongs the same agent's running stream."""
+    chain = evidence.chain
+    return slot.reserve(call.request.request_id) or (
+        isinstance(chain, Chain) and slot.joins(call.request, agent=chain.leaf.agent)
+    )
 
 
 def _agent(call: Call) -> str:

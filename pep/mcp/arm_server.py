@@ -6,7 +6,6 @@ The tools decide nothing. Without the guard around them they refuse to move, sin
 from __future__ import annotations
 
 import asyncio
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal, Protocol
 
 from mcp.server import MCPServer
@@ -18,15 +17,14 @@ from pep.base import operations as ops
 from pep.base.errors import ActuationRefusedError, RobotError
 from pep.base.operations import JOINTS, WAYPOINTS
 from pep.mcp.mapping import ARM_TOOLS
-from pep.mcp.tool_digest import definition_digest
+from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.request.permit import current_permit
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from capabilities.values.scope import Tier
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.request.permit import Permit
     from pep.rtde.motion.standstill import MotionEnd
     from pep.rtde.robot.gripper import GripResult
@@ -144,16 +142,6 @@ class ArmDriver(Protocol):
     async def read_state(self) -> JointState:
         """The robot's state now."""
         ...
-
-
-@dataclass(frozen=True, slots=True)
-class ToolPin:
-    """A tool as it is to be registered: its definition, its operation, and the base tier that its author proposes."""
-
-    name: str
-    definition_digest: str
-    operation: str
-    base_tier: Tier
 
 
 def _moved(end: MotionEnd) -> Moved:

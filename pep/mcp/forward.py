@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from starlette.types import Receive, Scope, Send
 
     from capabilities.keys.keys import PrivateKey
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Clock
     from pep.request.authority import Credentials
     from pep.request.edge import Edge

@@ -4,8 +4,8 @@
 
     app = guard(server, gate=..., authority=..., ...)
 
-is the addition to an existing `MCPServer`; `pep.mcp.guard` itself is this module. A tool that is not in the guard's
-table cannot be called at all.
+is the addition to an existing `MCPServer`, or low-level server of the SDK; `pep.mcp.guard` itself is this module. A
+tool that is not in the guard's table cannot be called at all.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ import json
 import secrets
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from urllib.parse import urlsplit
 
-from mcp.server.extension import Extension
+from mcp.server.lowlevel.server import HandlerEntry, Server
+from mcp.server.mcpserver import MCPServer
 from mcp.server.transport_security import TransportSecuritySettings
-from mcp_types import CallToolResult, TextContent
+from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams, TextContent
 
 from capabilities.values.chain import Chain
 from pep.base.errors import ActuationRefusedError, JournalError
@@ -31,7 +32,7 @@ from pep.gate.observe_only import OBSERVED
 from pep.mcp import deferred_result
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS
-from pep.mcp.mapping import Misfit, stops, to_request
+from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.tool_digest import definition_digest
 from pep.request.authority import NOBODY, Credentials
@@ -42,30 +43,34 @@ from policies.evidence.model import Effect
 from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
 
-    from mcp.server import MCPServer
-    from mcp.server.context import CallNext, HandlerResult, ServerRequestContext
-    from mcp_types import CallToolRequestParams
+    from mcp.server.context import HandlerResult, ServerRequestContext
+    from mcp_types import ListToolsResult, Tool
     from starlette.types import ASGIApp
 
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
     from pep.mcp.provenance import Vouching
     from pep.people.asks import Asks
     from pep.request.authority import Authority
     from policies.evidence.content_readings import ContextReading
 
+    CallTool = Callable[[ServerRequestContext[Any, Any], CallToolRequestParams], Awaitable[HandlerResult]]
+    ListTools = Callable[[ServerRequestContext[Any, Any]], Awaitable[Sequence[Tool]]]
+
+AnyServer: TypeAlias = "MCPServer[Any] | Server[Any]"
 EXTENSION: Final = "dev.ztpm/pep"
 DECISION_META: Final = "dev.ztpm/decision"
 """Key in a result's `_meta` under which the decision stands, also for a PERMIT."""
 
 
-class Guard(Extension):
-    """SDK extension that stands before every tool.
+class Guard:
+    """Guard before every tool of a server.
 
     Args:
-        server: server with pinned definitions.
+        call: the server's own answer to a call.
+        served: the tools as the server lists them now, to the asker of a context.
         gate: decides and enforces.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
@@ -76,24 +81,24 @@ class Guard(Extension):
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
     """
 
-    identifier = EXTENSION
-
     def __init__(
         self,
-        server: MCPServer[Any],
         *,
+        call: CallTool,
+        served: ListTools,
         gate: Gate,
         registry: Registry,
         tools: Mapping[str, Operation],
         asks: Asks,
-        readiness: Readiness,
+        readiness: Readiness | None,
         audience: str,
         clock: Clock,
         vouching: Vouching | None = None,
     ) -> None:
         self._vouching = vouching
         self._patience = deferred_result.Patience(asks)
-        self._server = server
+        self._call = call
+        self._served = served
         self._gate = gate
         self._readiness = readiness
         self._registry = registry
@@ -101,13 +106,7 @@ class Guard(Extension):
         self._audience = audience
         self._clock = clock
 
-    def settings(self) -> dict[str, Any]:
-        """Entry of the guard in the server's capabilities."""
-        return {"version": "1", "proof": ["dpop"]}
-
-    async def intercept_tool_call(
-        self, params: CallToolRequestParams, ctx: ServerRequestContext[Any, Any], call_next: CallNext
-    ) -> HandlerResult:
+    async def __call__(self, ctx: ServerRequestContext[Any, Any], params: CallToolRequestParams) -> HandlerResult:
         """The tool's own result when the call is permitted, else a denial or deferral in its place."""
         arrived_ms, at = self._clock.monotonic_ms(), self._clock.wall_s()
         # The scope is this very request's; a context variable could be an older request's of the same session.
@@ -116,7 +115,7 @@ class Guard(Extension):
         if operation is None:
             return await self._refuse(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
         if stops(self._tools, params.name):
-            return await self._stop(operation, credentials, ctx, call_next)
+            return await self._stop(operation, credentials, ctx, params)
         if credentials.fault is not None:
             return await self._refuse(Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name})
         request = to_request(
@@ -129,7 +128,7 @@ class Guard(Extension):
         if isinstance(presented, Unreadable):
             unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
             return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
-        tool = await self._tool(operation)
+        tool = await self._tool(operation, ctx)
         context: ContextReading | NotCollected = NOT_COLLECTED
         if isinstance(credentials.chain, Chain):
             weigh = unvouched if self._vouching is None else self._vouching.context
@@ -137,9 +136,17 @@ class Guard(Extension):
             # A receipt costs half a millisecond, and a call may show sixteen: others have their turn meanwhile.
             context = await asyncio.to_thread(weighed) if presented else weighed()
 
+        sent = params
+        if operation.robot is None:
+            # The tool gets the arguments that were decided, and no others.
+            sent = params.model_copy(update={"arguments": decided_arguments(operation, request)})
+
         async def effect(permit: Permit) -> EffectResult:
+            if operation.robot is None:
+                again = to_request(operation, sent.arguments or {}, request_id="", audience=self._audience, at=at)
+                permit.spend(digest="" if isinstance(again, Misfit) else again.digest, stopped_ms=None)
             with PermitScope(permit):
-                outcome = await call_next(ctx)
+                outcome = await self._call(ctx, sent)
             if permit.refusal is not None:
                 raise ActuationRefusedError(permit.refusal)
             return _result(outcome)
@@ -157,17 +164,18 @@ class Guard(Extension):
             await self._patience.wait(params)
         answer = await self._gate.run(call, effect)
         if wanted(params.meta):
-            answer = await self._vouched(answer, call)
-        return deferred_result.elicitation(answer, params, ctx) or _told(answer)
+            answer = await self._vouched(answer, call, ctx)
+        changed = {} if operation.robot is not None else rounded(params.arguments or {}, sent.arguments or {})
+        return deferred_result.elicitation(answer, params, ctx) or _told(answer, rounded=changed)
 
-    async def _vouched(self, answer: GateResult, call: Call) -> GateResult:
+    async def _vouched(self, answer: GateResult, call: Call, ctx: ServerRequestContext[Any, Any]) -> GateResult:
         """The answer, with a receipt for its result where there is one and the tool is still as approved."""
         chain, result = call.credentials.chain, answer.result
         if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
             return answer
         if isinstance(call.context, NotCollected) or not isinstance(result.carried, CallToolResult):
             return answer
-        if await self._tool(call.operation) != call.tool:
+        if await self._tool(call.operation, ctx) != call.tool:
             return answer
         said = self._vouching.meta(
             result.carried.structured_content,
@@ -180,10 +188,10 @@ class Guard(Extension):
         )
         return replace(answer, result=replace(result, carried=_with_meta(result.carried, said)))
 
-    async def _tool(self, operation: Operation) -> ToolReading:
+    async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
         registered = self._registry.tool(operation.name)
-        served = next((tool for tool in await self._server.list_tools() if tool.name == operation.name), None)
+        served = next((tool for tool in await self._served(ctx) if tool.name == operation.name), None)
         known = registered is not None and registered.operation == operation.name
         return ToolReading(
             name=operation.name,
@@ -193,10 +201,14 @@ class Guard(Extension):
         )
 
     async def _stop(
-        self, operation: Operation, credentials: Credentials, ctx: ServerRequestContext[Any, Any], call_next: CallNext
+        self,
+        operation: Operation,
+        credentials: Credentials,
+        ctx: ServerRequestContext[Any, Any],
+        params: CallToolRequestParams,
     ) -> HandlerResult:
         """Stops first and records afterwards: a stop is never subject to a permit, and waits for nothing."""
-        outcome = await call_next(ctx)
+        outcome = await self._call(ctx, params)
         fault = credentials.fault
         body: dict[str, object] = {
             "effect": "PERMIT",
@@ -233,14 +245,14 @@ class Guard(Extension):
 
 
 def guard(
-    server: MCPServer[Any],
+    server: AnyServer,
     *,
     gate: Gate,
     authority: Authority,
     registry: Registry,
     tools: Mapping[str, Operation],
     asks: Asks,
-    readiness: Readiness,
+    readiness: Readiness | None,
     audience: str,
     issuer: str,
     clock: Clock,
@@ -249,13 +261,13 @@ def guard(
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
     Args:
-        server: any `MCPServer`, its tools already added.
+        server: its tools already added.
         gate: decides and enforces.
         authority: steps 1 to 10.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
         asks: state of deferrals.
-        readiness: of the robot, for these tools.
+        readiness: of the robot, for these tools; None without one.
         audience: canonical URL of the server; its path is where the app answers.
         issuer: of the tokens.
         clock: both clocks.
@@ -264,8 +276,13 @@ def guard(
     Raises:
         RuntimeError: when this SDK does not let the guard stand before the tools.
     """
-    extension = Guard(
-        server,
+    low = lowlevel(server)
+    own = low.get_request_handler("tools/call")
+    if own is None:
+        raise RuntimeError("the server has no tools")
+    stands = Guard(
+        call=own.handler,
+        served=partial(tools_of, server),
         gate=gate,
         registry=registry,
         tools=tools,
@@ -275,16 +292,8 @@ def guard(
         clock=clock,
         vouching=vouching,
     )
-    # The SDK takes extensions in the constructor only; the constructor makes these two calls. A later
-    # SDK without them raises here, before anything is served.
-    try:
-        before = server._lowlevel_server.get_request_handler("tools/call")  # noqa: SLF001
-        server._apply_extension(extension)  # noqa: SLF001
-        server._install_extension_interceptor()  # noqa: SLF001
-        if server._lowlevel_server.get_request_handler("tools/call") is before:  # noqa: SLF001
-            raise RuntimeError("the guard does not stand before the tools")
-    except AttributeError as error:
-        raise RuntimeError("this MCP SDK is not known to the guard") from error
+    low.add_request_handler("tools/call", CallToolRequestParams, stands)
+    low.extensions[EXTENSION] = {"version": "1", "proof": ["dpop"]}
     parts = urlsplit(audience)
     app = server.streamable_http_app(
         streamable_http_path=parts.path,
@@ -296,7 +305,37 @@ def guard(
             allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
         ),
     )
+    if low.get_request_handler("tools/call") != HandlerEntry(CallToolRequestParams, stands):
+        raise RuntimeError("the guard does not stand before the tools")
     return DPoPLayer(app, authority=authority, edge=gate, tools=tools, audience=audience, issuer=issuer, clock=clock)
+
+
+def lowlevel(server: AnyServer) -> Server[Any]:
+    """The SDK's low-level server behind it.
+
+    Raises:
+        RuntimeError: when this SDK is another one than the guard knows.
+    """
+    low = getattr(server, "_lowlevel_server", server)
+    if not isinstance(low, Server):
+        raise RuntimeError("this MCP SDK is not known to the guard")  # noqa: TRY004 - no type of the caller's choice
+    return low
+
+
+async def tools_of(server: AnyServer, ctx: ServerRequestContext[Any, Any] | None = None) -> Sequence[Tool]:
+    """The tools of a server as it lists them now.
+
+    Args:
+        server: with or without the SDK's own table of tools.
+        ctx: of the request; None at start, when a server without such a table is asked for nobody.
+    """
+    if isinstance(server, MCPServer):
+        return await server.list_tools()
+    own = server.get_request_handler("tools/list")
+    if own is None:
+        return ()
+    listed: ListToolsResult = await own.handler(ctx, PaginatedRequestParams())  # type: ignore[arg-type, assignment]
+    return listed.tools
 
 
 def _untold(outcome: HandlerResult) -> HandlerResult:
@@ -318,8 +357,13 @@ def _result(outcome: HandlerResult) -> EffectResult:
     )
 
 
-def _told(answer: GateResult) -> HandlerResult:
-    """Result for the holder: its own, or the reason of a denial with what would be permitted."""
+def _told(answer: GateResult, *, rounded: Mapping[str, Any]) -> HandlerResult:
+    """Result for the holder: its own, or the reason of a denial with what would be permitted.
+
+    Args:
+        answer: of the gate.
+        rounded: arguments that were decided as other numbers than the given ones.
+    """
     decision = answer.decision
     detail = decision.findings[0].detail if decision.findings else {}
     told: dict[str, object] = {
@@ -331,6 +375,8 @@ def _told(answer: GateResult) -> HandlerResult:
     }
     if decision.index is not None:
         told["index_milli"] = decision.index
+    if rounded:
+        told["rounded"] = dict(rounded)
     if not answer.recorded:
         told["outcome_recorded"] = False
     if answer.observed:

@@ -1,6 +1,7 @@
 """Mapping from the arguments of a tool call to a Request in integers.
 
-Pure. An argument that does not fit exactly is refused.
+Pure. An argument that does not fit is refused. A number finer than its unit is, too, unless its row rounds it: then it
+is rounded once, here, before anything is decided, and the tool gets the rounded one (`decided_arguments`).
 """
 
 from __future__ import annotations
@@ -9,18 +10,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.values.errors import QuantityError
-from capabilities.values.units import Quantity, parse
-from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, ArgumentForm, OperationKind, padded
+from capabilities.values.units import Quantity, parse, scaled
+from pep.base.operation_row import ArgumentForm, OperationKind
+from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, padded
 from policies.evidence.model import Point, Request
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from pep.base.operations import Operation, ToolArgument
+    from pep.base.operation_row import BoundedParameter, Operation, ToolArgument
 
-POINTS: Final = frozenset({Point.TOOL, Point.ACTUATION})
-"""Points of one gate run: it stands for the tool call and for its command to the robot."""
+TOOL: Final = frozenset({Point.TOOL})
+ROBOT_TOOL: Final = frozenset({Point.TOOL, Point.ACTUATION})
+"""Points of one gate run before a robot: the tool call, and its command to the robot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,6 +56,11 @@ def stops(tools: Mapping[str, Operation], name: str | None) -> bool:
     return operation is not None and operation.kind is OperationKind.STOP
 
 
+def points_of(operation: Operation) -> frozenset[Point]:
+    """Points of one gate run for the operation."""
+    return TOOL if operation.robot is None else ROBOT_TOOL
+
+
 def bare_request(operation: Operation, *, audience: str) -> Request:
     """Request for the operation without its values, enough to know which evidence the policies need.
 
@@ -60,7 +68,7 @@ def bare_request(operation: Operation, *, audience: str) -> Request:
         operation: of the called tool.
         audience: canonical URL of this server.
     """
-    return Request("", POINTS, audience, operation.object, operation.name, (), 0.0)
+    return Request("", points_of(operation), audience, operation.object, operation.name, (), 0.0)
 
 
 def to_request(
@@ -89,15 +97,16 @@ def to_request(
         numbers = _numbers(argument, arguments[argument.name])
         if numbers is None:
             return Misfit(Reason.PARAMETERS_WRONG, argument.name, _wanted(argument))
-        parameters = operation.parameters[len(values) : len(values) + argument.parameters]
-        for parameter, number in zip(parameters, numbers, strict=True):
+        limits = operation.limits[len(values) : len(values) + argument.parameters]
+        for place, (limit, number) in enumerate(zip(limits, numbers, strict=True)):
             try:
-                values.append(Quantity(parameter.name, parameter.unit, parse(number, parameter.unit)))
+                values.append(_quantity(limit, number))
             except QuantityError as error:
-                return Misfit(Reason(error.code), argument.name, error.detail)
+                element = f"{argument.name}[{place}]" if argument.form is ArgumentForm.VECTOR else argument.name
+                return Misfit(Reason(error.code), element, error.detail)
     return Request(
         request_id=request_id,
-        points=POINTS,
+        points=points_of(operation),
         audience=audience,
         object=operation.object,
         operation=operation.name,
@@ -106,10 +115,58 @@ def to_request(
     )
 
 
+def _quantity(limit: BoundedParameter, number: Any) -> Quantity:
+    """The parameter with this number.
+
+    Raises:
+        QuantityError: the number is none for it.
+    """
+    name, unit, scale = limit.parameter.name, limit.parameter.unit, limit.scale
+    if scale is None:
+        return Quantity(name, unit, parse(number, unit))
+    return Quantity(name, unit, scaled(number, scale, exact=limit.exact))
+
+
+def decided_arguments(operation: Operation, request: Request) -> dict[str, Any]:
+    """The arguments of a declared tool that the request holds: what was decided, and nothing else.
+
+    Args:
+        operation: of a tool without a robot.
+        request: made of its arguments.
+    """
+    decided: dict[str, Any] = {}
+    left = list(zip(operation.limits, request.values, strict=True))
+    for argument in operation.arguments or ():
+        mine, left = left[: argument.parameters], left[argument.parameters :]
+        decided[argument.name] = _argument(argument.form, [(limit.scale or 1, value.value) for limit, value in mine])
+    return decided
+
+
+def _argument(form: ArgumentForm, integers: Sequence[tuple[int, int]]) -> Any:
+    """An argument of (scale, integer) pairs."""
+    match form:
+        case ArgumentForm.NUMBER | ArgumentForm.INTEGER | ArgumentForm.FLAG:
+            ((scale, value),) = integers
+            if form is ArgumentForm.NUMBER:
+                return value / scale
+            return value // scale if form is ArgumentForm.INTEGER else value == 1
+        case ArgumentForm.VECTOR:
+            return [value / scale for scale, value in integers]
+        case ArgumentForm.WAYPOINTS:
+            raise ValueError("a path is a robot's")
+        case _:
+            assert_never(form)
+
+
+def rounded(given: Mapping[str, Any], decided: Mapping[str, Any]) -> dict[str, Any]:
+    """The decided arguments that are other numbers than the given ones."""
+    return {name: value for name, value in decided.items() if given[name] != value}
+
+
 def _numbers(argument: ToolArgument, given: Any) -> Sequence[Any] | None:
     """Values of the argument's parameters, each still unread; None for another form."""
     match argument.form:
-        case ArgumentForm.NUMBER:
+        case ArgumentForm.NUMBER | ArgumentForm.INTEGER:
             return (given,)
         case ArgumentForm.FLAG:
             return (int(given),) if isinstance(given, bool) else None

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from starlette.types import ASGIApp, Receive, Scope, Send
 
     from capabilities.values.caps import Caps
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Clock, ReplayStore, RevocationFeed
     from pep.request.edge import Edge
 

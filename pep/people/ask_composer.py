@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
 from capabilities.statements import ask
-from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, Ask, Contributor
+from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, Contributor
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
-from policies.evidence.evidence import ImpactReading, prior_leave
+from policies.evidence.evidence import DeclaredImpact, ImpactReading, prior_leave
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -73,6 +73,7 @@ def compose(
     if not isinstance(chain, Chain) or decision.tier is None:
         raise ValueError("nothing that people could be asked")
     seen = impact if isinstance(impact, ImpactReading) else None
+    unseen = NO_ROBOT if isinstance(impact, DeclaredImpact) else "missing"
     wanted = APPROVERS_OF_TIER.get(decision.tier, 1)
     leave = prior_leave(evidence) if wanted > 1 else None
     asked = Ask(
@@ -100,7 +101,7 @@ def compose(
             Contributor(c.kind, c.link, c.object, c.index_milli, c.clearance_um, c.speed_um_s, c.source)
             for c in (() if seen is None else seen.contributions[:CONTRIBUTORS])
         ),
-        perception="missing" if seen is None else seen.perception,
+        perception=unseen if seen is None else seen.perception,
         perception_age_ms=None if seen is None else seen.perception_age_ms,
         approvers=wanted,
         opening_id="" if leave is None else leave.opening_id,

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 
 if TYPE_CHECKING:
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Readiness
     from pep.request.authority import Credentials
     from policies.evidence.content_readings import ContextReading
@@ -26,7 +26,7 @@ class Call:
         tool: as it is registered and as it is served now.
         credentials: the caller's credentials, after steps 1 to 10.
         arrived_ms: monotonic time of arrival.
-        readiness: of the robot, for those who command it the way of this call.
+        readiness: of the robot, for those who command it the way of this call; None without one.
         context: provenance of its parameters.
     """
 
@@ -35,5 +35,5 @@ class Call:
     tool: ToolReading
     credentials: Credentials
     arrived_ms: int
-    readiness: Readiness
+    readiness: Readiness | None
     context: ContextReading | NotCollected = NOT_COLLECTED

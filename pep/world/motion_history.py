@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.units import Quantity, Unit
-from pep.base.operations import JOINTS, MOVE_JOINT, Moves, operation_of, targets_of
+from pep.base.operation_row import Moves
+from pep.base.operations import JOINTS, MOVE_JOINT, operation_of, targets_of
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -14,7 +14,8 @@ import numpy as np
 from capabilities.values.scope import Tier
 from capabilities.values.units import Unit, si
 from pep.base.errors import RobotError
-from pep.base.operations import Moves, operation_of, targets_of
+from pep.base.operation_row import Moves
+from pep.base.operations import operation_of, targets_of
 from pep.base.ports import Assessed, RemainingVerdict, Together
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen

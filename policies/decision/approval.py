@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
-from policies.evidence.evidence import ApprovalReading, ImpactReading, prior_leave
+from policies.evidence.evidence import ApprovalReading, DeclaredImpact, ImpactReading, prior_leave
 from policies.evidence.tiers import FRESH
 from policies.primitives.base import found
 from policies.words.reason_table import Reason
@@ -135,6 +135,8 @@ def _physical_differences(
     evidence: Evidence, approval: ApprovalReading, parameters: Parameters
 ) -> Iterator[dict[str, object]]:
     impact = evidence.impact
+    if isinstance(impact, DeclaredImpact):  # its tier, which was compared, is all that was shown of it
+        return
     if not isinstance(impact, ImpactReading):
         yield _difference("impact", "computed", None)
         return

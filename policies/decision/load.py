@@ -41,7 +41,7 @@ MEMBER_LIMIT: Final = 256
 """Members of any list."""
 NAME_LIMIT: Final = 128
 """Characters of a name."""
-SHIPPED: Final = ("paper-default", "strict")
+SHIPPED: Final = ("paper-default", "strict", "tools")
 """The sets that come with the package."""
 
 PARTY: Final = re.compile(forms.REGISTERED, re.ASCII)

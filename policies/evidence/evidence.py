@@ -122,6 +122,19 @@ class ImpactReading:
 
 
 @dataclass(frozen=True, slots=True)
+class DeclaredImpact:
+    """Impact of an act that no physics computes, by the declared row of its operation.
+
+    Attributes:
+        tier: of these values: the row's base tier, or the highest to which one of them is raised.
+        raised_by: names of the parameters that raised it to that tier.
+    """
+
+    tier: Tier
+    raised_by: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class ImpactFault:
     """Fault of physics: the impact could not be computed, or must not be believed.
 
@@ -259,7 +272,7 @@ class Evidence:
         robot_fault: the robot's own parameter limit that the request breaks, or None.
         tool: the tool's identity.
         trust: of the chain.
-        impact: of the request; `NOT_COLLECTED` for an operation that has no physical dependency.
+        impact: of the request; `NOT_COLLECTED` for a robot's operation that has no physical dependency.
         perception: where the view of the world comes from; like `impact`.
         robot: its readiness; like `impact`.
         approval: people's answer to this request, or None when nobody was asked.
@@ -279,7 +292,7 @@ class Evidence:
     robot_fault: Refusal | NotCollected | None = NOT_COLLECTED
     tool: ToolReading | NotCollected = NOT_COLLECTED
     trust: TrustReading | NotCollected = NOT_COLLECTED
-    impact: ImpactReading | ImpactFault | NotCollected = NOT_COLLECTED
+    impact: ImpactReading | DeclaredImpact | ImpactFault | NotCollected = NOT_COLLECTED
     perception: PerceptionReading | NotCollected = NOT_COLLECTED
     robot: RobotReading | NotCollected = NOT_COLLECTED
     approval: ApprovalReading | NotCollected | None = NOT_COLLECTED

@@ -1,7 +1,8 @@
 """Physical Impact Tiers: the runtime tier, and the rule of each tier.
 
-`pit(inv) = max(tool.pit_class, param_pit(inv.params), context_pit(env))`: the tool's registered base tier and the tier
-that physics computed over parameters and world. Unknown is never a low tier: without both there is no tier.
+`pit(inv) = max(tool.pit_class, param_pit(inv.params), context_pit(env))`: the tool's registered base tier, and the tier
+of parameters and world: as physics computed it, or, for what has none, as declared rows give it. Rows only raise.
+Unknown is never a low tier: without both there is no tier.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.scope import Tier
-from policies.evidence.evidence import ImpactReading, ToolReading
+from policies.evidence.evidence import DeclaredImpact, ImpactReading, ToolReading
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,7 +57,7 @@ def base_tier(evidence: Evidence) -> Tier | None:
 
 
 def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
-    """Runtime tier of the request: the base tier, or for a physical act its maximum with the computed one.
+    """Runtime tier of the request: the base tier, raised by the declared or, for a physical act, the computed one.
 
     Args:
         evidence: where `tool` and `impact` are read.
@@ -65,10 +66,11 @@ def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
     Returns:
         The tier, or None when a part of it is not known. A fault is no tier.
     """
-    base = base_tier(evidence)
+    base, impact = base_tier(evidence), evidence.impact
+    if base is not None and isinstance(impact, DeclaredImpact):
+        return max(base, Tier(impact.tier))
     if base is None or not physical:
         return base
-    impact = evidence.impact
     if not isinstance(impact, ImpactReading):
         return None
     floor = Tier.NO_EFFECT if impact.perception == FRESH else UNSEEN_FLOOR

@@ -9,7 +9,15 @@ from capabilities.token.scope_check import set_ceiling
 from capabilities.values.algebra import bound_to_json
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault, FaultCode
-from policies.evidence.evidence import ImpactFault, ImpactReading, NotCollected, RobotReading, ToolReading, prior_leave
+from policies.evidence.evidence import (
+    DeclaredImpact,
+    ImpactFault,
+    ImpactReading,
+    NotCollected,
+    RobotReading,
+    ToolReading,
+    prior_leave,
+)
 from policies.evidence.tiers import FRESH, RULES, TierRule, base_tier, runtime_tier
 from policies.primitives.base import (
     Case,
@@ -205,6 +213,8 @@ def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
             "perception": impact.perception,
             "perception_age_ms": impact.perception_age_ms,
         }
+    elif isinstance(impact, DeclaredImpact):
+        detail["raised_by"] = list(impact.raised_by)
     return detail
 
 
@@ -241,19 +251,20 @@ class PhysicalImpactGate:
                 return Fails((self._above(case, chain, base),))
             case NotCollected():
                 return missing(self.id, "impact")
-            case ImpactReading():
+            case ImpactReading() | DeclaredImpact():
                 return missing(self.id, "tool") if base is None else self._reading(case, chain, impact)
             case _:
                 assert_never(impact)
 
-    def _reading(self, case: Case, chain: Chain, impact: ImpactReading) -> Verdict:
-        """The verdict on a reading whose base tier is known and under the ceiling."""
+    def _reading(self, case: Case, chain: Chain, impact: ImpactReading | DeclaredImpact) -> Verdict:
+        """The verdict on an impact whose base tier is known."""
         tier = runtime_tier(case.evidence, physical=True)
-        if tier is None or not 0 <= impact.index_milli <= 4000:
+        unseen = isinstance(impact, ImpactReading) and impact.perception != FRESH
+        if tier is None or (isinstance(impact, ImpactReading) and not 0 <= impact.index_milli <= 4000):
             return fails(self.id, Reason.PHYSICS_FAULT)
         detail = impact_detail(case, chain, tier)
         refused: list[Finding] = []
-        if impact.violations != ():
+        if isinstance(impact, ImpactReading) and impact.violations != ():
             refused.append(found(self.id, Reason.PHYSICS_VIOLATION, **detail))
         if not tier <= chain.scope.ceiling:
             refused.append(self._above(case, chain, tier))
@@ -264,14 +275,14 @@ class PhysicalImpactGate:
                 return Holds()
             case TierRule.ASK:
                 asked = [found(self.id, Reason.TIER_NEEDS_APPROVAL, **detail)]
-                if impact.perception != FRESH:
+                if unseen:
                     asked.append(found(self.id, Reason.PERCEPTION_MISSING, **detail))
                 return Defers(tuple(asked))
             case TierRule.REFUSE:
                 critical = [found(self.id, Reason.TIER_SAFETY_CRITICAL, **detail)]
                 if prior_leave(case.evidence) is None:
                     return Fails(tuple(critical))
-                if impact.perception != FRESH:
+                if unseen:
                     critical.append(found(self.id, Reason.PERCEPTION_MISSING, **detail))
                 return Defers(tuple(critical))
             case rule:

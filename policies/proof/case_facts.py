@@ -12,6 +12,7 @@ from policies.decision.policy import requirement
 from policies.evidence import shape
 from policies.evidence.evidence import (
     ApprovalReading,
+    DeclaredImpact,
     ImpactFault,
     ImpactReading,
     OpeningReading,
@@ -118,6 +119,8 @@ def _request(evidence: Evidence) -> dict[str, Any]:
 def _tool(evidence: Evidence) -> dict[str, Any]:
     tool, trust, base = evidence.tool, evidence.trust, base_tier(evidence)
     registered = isinstance(tool, ToolReading) and bool(tool.approved_digest) and base is not None
+    if base is not None and isinstance(evidence.impact, DeclaredImpact):
+        base = max(base, evidence.impact.tier)  # rows raise the class, with physics or without
     return {
         "tool_pinned": isinstance(tool, ToolReading) and registered and tool.actual_digest == tool.approved_digest,
         "base_known": base is not None,
@@ -130,16 +133,18 @@ def _tool(evidence: Evidence) -> dict[str, Any]:
 def _world(case: Case, policies: PolicySet) -> dict[str, Any]:
     impact, view, limits = case.evidence.impact, case.evidence.perception, policies.parameters
     read = impact if isinstance(impact, ImpactReading) else None
+    # A declared impact looks at no world: it is as one that was computed, and seen, and violates nothing.
+    declared = isinstance(impact, DeclaredImpact)
     sensors = view.sensors if isinstance(view, PerceptionReading) else ()
     return {
-        "impact_read": read is not None,
+        "impact_read": declared or read is not None,
         "impact_fault": isinstance(impact, ImpactFault),
-        "impact_tier": _ANY if read is None else int(read.tier),
-        "index_valid": read is not None and 0 <= read.index_milli <= 4000,
+        "impact_tier": int(impact.tier) if isinstance(impact, ImpactReading | DeclaredImpact) else _ANY,
+        "index_valid": declared or (read is not None and 0 <= read.index_milli <= 4000),
         "violated": read is not None and read.violations != (),
-        "seen_fresh": read is not None and read.perception == FRESH,
-        "slow": read is not None and read.tcp_speed_um_s <= limits.approved_tcp_speed_um_s,
-        "soft": read is not None and read.contact_permille <= limits.approved_contact_permille,
+        "seen_fresh": declared or (read is not None and read.perception == FRESH),
+        "slow": declared or (read is not None and read.tcp_speed_um_s <= limits.approved_tcp_speed_um_s),
+        "soft": declared or (read is not None and read.contact_permille <= limits.approved_contact_permille),
         "view_known": isinstance(view, PerceptionReading),
         "view_invalid": any(sensor.state not in BELIEVED for sensor in sensors),
         "view_late": not sensors or any(sensor.state != FRESH for sensor in sensors),
@@ -189,7 +194,7 @@ def _same_impact(evidence: Evidence, approval: ApprovalReading, policies: Policy
     """True where the impact is the shown one, within the slack of an approval."""
     now, slack = evidence.impact, policies.parameters
     if not isinstance(now, ImpactReading):
-        return False
+        return isinstance(now, DeclaredImpact)
     moved = [abs(a - b) for a, b in zip(now.start_urad, approval.start_urad, strict=False)]
     return (
         now.model_digest == approval.model_digest

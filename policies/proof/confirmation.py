@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
 from policies.decision.policy import requirement
-from policies.evidence.evidence import ApprovalReading, ImpactReading, PerceptionReading, RobotReading, prior_leave
+from policies.evidence.evidence import (
+    ApprovalReading,
+    DeclaredImpact,
+    ImpactReading,
+    PerceptionReading,
+    RobotReading,
+    prior_leave,
+)
 from policies.evidence.model import SEVERITY, Effect, Obligation, ObligationKind, Point
 from policies.evidence.tiers import base_tier, runtime_tier
 from policies.primitives.base import Case, Holds
@@ -144,7 +151,8 @@ def _whole(request: Request, evidence: Evidence) -> bool:
     impact, view = evidence.impact, evidence.perception
     authority = isinstance(evidence.chain, Chain) and evidence.proof is True
     asked = evidence.request_fault is None and evidence.robot_fault is None
-    world = isinstance(impact, ImpactReading) and impact.violations == () and base_tier(evidence) is not None
+    computed = isinstance(impact, ImpactReading) and impact.violations == ()
+    world = (computed or isinstance(impact, DeclaredImpact)) and base_tier(evidence) is not None
     if Point.ACTUATION in request.points:
         seen = isinstance(view, PerceptionReading) and all(sensor.state in BELIEVED for sensor in view.sensors)
         world = world and seen and isinstance(evidence.robot, RobotReading)
@@ -159,5 +167,7 @@ def nobody_thought_of_it(all_told: Sequence[DecidedCase], harmless: frozenset[st
         for policy in told.policies.policies
         for name in (policy.object.operations or frozenset()) | policy.object.without
     }
-    physics = requirement(told.request, told.policies).physical and isinstance(told.evidence.impact, ImpactReading)
+    physics = requirement(told.request, told.policies).physical and isinstance(
+        told.evidence.impact, ImpactReading | DeclaredImpact
+    )
     return act_permitted(told, harmless) and told.request.operation not in named and not physics

@@ -32,6 +32,7 @@ from msgspec import structs
 from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
 from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
 from pep.gate.gate import Gate, EffectResult
+from pep.gate.robot_ports import RobotPorts
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.mapping import ARM_TOOLS, to_request
@@ -40,7 +41,6 @@ from pep.people.asks import Asks
 from pep.provider.ask_client import AskClient
 from pep.request.authority import Authority, PresentedRequest
 from pep.request.call import Call
-from pep.rtde.command.limits import Ur3eLimits
 from pep.world.sequence import Sequence
 from policies.decision.load import load_shipped
 from policies.evidence.content_readings import ArgumentReading, ContextReading
@@ -432,10 +432,7 @@ class Rig:
             clock=self.clock,
             authority=self.authority,
             registry=self.registry,
-            limits=Ur3eLimits(),
-            slot=self.slot,
-            sequence=Still(self.clock),
-            physics=self.physics,
+            robot=RobotPorts(slot=self.slot, sequence=Still(self.clock), physics=self.physics),
             policies=self.policies,
             journal=journal,
             asks=self.asks,

@@ -1,6 +1,7 @@
 """Salami slicing with real physics: a sweep that needs a person, cut into steps that would not."""
 
 import asyncio
+from dataclasses import replace
 
 import pytest
 from pep.world.sequence import WINDOW_MS
@@ -26,10 +27,10 @@ class Moving(Cell):
 
     def seen(self, *people):
         """A fresh view, with the acts that were done still remembered."""
-        sequence = self.gate._sequence
+        sequence = self.gate._robot.sequence
         self.at(self.arm.q, *people)
         self.physics._state = self.arm
-        self.gate._sequence = sequence
+        self.gate._robot = replace(self.gate._robot, sequence=sequence)
         return self
 
     def goes(self, angle, agent, **changes):

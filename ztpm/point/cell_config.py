@@ -21,19 +21,10 @@ from pep.pit import (
     numbers_only,
     surveyed,
 )
+from pep.point.config_text import check_url, is_loopback, read_key, read_policies, read_text, read_trust, spelled
 from pep.rtde.command.stop_rules import JOINT_DECELERATION_LIMIT_RAD_S2
 from pep.rtde.robot.gripper import DRIVEN
-from ztpm.point.point_config import (
-    PointConfig,
-    check_port,
-    check_url,
-    is_loopback,
-    read_key,
-    read_policies,
-    read_text,
-    read_trust,
-    spelled,
-)
+from ztpm.point.point_config import PointConfig, check_port
 
 if TYPE_CHECKING:
     from pathlib import Path

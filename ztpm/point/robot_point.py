@@ -8,23 +8,21 @@ from typing import TYPE_CHECKING, Any
 
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.clock import SystemClock
-from pep.gate import records
 from pep.gate.gate import Gate
 from pep.gate.observe_only import Marked
-from pep.people.ask_composer import Asker
-from pep.people.asks import Asks
+from pep.gate.robot_ports import RobotPorts
 from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
 from pep.pit.assessment.readiness import compile_telling
-from pep.provider.ask_client import AskClient
-from pep.rtde.command.limits import Ur3eLimits
+from pep.point.deferrals import Deferrals, recover_gate
+from pep.point.parts import EnforcementInputs, opened
 from pep.rtde.robot.state_receiver import StateReceiver
 from pep.world.held_object import CommittedGrip
 from pep.world.sequence import Sequence
 from pep.world.world import CellPhysics
 from ztpm.point.cell_config import read_cell, read_robot
-from ztpm.point.enforcement_point import EnforcementInputs, EnforcementPoint, opened
+from ztpm.point.enforcement_point import EnforcementPoint
 from ztpm.point.robot_report import report_of
 
 if TYPE_CHECKING:
@@ -110,24 +108,8 @@ class RobotPoint(EnforcementPoint):
             state=self.state,
             clock=self.clock,
         )
-        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
-        self.asks = Asks(
-            clock=self.clock,
-            journal=self.marked,
-            timeout_ms=config.defer_timeout_s * 1000,
-            asker=asker,
-            approvers=self.follower,
-            caps=CAPS,
-        )
-        self.asking = AskClient(
-            self.asks,
-            self.http,
-            asker=asker,
-            trust=trust,
-            caps=CAPS,
-            clock=self.clock,
-            incident=self._feed_incident,
-        )
+        people = Deferrals.of(self, journal=self.marked, timeout_ms=config.defer_timeout_s * 1000, trust=trust, key=key)
+        self.asks, self.asking = people.asks, people.asking
 
     @property
     def edge(self) -> Edge:
@@ -150,10 +132,7 @@ class RobotPoint(EnforcementPoint):
             clock=self.clock,
             authority=self.authority,
             registry=self.follower,
-            limits=Ur3eLimits(),
-            slot=slot,
-            sequence=Sequence(self.clock),
-            physics=self.physics,
+            robot=RobotPorts(slot=slot, sequence=Sequence(self.clock), physics=self.physics),
             policies=policies,
             journal=self.journal,
             asks=self.asks,
@@ -163,13 +142,7 @@ class RobotPoint(EnforcementPoint):
 
     def recover(self) -> None:
         """Records an end for permits that an earlier process left open, and remembers its accepted proofs."""
-        permits = records.unfinished(self.journal.records())
-        self.asks.recover(self.journal.records())
-        self.gate.conduct.recall(self.journal.records())
-        super().recover()
-        for request_id, digest in permits:
-            self.journal.append("outcome", {"request_id": request_id, "decision": digest, "outcome": "unknown"})
-        self.asks.expire()
+        recover_gate(self.journal, gate=self.gate, asks=self.asks, proofs=super().recover)
 
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
         """Tasks that run as long as it serves, by name."""
@@ -195,10 +168,10 @@ class RobotPoint(EnforcementPoint):
         """Ends the parts composed beside these, with the arm standing still."""
         raise NotImplementedError
 
-    async def release(self) -> None:
+    async def let_go(self) -> None:
         """Releases sensors and robot."""
         await self.receiver.close()
         self.state.close()
 
     def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
-        self._note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
+        self.note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.forward import Forward, client
 from pep.mcp.mapping import ARM_TOOLS
+from pep.point.parts import opened
 from pep.request.edge import Edge
-from ztpm.point.enforcement_point import EnforcementPoint, main_of, opened
+from ztpm.point.enforcement_point import EnforcementPoint, main_of
 from ztpm.point.tool_proxy_config import ToolProxyConfig, read_door_config
 
 if TYPE_CHECKING:

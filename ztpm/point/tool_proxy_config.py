@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ztpm.point.point_config import PointConfig, check_url, read_text
+from pep.point.config_text import check_url, read_text
+from ztpm.point.point_config import PointConfig
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -170,7 +170,7 @@ def _record(asked: Ask, text: str) -> AskRecord:
         agent=asked.agent,
         sponsor=asked.sponsor,
         approvers=asked.approvers,
-        fresh=asked.perception == "fresh",
+        fresh=asked.perception in {"fresh", asks.NO_ROBOT},
         asked_at=asked.asked_at,
         expires_at=asked.expires_at,
     )

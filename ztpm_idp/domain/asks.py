@@ -58,7 +58,8 @@ class AskRecord:
         pep, audience: who asks, for which server.
         agent, sponsor: the leaf of the chain and its human root.
         approvers: how many different people must approve.
-        fresh: whether it was assessed on fresh perception; if not, every approver attests to seeing the cell clear.
+        fresh: whether it was assessed on fresh perception, or needs none; if not, every approver attests to seeing the
+            cell clear.
         asked_at, expires_at: seconds since the epoch.
     """
 

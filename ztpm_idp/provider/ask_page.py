@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Final
 
 import jinja2
 
+from capabilities.statements.ask import NO_ROBOT
 from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
@@ -66,6 +67,7 @@ _PERCEPTION: Final = {
     "fresh": "fresh: sensors saw the cell",
     "stale": "NOT FRESH: the sensors' last view of the cell was too old",
     "missing": "MISSING: no sensor showed the cell",
+    NO_ROBOT: "not needed: no robot acts",
 }
 _STATE: Final = {
     AskState.OPEN: "open, waits for people",
@@ -150,7 +152,8 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
             for c in ask.contributors
         ],
         perception=_PERCEPTION[ask.perception],
-        seen=ask.perception == "fresh",
+        robot=ask.perception != NO_ROBOT,
+        seen=ask.perception in {"fresh", NO_ROBOT},
         perception_age=None if ask.perception_age_ms is None else _figure("", ask.perception_age_ms, Unit.MILLISECOND),
         reasons=[(code, _reason(code)) for code in ask.reasons],
         votes=[

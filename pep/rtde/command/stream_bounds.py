@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from capabilities.values.scope import Bound, Grant
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
 
 
 class StreamBounds:

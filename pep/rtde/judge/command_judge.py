@@ -31,7 +31,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
     from pep.gate.gate import Gate, GateResult
     from pep.people.asks import Asks

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.values.errors import QuantityError
 from capabilities.values.units import Quantity, Unit, nearest, parse, si
+from pep.base.operation_row import Sent
 from pep.base.operations import (
     MOVE_JOINT,
     MOVE_LINEAR,
@@ -26,7 +27,6 @@ from pep.base.operations import (
     SPEED_LINEAR,
     STREAM_MS,
     WAYPOINTS,
-    Sent,
     padded,
 )
 from pep.rtde.command import command_values as v
@@ -40,7 +40,7 @@ from policies.words.reason_codes import Reason
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.script.move_path import Waypoint

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.base.errors import ActuationRefusedError, JournalError
-from pep.base.operations import Moves, OperationKind, digest_of, touchable
+from pep.base.operation_row import Moves, OperationKind
+from pep.base.operations import digest_of, touchable
 from pep.gate.gate import EffectResult
 from pep.rtde.command.stream_bounds import StreamBounds
 from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, StreamProgress, envelope

@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Final, Protocol
 from capabilities.values.errors import QuantityError
 from capabilities.values.units import Unit, parse
 from pep.base.errors import ActuationRefusedError
-from pep.base.operations import JOINTS, SPEED_JOINT, Moves, digest_of, targets_of
+from pep.base.operation_row import Moves
+from pep.base.operations import JOINTS, SPEED_JOINT, digest_of, targets_of
 from pep.gate.motion_slot import Slot
 from pep.rtde.command import command_values as v
 from pep.rtde.motion.brake import Brake
@@ -27,7 +28,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterator, Sequence
 
-    from pep.base.operations import Operation
+    from pep.base.operation_row import Operation
     from pep.base.ports import Clock
     from pep.request.permit import Permit
     from pep.rtde.motion.motion_follower import Looking, MotionProgress

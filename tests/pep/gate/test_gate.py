@@ -9,6 +9,7 @@ import pytest
 from capabilities.values.scope import Grant, Tier
 from capabilities.values.units import Quantity, Unit
 from pep.base.errors import ActuationRefusedError, JournalError, PepFault
+from pep.base.operations import MOVE_JOINT
 from pep.gate.gate import ATTEMPTS, EffectResult
 from pep.world.sequence import Sequence
 from policies.evidence.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
@@ -222,6 +223,19 @@ def test_physics_that_raises_is_denied_and_recorded(rig):
     assert rig.slot.holder is None
 
 
+class Broken:
+    """A row whose limits break."""
+
+    def __init__(self, row):
+        self._row = row
+
+    def __getattr__(self, name):
+        return getattr(self._row, name)
+
+    def refuse(self, request):
+        raise RuntimeError("boom")
+
+
 @pytest.mark.parametrize("broken", ["registry", "limits", "feed"])
 def test_any_exception_on_the_way_is_denied(rig, broken, monkeypatch):
     def boom(*_, **__):
@@ -232,7 +246,7 @@ def test_any_exception_on_the_way_is_denied(rig, broken, monkeypatch):
         case "registry":
             monkeypatch.setattr(rig.registry, "trust_permille", boom)
         case "limits":
-            monkeypatch.setattr(rig.gate._limits, "refuse", boom)
+            call = replace(call, operation=Broken(MOVE_JOINT))
         case "feed":
             monkeypatch.setattr(rig.feed, "view", boom)
     answer = run(rig, call)
@@ -690,7 +704,7 @@ def test_a_caller_who_goes_while_the_outcome_is_recorded_leaves_one_outcome(rig)
 )
 def test_only_an_arm_that_arrived_is_known_to_stand_at_its_target(rig, outcome, failed, effect, reason):
     """The arm of the rig does not move: after a motion that arrived it is not where it should be."""
-    rig.gate._sequence = Sequence(rig.clock)
+    rig.gate._robot = replace(rig.gate._robot, sequence=Sequence(rig.clock))
 
     async def ends(permit):
         return EffectResult({"outcome": outcome}, failed=failed)
@@ -703,7 +717,7 @@ def test_only_an_arm_that_arrived_is_known_to_stand_at_its_target(rig, outcome, 
 
 
 def test_who_reads_the_state_asks_from_there(rig):
-    rig.gate._sequence = Sequence(rig.clock)
+    rig.gate._robot = replace(rig.gate._robot, sequence=Sequence(rig.clock))
 
     async def arrives(permit):
         return EffectResult({"outcome": "reached"})

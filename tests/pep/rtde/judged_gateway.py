@@ -12,7 +12,7 @@ import random
 import secrets
 import subprocess
 import sys
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -76,7 +76,7 @@ async def serve(listen, robot, folder):
     print("ready", flush=True)
     while line := (await lines.readline()).decode():
         if line.strip() in SEQUENCES:
-            cell.gate._sequence = SEQUENCES[line.strip()](cell.clock)
+            cell.gate._robot = replace(cell.gate._robot, sequence=SEQUENCES[line.strip()](cell.clock))
         else:
             desk.without(tuple(line.split()))
         print("done", flush=True)

@@ -28,6 +28,7 @@ from ztpm.cli import app as command_line
 from policies import (
     ROWS,
     SHIPPED,
+    DeclaredImpact,
     Effect,
     ImpactReading,
     Object,
@@ -413,3 +414,45 @@ def test_the_command_names_what_is_wrong_with_its_input(arguments, status, code)
 
 def test_the_command_refuses_an_option_that_it_does_not_have(app):
     assert CliRunner().invoke(app, ["prove", "--nonsense"]).exit_code == 2
+
+
+# --- class and declared rows ------------------------------------------------------------------------------------------
+
+
+@needs_z3
+def test_class_and_rows_are_never_lowered():
+    """`pit = max(class, rows, world)`, for every class, every row and every world at once."""
+    import z3
+    from policies.proof.symbols import SYMBOLIC, any_fact, any_facts
+    from policies.proof.verdicts import situation
+
+    facts = any_facts([])
+    bounds = [z3.And(0 <= each, each <= 4) for each in (facts.base_tier, facts.impact_tier)]
+    for physical in (True, False):
+        at = situation(facts, physical, SYMBOLIC)
+        solver = z3.Solver()
+        solver.add(
+            *bounds, at.tier_known, z3.Or(at.tier < facts.base_tier, z3.And(physical, at.tier < facts.impact_tier))
+        )
+        assert solver.check() == z3.unsat
+    # one further row on top of any: inside its values it raises to its tier, outside it changes nothing
+    before, to, inside = any_fact("base_tier", "before"), any_fact("base_tier", "row"), z3.Bool("inside")
+    after = z3.If(z3.And(inside, to > before), to, before)
+    solver = z3.Solver()
+    solver.add(z3.Or(after < before, z3.And(inside, after < to), z3.And(z3.Not(inside), after != before)))
+    assert solver.check() == z3.unsat
+
+
+def test_the_formulas_know_declared_impacts():
+    pick, policies = random.Random(77).choice, load_shipped("tools")
+    seen = {effect: 0 for effect in Effect}
+    for number in range(ROUNDS):
+        request = dataclasses.replace(triples.request(pick), points=frozenset({Point.TOOL}))
+        evidence = triples.evidence(pick)
+        declared = DeclaredImpact(Tier(pick(range(5))), pick([(), ("opening",)]))
+        evidence = dataclasses.replace(evidence, impact=declared)
+        evidence = triples.approved(pick, evidence, policies, decide(request, evidence, policies).tier)
+        answer = decided(request, evidence, policies)
+        assert modelled(request, evidence, policies) == answer, f"triple {number}"
+        seen[answer[0]] += 1
+    assert min(seen.values()) > 3, seen

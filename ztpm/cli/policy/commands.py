@@ -133,7 +133,8 @@ def _registered(*, directory: Path | None, name: str, issuer: str, key: Path | N
 
 def operations() -> tuple[Known, ...]:
     """Every operation that this version knows: those of the robot, those of admission, and delegating."""
-    from pep.base.operations import OPERATIONS, OperationKind
+    from pep.base.operation_row import OperationKind
+    from pep.base.operations import OPERATIONS
     from pep.context.admission import OBJECT, OPERATION_OF
     from policies import Point
     from policies.evidence.content_readings import ItemKind

@@ -9,16 +9,9 @@ from capabilities.values.scope import Grant, Limit, OneOf, Range
 from capabilities.values.units import si
 from hypothesis import given
 from hypothesis import strategies as st
-from pep.base.operations import (
-    MOVE_PATH,
-    SERVO_JOINT,
-    SPEED_JOINT,
-    Sent,
-    digest_of,
-    padded,
-)
+from pep.base.operation_row import Sent
+from pep.base.operations import MOVE_PATH, SERVO_JOINT, SPEED_JOINT, digest_of, operation_of, padded
 from pep.rtde.command.command_table import ROWS, CommandClass, decode
-from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stream_bounds import StreamBounds
@@ -46,6 +39,11 @@ TCP, MASS, CENTRE = (0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058)
 FITTED = ToolSetup(TCP, MASS, CENTRE)
 WAY = (Waypoint(PathMove.MOVEJ, False, Q, 0.5, 1.4, 0.0), Waypoint(PathMove.MOVEJ, False, X, 0.5, 1.4, 0.0))
 AXES = (True,) * 6
+
+
+def own_limits(made):
+    return operation_of(made.object, made.operation).refuse(made)
+
 
 ASKED = {
     1: (v.MoveJ(Q, 0.5, 1.4, False), "move_joint", (*Q, 0.5, 1.4)),
@@ -138,7 +136,7 @@ def test_what_an_operation_stands_for_is_asked_in_its_very_numbers(number):
     made = request(command)
     assert made.digest == digest_of(found.operation, numbers, audience=AUDIENCE)
     assert tuple(value.name for value in made.values) == tuple(each.name for each in found.operation.parameters)
-    assert Ur3eLimits().refuse(made) is None
+    assert own_limits(made) is None
     assert found.operation.sent in (Sent.ONCE, Sent.STREAM, Sent.OUTPUT)
 
 
@@ -165,7 +163,7 @@ def test_what_stops_or_asks_needs_no_decision(command):
 def test_what_is_switched_without_a_command_is_asked_too(command, operation, numbers):
     found = asked(command)
     assert (found.operation.name, found.numbers) == (operation, numbers)
-    assert Ur3eLimits().refuse(request(command)) is None
+    assert own_limits(request(command)) is None
 
 
 # --------------------------------------------------------------------------------------- tool and payload of the model
@@ -283,7 +281,7 @@ def taken(command, parameter):
     made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
     if isinstance(made, InputRefusal):
         return made.reason
-    refused = Ur3eLimits().refuse(made)
+    refused = own_limits(made)
     if refused is not None:
         assert refused.parameter == parameter
         return Reason(refused.code)
@@ -339,7 +337,7 @@ def test_nothing_that_a_client_can_write_breaks_what_is_asked(number, doubles, i
     assert isinstance(found, CommandedOperation | NoDecisionNeeded | InputRefusal)
     if isinstance(found, CommandedOperation):
         made = request_of(found, request_id="r", audience=AUDIENCE, at=0.0)
-        assert isinstance(made, InputRefusal) or isinstance(Ur3eLimits().refuse(made), Refusal | None)
+        assert isinstance(made, InputRefusal) or isinstance(own_limits(made), Refusal | None)
 
 
 @pytest.mark.parametrize(
@@ -350,7 +348,7 @@ def test_a_speed_without_a_time_stands_for_the_longest_there_is(said, stands):
 
 
 def test_a_speed_that_would_stand_for_longer_is_refused_by_the_robots_limit():
-    assert Ur3eLimits().refuse(request(v.SpeedJ(X, 0.5, 9.0))).parameter == "duration"
+    assert own_limits(request(v.SpeedJ(X, 0.5, 9.0))).parameter == "duration"
 
 
 # ------------------------------------------------------------------------------------------- later values of a stream

@@ -2,6 +2,7 @@
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import pytest
 from pep.watch.watch import Watch, WatchAges
@@ -59,7 +60,7 @@ class Remembering(World):
 
     def forget(self):
         """As if nothing had been done for longer than anything counts."""
-        self.gate._sequence = Sequence(self.clock)
+        self.gate._robot = replace(self.gate._robot, sequence=Sequence(self.clock))
 
     def pushed(self, by_rad):
         """The arm stands elsewhere, and nothing of ours has moved it."""

@@ -12,7 +12,6 @@ from capabilities.values.scope import Grant, Limit, Range
 from pep.base.operations import MOVE_PATH, WAYPOINTS, padded, targets_of
 from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
 from pep.pit import JointPath
-from pep.rtde.command.limits import Ur3eLimits
 from pep.rtde.robot.state_receiver import JointState
 from pep.world.world import _motion
 from policies.evidence.model import Effect
@@ -77,15 +76,14 @@ def test_a_waypoint_with_a_number_that_is_none_is_refused(bad):
 
 
 def test_the_robots_limits_hold_at_every_waypoint():
-    limits = Ur3eLimits()
-    assert limits.refuse(asked()) is None
+    assert MOVE_PATH.refuse(asked()) is None
     for at in range(WAYPOINTS):
         points = [A] * WAYPOINTS
         points[at] = (0.0, 0.0, 0.0, 6.3, 0.0, 0.0)
-        refused = limits.refuse(asked(tuple(points)))
+        refused = MOVE_PATH.refuse(asked(tuple(points)))
         assert isinstance(refused, Refusal)
         assert refused.parameter == f"p{at}_q3"
-    assert limits.refuse(asked(speed=3.2)).parameter == "speed"
+    assert MOVE_PATH.refuse(asked(speed=3.2)).parameter == "speed"
 
 
 def test_a_token_limits_each_waypoint_by_itself(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.units import Quantity, parse
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
+from pep.base.operation_row import OperationKind
 from pep.base.operations import (
     GRIPPER_ACTIVATE,
     GRIPPER_MOVE,
@@ -17,7 +18,6 @@ from pep.base.operations import (
     OPERATIONS,
     SET_DIGITAL_OUTPUT,
     SPEED_JOINT,
-    OperationKind,
     padded,
 )
 from pep.rtde.command import command_values as v

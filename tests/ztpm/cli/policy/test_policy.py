@@ -5,7 +5,8 @@ import json
 
 import pytest
 import rfc8785
-from pep.base.operations import OPERATIONS, OperationKind
+from pep.base.operation_row import OperationKind
+from pep.base.operations import OPERATIONS
 from policies.decision.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.decision.test_load import BAD, GOOD

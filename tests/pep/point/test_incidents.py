@@ -5,7 +5,7 @@ import asyncio
 import pytest
 from pep.base.errors import FeedError, PepFault
 from tests.pep.kit import ManualClock
-from ztpm.base.incidents import TOLD_EACH_MS, Incidents
+from pep.point.incidents import TOLD_EACH_MS, Incidents
 
 SILENT = FeedError(PepFault.FEED_UNREACHABLE, "nobody answers")
 

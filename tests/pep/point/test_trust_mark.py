@@ -8,7 +8,7 @@ import pytest
 from capabilities.values.caps import DEFAULT
 from pep.base.errors import ConfigError, PepFault
 from tests.capabilities.keys.test_trust import AT, FIRST, LATER
-from ztpm.point.trust_mark import check_mark
+from pep.point.trust_mark import check_mark
 
 
 def refused(trust, path, at=AT) -> PepFault:

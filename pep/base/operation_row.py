@@ -1,0 +1,205 @@
+"""Operation as one declared row, of a robot or any other tool: mapping, limits, tiers and watch read it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from capabilities.values.chain import Refusal
+from capabilities.values.errors import FaultCode
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from capabilities.values.scope import Range, Tier
+    from capabilities.values.units import Parameter, Quantity
+    from policies.evidence.model import Request
+
+
+class OperationKind(Enum):
+    """Effect of an operation on the world."""
+
+    READ = "read"
+    """None."""
+    MOTION = "motion"
+    """Something moves: physics is computed, one at a time."""
+    SWITCH = "switch"
+    """Something wired to the robot is switched, and may move; one at a time."""
+    STOP = "stop"
+    """Motion ends. Never subject to a permit."""
+    ACT = "act"
+    """Something changes that is no robot's: no physics is computed, and it waits for no other act."""
+
+
+class Moves(Enum):
+    """Course of the thing that an operation moves."""
+
+    NOTHING = "nothing"
+    TO_JOINTS = "to_joints"
+    """The arm, straight in joint space to six angles."""
+    THROUGH_JOINTS = "through_joints"
+    """The arm, straight in joint space from waypoint to waypoint, at rest at each."""
+    TO_POSE = "to_pose"
+    """The tool, straight to a pose."""
+    AT_JOINT_SPEEDS = "at_joint_speeds"
+    """The arm, for a time."""
+    AT_TOOL_SPEED = "at_tool_speed"
+    """The tool, for a time."""
+    AFTER_JOINTS = "after_joints"
+    """The arm, after a stream of joint angles."""
+    FINGERS = "fingers"
+    """The fingers, to an opening."""
+    FINGERS_WHOLE = "fingers_whole"
+    """The fingers, over their whole stroke."""
+    OUTPUT = "output"
+    """The device that is wired to a digital output."""
+    STANDS = "stands"
+    """Nothing moves, and the arm has to stand: later operations mean something else afterwards."""
+
+
+class Sent(Enum):
+    """Way of an operation to the robot."""
+
+    NEVER = "never"
+    ONCE = "once"
+    """One command of the control script; a leased program may give it."""
+    STREAM = "stream"
+    """Likewise, and further values may follow it without a request of their own."""
+    OUTPUT = "output"
+    """Output registers beside the control script; likewise a leased program's."""
+    GRIPPER = "gripper"
+    """The gripper's own port: of the cell's tools alone."""
+
+
+class ArgumentForm(Enum):
+    """Form of a tool's argument; `pep.base.declaration` states it, `pep.mcp.mapping` reads and writes its values."""
+
+    NUMBER = "number"
+    INTEGER = "integer"
+    """A whole number."""
+    VECTOR = "vector"
+    """A list of numbers, one for each parameter."""
+    WAYPOINTS = "waypoints"
+    """A list of 1 to `WAYPOINTS` lists of six numbers."""
+    FLAG = "flag"
+    """True or false, 1 or 0 in the request. A number is none."""
+
+
+@dataclass(frozen=True, slots=True)
+class ToolArgument:
+    """An argument of a tool.
+
+    Attributes:
+        name: of it.
+        form: of its value.
+        parameters: so many of the operation's parameters, in their order, come from it.
+    """
+
+    name: str
+    form: ArgumentForm
+    parameters: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class TierRow:
+    """Values of one parameter that raise the tier of an act."""
+
+    values: Range
+    tier: Tier
+
+
+@dataclass(frozen=True, slots=True)
+class BoundedParameter:
+    """Parameter with the operation's own bound, which holds beside every token.
+
+    Attributes:
+        parameter: its name and unit.
+        bound: its lowest and highest value.
+        scale: so many of the unit make one of the argument's numbers; None for those of SI, exactly.
+        exact: a number off the unit's grid is refused; else it is rounded to it, before anything is decided.
+        tiers: values that raise the tier.
+    """
+
+    parameter: Parameter
+    bound: Range
+    scale: int | None = None
+    exact: bool = True
+    tiers: tuple[TierRow, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class RobotPart:
+    """A robot's part of an operation: the course of what it moves, and its way to the robot."""
+
+    moves: Moves
+    sent: Sent
+
+
+@dataclass(frozen=True, slots=True)
+class Operation:
+    """One operation.
+
+    Attributes:
+        object: the thing acted on.
+        name: of the operation.
+        limits: each parameter in order, with the operation's own bound; a request gives exactly these.
+        kind: of its effect.
+        base_tier: least tier; the registry may ask for a higher one.
+        robot: a robot's part of it; None for a tool without one, whose tier comes from class and rows alone.
+        arguments: of the tool of its name, in the parameters' order; None without a tool.
+        parameters: the parameters of `limits`.
+    """
+
+    object: str
+    name: str
+    limits: tuple[BoundedParameter, ...]
+    kind: OperationKind
+    base_tier: Tier
+    robot: RobotPart | None = None
+    arguments: tuple[ToolArgument, ...] | None = None
+    parameters: tuple[Parameter, ...] = field(init=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(each.parameter for each in self.limits))
+
+    @property
+    def moves(self) -> Moves:
+        """Course of what it moves."""
+        return Moves.NOTHING if self.robot is None else self.robot.moves
+
+    @property
+    def sent(self) -> Sent:
+        """Way to the robot."""
+        return Sent.NEVER if self.robot is None else self.robot.sent
+
+    def refuse(self, request: Request) -> Refusal | None:
+        """First parameter outside of the operation's own limits, or None. A request for another one is refused."""
+        if (request.object, request.operation) != (self.object, self.name):
+            return Refusal(FaultCode.NOT_GRANTED, detail="not the operation")
+        if [(v.name, v.unit) for v in request.values] != [(each.name, each.unit) for each in self.parameters]:
+            return Refusal(FaultCode.PARAMETERS_WRONG, detail="not the operation's parameters")
+        for value, limit in zip(request.values, self.limits, strict=True):
+            bound = limit.bound
+            if not bound.low <= value.value <= bound.high:
+                return Refusal(
+                    FaultCode.LIMIT_EXCEEDED_BY_REQUEST,
+                    parameter=value.name,
+                    value=value.value,
+                    unit=value.unit,
+                    bound=bound,
+                    nearest=min(max(value.value, bound.low), bound.high),
+                    detail="the operation's own limit",
+                )
+        return None
+
+    def tier_of(self, values: Sequence[Quantity]) -> tuple[Tier, tuple[str, ...]]:
+        """Tier that the row gives to these values, and the parameters that raised it above the base tier."""
+        raised = [
+            (row.tier, value.name)
+            for limit, value in zip(self.limits, values, strict=True)
+            for row in limit.tiers
+            if row.values.low <= value.value <= row.values.high
+        ]
+        tier = max((self.base_tier, *(each for each, _ in raised)))
+        return tier, tuple(dict.fromkeys(name for each, name in raised if each == tier > self.base_tier))

@@ -1,0 +1,268 @@
+"""A plant's tool server, guarded from one example file, over real processes: lending, limits, people, revocation."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import secrets
+import signal
+import subprocess
+import sys
+import time
+from contextlib import asynccontextmanager
+from pathlib import Path
+
+import httpx2
+import pytest
+from examples.plant import server
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from pep.mcp.guard import DECISION_META
+from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
+
+from capabilities.keys import keys
+from capabilities.proof.proof import prove
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from pep import pins
+from pep.base.declaration import declared
+from ztpm_idp.client import Agent, Operator
+
+pytestmark = pytest.mark.e2e
+TOP = Path(__file__).parents[2]
+EXAMPLE = TOP / "examples" / "plant.py"
+LINES = 80
+"""Most lines of a whole example."""
+DEADLINE_S = 30.0
+REVOKED_S = 1.0
+"""Time within which a revocation reaches the guard."""
+STALE_S = 4.0
+"""The lease of 2 s, and as long again for a busy machine."""
+ACCEPTED = {"accept": "application/json, text/event-stream"}
+MEASUREMENT = bytes(range(32))
+ROWS = {tool.name: declared(tool.fn) for tool in server._tool_manager.list_tools()}
+
+
+def grant(name, **high):
+    """Grant of a tool as wide as its row, but for the named highest values."""
+    row = ROWS[name]
+    limits = (
+        Limit(each.parameter, Range(each.bound.low, high.get(each.parameter.name, each.bound.high)))
+        for each in row.limits
+    )
+    return Grant(row.object, name, tuple(limits))
+
+
+class Signed(httpx2.Auth):
+    """Signs each request of the token's holder."""
+
+    requires_request_body = True
+
+    def __init__(self, token, key, audience):
+        self.token, self.key, self.audience = token, key, audience
+
+    def auth_flow(self, request):
+        request.headers["Authorization"] = f"DPoP {self.token}"
+        request.headers["DPoP"] = prove(
+            self.key, method=request.method, url=self.audience, body=request.content, token=self.token,
+            at=int(time.time()), jti=secrets.token_urlsafe(16),
+        )  # fmt: skip
+        yield request
+
+
+class Plant:
+    """The provider and the guarded plant, each a process of its own, with two agents that are lent something."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        self.provider = Process(folder).start()
+        self.audience = f"http://127.0.0.1:{free_port()}/mcp"
+        self.child = None
+
+    def write(self):
+        key = keys.generate()
+        path = self.folder / "pep.key"
+        path.write_bytes(keys.to_pem(key, PASSPHRASE.encode()))
+        path.chmod(0o600)
+        with httpx2.Client() as http:
+            (self.folder / "trust.json").write_bytes(http.get(f"{self.provider.issuer}/trust").content)
+        (self.folder / "guard.toml").write_text(
+            f'audience = "{self.audience}"\npep_id = "plant"\nissuer = "{self.provider.issuer}"\n'
+            'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\n'
+        )
+        with self.provider.operator() as alice:
+            alice.register_pep("plant", keys.public_raw(key), [self.audience])
+            for pin in pins(server):
+                self.pin(alice, pin, pin.definition_digest)
+
+    def pin(self, alice, tool, digest):
+        alice.register_tool(
+            audience=self.audience, name=tool.name, definition_digest=digest, operation=tool.operation,
+            base_tier=int(tool.base_tier),
+        )  # fmt: skip
+
+    def agent(self, name):
+        key = keys.generate()
+        with self.provider.operator() as alice:
+            alice.register_agent(name, keys.public_raw(key), software_digest=MEASUREMENT.hex(), model="m", role=name)
+        made = Agent(name, key, self.provider.issuer, MEASUREMENT)
+        made.attest()
+        return made
+
+    def lend(self, planner, worker):
+        """The planner has all six tools; the worker has four, a narrower valve and no more to lend."""
+        now = int(time.time())
+        scope = Scope(
+            grants=tuple(sorted((grant(name) for name in ROWS), key=lambda each: (each.object, each.operation))),
+            ceiling=Tier.HIGH_CONSEQUENCE,
+            audiences=frozenset({self.audience}),
+            delegates=frozenset({"worker"}),
+            depth=1,
+            not_before=now - 5,
+            not_after=now + 600,
+        )
+        with self.provider.operator() as alice:
+            whole = alice.issue(planner, scope, purpose="run the plant")
+        kept = (grant("open_valve", percent=900), grant("read_sensor"), grant("move_agv"), grant("set_temperature"))
+        kept = tuple(sorted(kept, key=lambda each: (each.object, each.operation)))
+        less = planner.delegate(whole.token, worker, Restriction(grants=kept), purpose="air the hall")
+        return whole, less
+
+    def start(self):
+        self.child = subprocess.Popen(
+            [sys.executable, str(EXAMPLE), str(self.folder / "guard.toml")], cwd=TOP,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+            env=os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE, "PYTHONPATH": str(TOP)},
+        )  # fmt: skip
+        return self
+
+    def listens(self):
+        until = time.monotonic() + DEADLINE_S
+        with httpx2.Client() as http:
+            while time.monotonic() < until and self.child.poll() is None:
+                try:
+                    return http.get(self.audience).status_code
+                except httpx2.TransportError:
+                    time.sleep(0.05)  # a process that starts has no other event for a stranger
+        raise AssertionError(self.child.communicate(timeout=5)[0].decode())
+
+    def records(self):
+        lines = (self.folder / "state" / "journal.ndjson").read_text().splitlines()
+        return [json.loads(line) for line in lines]
+
+    @asynccontextmanager
+    async def caller(self, agent, token):
+        async with httpx2.AsyncClient(auth=Signed(token, agent.key, self.audience), timeout=30) as http:
+            async with Client(streamable_http_client(self.audience, http_client=http)) as client:
+                yield client
+
+    def use(self, agent, token, tool, arguments):
+        async def once():
+            async with self.caller(agent, token) as client:
+                return await client.call_tool(tool, arguments)
+
+        return asyncio.run(once())
+
+    def refused_after_s(self, agent, token, tool, arguments):
+        """Seconds until a call is answered with 401, asked again and again."""
+        body = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": tool, "arguments": arguments}}
+        began = time.monotonic()
+        with httpx2.Client(auth=Signed(token, agent.key, self.audience)) as http:
+            while http.post(self.audience, json=body, headers=ACCEPTED).status_code != 401:
+                assert time.monotonic() - began < DEADLINE_S
+        return time.monotonic() - began
+
+    def end(self):
+        if self.child is not None:
+            self.child.kill()
+            self.child.communicate()
+        if self.provider.popen.poll() is None:
+            self.provider.end(signal.SIGKILL)
+
+
+@pytest.fixture
+def plant(tmp_path):
+    made = Plant(tmp_path)
+    yield made
+    made.end()
+
+
+def told(answer):
+    return answer.meta[DECISION_META]
+
+
+def approve(plant, ask_id):
+    """The approver reads the ask where the provider shows it, and signs."""
+    until = time.monotonic() + DEADLINE_S
+    with Operator("carol", plant.provider.private["carol"], plant.provider.issuer) as carol:
+        while ask_id not in {each["ask_id"] for each in carol.approvals()}:
+            assert time.monotonic() < until
+            time.sleep(0.05)
+        shown = carol.approval(ask_id)["shown"]
+        assert carol.approve(ask_id)["state"] == "granted"
+    return shown
+
+
+def test_the_example_is_one_short_file():
+    assert len(EXAMPLE.read_text().splitlines()) <= LINES
+
+
+@pytest.mark.timeout(200)
+def test_a_plant_is_guarded(plant):
+    plant.write()
+    planner, worker = plant.agent("planner"), plant.agent("worker")
+    whole, less = plant.lend(planner, worker)
+    assert plant.start().listens() == 401
+
+    # permitted, of the rounded number, and recorded before
+    opened = plant.use(worker, less.token, "open_valve", {"valve": 3, "percent": 45.04})
+    assert (told(opened)["decision"], told(opened)["rounded"]) == ("PERMIT", {"percent": 45.0})
+    assert opened.structured_content == {"result": 45.0}
+    kinds = [record["kind"] for record in plant.records()]
+    assert kinds.index("decision") < kinds.index("outcome")
+    assert told(plant.use(worker, less.token, "read_sensor", {"id": 7}))["tier"] == 0
+
+    # the hop's own limit, and who set it
+    refused = told(plant.use(worker, less.token, "open_valve", {"valve": 3, "percent": 95}))
+    assert (refused["decision"], refused["reason"]) == ("DENY", "LIMIT_EXCEEDED_BY_REQUEST")
+    assert (refused["parameter"], refused["set_by"]["agent"], refused["nearest_permitted"]) == (
+        "percent",
+        "worker",
+        900,
+    )
+    assert told(plant.use(worker, less.token, "delete_record", {"id": 1}))["reason"] == "NOT_GRANTED"
+    assert told(plant.use(planner, whole.token, "delete_record", {"id": 1}))["reason"] == "TIER_NEEDS_APPROVAL"
+
+    # a row raises the tier: people are asked in words, and answer
+    call = ("open_valve", {"valve": 3, "percent": 85})
+    asked = told(plant.use(worker, less.token, *call))
+    assert (asked["decision"], asked["reason"], asked["raised_by"]) == ("DEFER", "TIER_NEEDS_APPROVAL", ["percent"])
+    shown = approve(plant, asked["ask_id"])
+    assert (shown["operation"], shown["object"], shown["agent"]) == ("open_valve", "valves", "worker")
+    assert (shown["perception"], shown["tier"], shown["index_milli"]) == ("none", 3, 0)
+    until = time.monotonic() + DEADLINE_S
+    while (answer := told(plant.use(worker, less.token, *call)))["decision"] != "PERMIT":
+        assert answer["decision"] == "DEFER" and time.monotonic() < until, answer
+
+    # a revocation reaches the guard within a second
+    with plant.provider.operator() as alice:
+        alice.revoke("hop", less.hop_id, "no more")
+    assert plant.refused_after_s(worker, less.token, "read_sensor", {"id": 7}) < REVOKED_S
+    assert plant.records()[-1]["body"]["reason"] == "REVOKED"
+    assert told(plant.use(planner, whole.token, "read_sensor", {"id": 7}))["decision"] == "PERMIT"
+
+    # without the provider the view ages, and nothing is permitted any more
+    plant.provider.end(signal.SIGKILL)
+    assert plant.refused_after_s(planner, whole.token, "open_valve", {"valve": 1, "percent": 1}) < STALE_S
+    assert plant.records()[-1]["body"]["reason"] == "REVOCATION_VIEW_STALE"
+
+
+@pytest.mark.timeout(100)
+def test_a_tool_that_is_not_as_approved_is_not_served(plant):
+    plant.write()
+    with plant.provider.operator() as alice:
+        changed = next(pin for pin in pins(server) if pin.name == "move_agv")
+        plant.pin(alice, changed, "ab" * 32)
+    said, _ = plant.start().child.communicate(timeout=60)
+    assert plant.child.returncode != 0
+    assert "TOOL_DEFINITION_CHANGED: move_agv" in said.decode()

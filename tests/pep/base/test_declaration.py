@@ -1,0 +1,132 @@
+"""A tool's operation is declared beside the tool, by a decorator or in TOML, and a wrong declaration never serves."""
+
+import tomllib
+from typing import Annotated
+
+import pytest
+from capabilities.values.scope import Range, Tier
+from capabilities.values.units import Unit
+from pep.base.declaration import Within, declared, operation, row_from_toml
+from pep.base.errors import DeclarationError, PepFault
+from pep.base.operation_row import ArgumentForm, OperationKind, TierRow
+
+SCALE = 10
+
+
+@operation("valve-7", base_tier=2)
+def open_valve(
+    valve: Annotated[int, Within(1, 12)],
+    percent: Annotated[float, Within(0, 1_000, "permille", scale=SCALE, above={800: 3, 950: 4})],
+    bleed: bool,
+    at: Annotated[list[float], Within(-5_000, 5_000, "um", elements=2, below={-4_000: 3})],
+) -> str:
+    """Open a valve."""
+    return f"{valve} {percent} {bleed} {at}"
+
+
+TEXT = """
+object = "valve-7"
+base_tier = 2
+[arguments]
+valve = { low = 1, high = 12, integer = true }
+percent = { low = 0, high = 1000, unit = "permille", scale = 10, above = { 800 = 3, 950 = 4 } }
+bleed = "flag"
+at = { low = -5000, high = 5000, unit = "um", elements = 2, below = { -4000 = 3 } }
+"""
+
+
+def test_both_spellings_are_one_row():
+    row = declared(open_valve)
+    assert row == row_from_toml("open_valve", tomllib.loads(TEXT))
+    assert (row.object, row.name, row.kind, row.base_tier) == ("valve-7", "open_valve", OperationKind.ACT, 2)
+    assert row.robot is None
+    assert [(a.name, a.form, a.parameters) for a in row.arguments] == [
+        ("valve", ArgumentForm.INTEGER, 1), ("percent", ArgumentForm.NUMBER, 1),
+        ("bleed", ArgumentForm.FLAG, 1), ("at", ArgumentForm.VECTOR, 2),
+    ]  # fmt: skip
+    assert [(p.name, p.unit) for p in row.parameters] == [
+        ("valve", Unit.COUNT), ("percent", Unit.PERMILLE), ("bleed", Unit.COUNT),
+        ("at_0", Unit.MICROMETRE), ("at_1", Unit.MICROMETRE),
+    ]  # fmt: skip
+    percent, at = row.limits[1], row.limits[3]
+    assert (percent.bound, percent.scale, percent.exact) == (Range(0, 1_000), SCALE, False)
+    assert percent.tiers == (TierRow(Range(801, 1_000), Tier(3)), TierRow(Range(951, 1_000), Tier(4)))
+    assert (at.scale, at.tiers) == (1_000_000, (TierRow(Range(-5_000, -4_001), Tier(3)),))
+    assert row.limits[0].exact, "what is counted is never rounded"
+
+
+def test_the_function_stays_as_it_is():
+    assert open_valve(1, 2.5, bleed=True, at=[0.0, 0.0]) == "1 2.5 True [0.0, 0.0]"
+
+
+def test_an_operation_of_tier_0_reads():
+    @operation("plant", base_tier=0)
+    def read_sensor(id: Annotated[int, Within(1, 99)]) -> float:  # noqa: A002
+        return 0.0 * id
+
+    assert declared(read_sensor).kind is OperationKind.READ
+
+
+@pytest.mark.parametrize("exact", [False, True])
+def test_a_row_may_be_exact(exact):
+    @operation("agv", base_tier=2, exact=exact)
+    def move(x: Annotated[float, Within(0, 9, "um")]) -> None: ...
+
+    assert declared(move).limits[0].exact is exact
+
+
+WRONG = {
+    "unit": ({"low": 0, "high": 1, "unit": "furlong"}, PepFault.UNIT_UNKNOWN),
+    "scale 0": ({"low": 0, "high": 1, "scale": 0}, PepFault.SCALE_INVALID),
+    "scale below 0": ({"low": 0, "high": 1, "scale": -1}, PepFault.SCALE_INVALID),
+    "scale true": ({"low": 0, "high": 1, "scale": True}, PepFault.SCALE_INVALID),
+    "empty": ({"low": 2, "high": 1}, PepFault.BOUND_EMPTY),
+    "not whole": ({"low": 0.5, "high": 1}, PepFault.BOUND_EMPTY),
+    "not kept": ({"low": 0, "high": 2**53}, PepFault.BOUND_EMPTY),
+    "edge outside": ({"low": 0, "high": 10, "above": {"10": 3}}, PepFault.BOUND_EMPTY),
+    "edge below": ({"low": 0, "high": 10, "below": {"0": 3}}, PepFault.BOUND_EMPTY),
+    "lowers": ({"low": 0, "high": 10, "above": {"5": 1}}, PepFault.ROW_LOWERS),
+    "raises nothing": ({"low": 0, "high": 10, "above": {"5": 2}}, PepFault.ROW_LOWERS),
+    "lowers outwards": ({"low": 0, "high": 10, "above": {"5": 4, "8": 3}}, PepFault.ROW_LOWERS),
+    "lowers downwards": ({"low": 0, "high": 10, "below": {"5": 4, "3": 3}}, PepFault.ROW_LOWERS),
+    "no tier": ({"low": 0, "high": 10, "above": {"5": 5}}, PepFault.DECLARATION_MALFORMED),
+    "edge no number": ({"low": 0, "high": 10, "above": {"five": 3}}, PepFault.DECLARATION_MALFORMED),
+    "unknown member": ({"low": 0, "high": 10, "step": 2}, PepFault.DECLARATION_MALFORMED),
+    "bound missing": ({"low": 0}, PepFault.DECLARATION_MALFORMED),
+    "list of integers": ({"low": 0, "high": 1, "elements": 2, "integer": True}, PepFault.DECLARATION_MALFORMED),
+    "long list": ({"low": 0, "high": 1, "elements": 33}, PepFault.DECLARATION_MALFORMED),
+    "other word": ("switch", PepFault.DECLARATION_MALFORMED),
+}
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_what_is_wrong_has_one_answer(name):
+    stated, code = WRONG[name]
+    with pytest.raises(DeclarationError) as refused:
+        row_from_toml("tool", {"object": "thing", "base_tier": 2, "arguments": {"x": stated}})
+    assert refused.value.code is code
+    assert "tool" in refused.value.detail
+
+
+@pytest.mark.parametrize(
+    "table",
+    [
+        [], {}, {"object": "thing"}, {"object": "thing", "base_tier": 5}, {"object": "thing", "base_tier": True},
+        {"object": "a b", "base_tier": 1}, {"object": "thing", "base_tier": 1, "exact": 1},
+        {"object": "thing", "base_tier": 1, "arguments": []}, {"object": "thing", "base_tier": 1, "kind": "act"},
+        {"object": "thing", "base_tier": 1, "arguments": {"a": {"low": 0, "high": 1, "elements": 1}, "a_0": "flag"}},
+    ],
+)  # fmt: skip
+def test_a_table_is_read_strictly(table):
+    with pytest.raises(DeclarationError) as refused:
+        row_from_toml("tool", table)
+    assert refused.value.code is PepFault.DECLARATION_MALFORMED
+
+
+def test_an_annotation_that_is_no_number_is_refused():
+    with pytest.raises(DeclarationError) as refused:
+
+        @operation("thing", base_tier=1)
+        def tool(x: Annotated[str, Within(0, 1)]) -> None: ...
+
+    assert refused.value.code is PepFault.DECLARATION_MALFORMED
