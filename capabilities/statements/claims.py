@@ -6,7 +6,7 @@ import re
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from capabilities.keys import keys
-from capabilities.values import form, text
+from capabilities.values import form, strict_json, text
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.form import converted, upto, whole, within
 from capabilities.values.units import INT_LIMIT
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 TEXT_BYTES: Final = 256
 """UTF-8 bytes of any name in a statement (as `Caps.text_bytes`)."""
+BODY_BYTES: Final = 65_536
+"""Longest body of an intent or message in canonical JSON.
+
+In base64 and with the other members it stays below the size of a statement (256 KiB).
+"""
 ID: Final = re.compile(r"[0-9a-f]{32}", re.ASCII)
 """An id or nonce: 16 random bytes in hex."""
 NONCE: Final = re.compile(r"[A-Za-z0-9_-]{16,64}", re.ASCII)
@@ -38,11 +43,22 @@ Thumbprint = Annotated[str, whole(text.THUMBPRINT.pattern)]
 HexDigest = Annotated[str, whole(r"[0-9a-f]{64}")]
 """A SHA-256 as 64 lower-case hex digits."""
 
+
+def _canonical(value: object) -> bytes:
+    """The object in canonical JSON of at most `BODY_BYTES`."""
+    body = strict_json.canonical(form.read(dict[str, Any], value))
+    if len(body) > BODY_BYTES:
+        raise malformed(f"a body over {BODY_BYTES} bytes")
+    return body
+
+
 if TYPE_CHECKING:
+    Body = bytes
     Url = str
     PublicKey = bytes
     Sha256 = bytes
 else:
+    Body = converted(bytes, _canonical)
     Url = converted(str, lambda value: text.url(value, most_bytes=TEXT_BYTES))
     PublicKey = converted(bytes, lambda value: keys.check_raw(keys.unb64u(form.read(str, value))))
     Sha256 = converted(bytes, lambda value: bytes.fromhex(form.read(HexDigest, value)))
@@ -94,3 +110,15 @@ def unique(found: tuple[_T, ...], key: Callable[[_T], object], what: str) -> Non
     """
     if len({key(member) for member in found}) != len(found):
         raise malformed(f"{what} twice")
+
+
+def stated(body: bytes) -> dict[str, object]:
+    """The object that the claims state for this body.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` when it is no canonical JSON object.
+    """
+    found = strict_json.parse_object(body)
+    if strict_json.canonical(found) != body:
+        raise malformed("a body that is not canonical")
+    return found

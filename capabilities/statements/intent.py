@@ -11,8 +11,7 @@ import re
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import statement_form
-from capabilities.statements.body import Body, stated
-from capabilities.statements.claims import Name, Nonce, Whole, lasting, read
+from capabilities.statements.claims import Body, Name, Nonce, Whole, lasting, read, stated
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.form import Form, plain
 

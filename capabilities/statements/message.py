@@ -10,8 +10,20 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Final
 
 from capabilities.statements import statement_form
-from capabilities.statements.body import Body, stated
-from capabilities.statements.claims import AgentId, Id, Name, Nonce, Positive, TokenId, Whole, lasting, malformed, read
+from capabilities.statements.claims import (
+    AgentId,
+    Body,
+    Id,
+    Name,
+    Nonce,
+    Positive,
+    TokenId,
+    Whole,
+    lasting,
+    malformed,
+    read,
+    stated,
+)
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.form import Form, plain, whole
 

@@ -73,6 +73,10 @@ class ConductFeed:
         age_ms = NEVER_MS if read_ms is None else self._clock.monotonic_ms() - read_ms
         return ConductWord(age_ms, MappingProxyType(self._edges), MappingProxyType(self._agents))
 
+    def begin_anew(self) -> None:
+        """Forgets the word of a provider that was restored: its versions are others, and it is told whole again."""
+        self._version, self._read_ms, self._edges, self._agents = 0, None, {}, {}
+
     async def run(self, *, period_s: float = PERIOD_S) -> None:
         """Pulls for ever; a refused answer is an incident, and the word it would have renewed grows older."""
         while True:

@@ -26,7 +26,7 @@ from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
 from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
-from pep.provider.feed_mark import FeedMark, KeptRevocations
+from pep.provider.feed_mark import FeedMark, KeptRevocations, signed_marks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -50,8 +50,17 @@ HINT_TIMEOUT_S: Final = 25.0
 """Longest wait for a hint: the provider answers within 20 s."""
 HINT_BYTES: Final = 256
 """Largest hint."""
+PROBLEM_BYTES: Final = 4_096
+"""Longest refusal that is read."""
+TELL_PERIOD_S: Final = 5.0
+"""Shortest time between two tellings of the mark to a provider that is being restored."""
 BACKOFF_S: Final = 0.25
 """Shortest pause after a hint that failed, brought nothing new at once, or was not borne out."""
+TELL_TIMEOUT_S: Final = 10.0
+"""Longest wait for the answer to a mark, of at most 256 KiB."""
+PUT_BACK: Final = "a database that was put back needs `ztpm idp restore`"
+RESTORING: Final = "RESTORING"
+"""Code with which a provider answers that is being restored."""
 LONGEST_BACKOFF_S: Final = 8.0
 """Longest pause after hints that failed one after another; they are a convenience, and the pull goes on."""
 
@@ -122,6 +131,7 @@ class ProviderFollower:
         self._incident = incident
         self._known: AcceptedFeed | None = None
         self._sensors: dict[str, RegisteredSensor] = {}
+        self._told_ms: int | None = None
         self._moving = False
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wake = asyncio.Event()
@@ -266,14 +276,27 @@ class ProviderFollower:
     async def pull(self) -> None:
         """Pulls one answer, accepted whole.
 
+        A provider that was restored is told what this point knows to be revoked ([STM-15]): while it waits for that,
+        and before a new line of its feed is accepted.
+
         Raises:
             FeedError: when the answer is refused or there is none; what was known before still stands, and ages. What
                 a verified index revokes counts even so.
         """
-        known = self._known
+        try:
+            await self._pull()
+        except FeedError as error:
+            if error.code is PepFault.FEED_RESTORING and self._knows_something:
+                await self._tell_rarely()
+            raise
+
+    async def _pull(self) -> None:
+        known, before = self._known, self._mark
         sent_ms = self._clock.monotonic_ms()
         # Revocations count also when the rest of the answer fails: the mark that makes the view young comes last.
         index = await self._ask_all(known)
+        if index.line > before.line and before != FeedMark.none(self._issuer):
+            await self._tell(before)
         snapshot = known.snapshot if known is not None and known.line == index.line else None
         if snapshot is None or snapshot.version != index.registry_version:
             snapshot = await self._registry(index)
@@ -284,6 +307,8 @@ class ProviderFollower:
             except OSError as error:
                 raise FeedError(PepFault.STATE_UNREADABLE, "the mark could not be written") from error
             self._mark = mark
+        if known is not None and known.line != index.line:
+            self.standings.begin_anew()
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
@@ -328,9 +353,9 @@ class ProviderFollower:
         for entry in index.entries:
             head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
             if self._mark.differs(index.line, entry.epoch, head):
-                raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {entry.epoch}")
+                raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {entry.epoch}: {PUT_BACK}")
         if index.last == index.epoch and index.head != head:
-            raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {index.epoch}")
+            raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {index.epoch}: {PUT_BACK}")
         return head
 
     async def _sync(self) -> None:
@@ -353,7 +378,9 @@ class ProviderFollower:
             raise FeedError(PepFault.FEED_WRONG_RANGE)
         self._kept.hear(index, text, at=self._clock.wall_s())
         if not self._mark.admits(index):
-            raise FeedError(PepFault.FEED_ROLLED_BACK, f"line {index.line}, epoch {index.epoch} after {self._mark}")
+            raise FeedError(
+                PepFault.FEED_ROLLED_BACK, f"line {index.line}, epoch {index.epoch} after {self._mark}: {PUT_BACK}"
+            )
         return index
 
     async def _registry(self, index: RevocationIndex) -> RegistrySnapshot:
@@ -370,18 +397,41 @@ class ProviderFollower:
             raise FeedError(PepFault.REGISTRY_ROLLED_BACK, f"version {snapshot.version} after {index.registry_version}")
         return snapshot
 
+    async def _tell_rarely(self) -> None:
+        now_ms = self._clock.monotonic_ms()
+        if self._told_ms is None or now_ms - self._told_ms >= TELL_PERIOD_S * 1000:
+            self._told_ms = now_ms
+            await self._tell(self._mark)
+
+    @property
+    def _knows_something(self) -> bool:
+        """False where nothing was ever accepted here, or all of it is lost: such a point vouches for nothing."""
+        return self._mark != FeedMark.none(self._issuer) or bool(self._kept.revoked)
+
+    async def _tell(self, mark: FeedMark) -> None:
+        """The provider has taken what this point knows to be revoked.
+
+        Raises:
+            FeedError: `FEED_UNREACHABLE` otherwise.
+        """
+        at, url = int(self._clock.wall_s()), f"{self._issuer}/restoring/marks"
+        for text in signed_marks(mark, self._kept.revoked, key=self._key, at=at):
+            body = strict_json.canonical({"mark": text})
+            headers = {"content-type": "application/json", "dpop": self._proof("POST", url, body)}
+            try:
+                response = await self._http.post(url, content=body, headers=headers, timeout=TELL_TIMEOUT_S)
+            except httpx2.HTTPError as error:
+                raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
+            if response.status_code != 200:
+                raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code} to a mark")
+
+    def _proof(self, method: str, url: str, body: bytes) -> str:
+        at, jti = int(self._clock.wall_s()), secrets.token_urlsafe(NONCE_BYTES)
+        return prove(self._key, method=method, url=url, body=body, token=None, at=at, jti=jti)
+
     async def _get_proven(self, path: str, query: dict[str, str]) -> str:
         """Text at a path that strangers do not read."""
-        proof = prove(
-            self._key,
-            method="GET",
-            url=f"{self._issuer}{path}",
-            body=b"",
-            token=None,
-            at=int(self._clock.wall_s()),
-            jti=secrets.token_urlsafe(NONCE_BYTES),
-        )
-        return await self._get(path, query, headers={"dpop": proof})
+        return await self._get(path, query, headers={"dpop": self._proof("GET", f"{self._issuer}{path}", b"")})
 
     async def _get(
         self,
@@ -399,7 +449,17 @@ class ProviderFollower:
         except httpx2.HTTPError as error:
             raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
         if response.status_code == 409:
-            raise FeedError(PepFault.FEED_ROLLED_BACK, "the provider knows less than was asked for")
+            raise FeedError(PepFault.FEED_ROLLED_BACK, f"the provider knows less than was asked for: {PUT_BACK}")
+        if response.status_code == 503 and _code_of(response) == RESTORING:
+            raise FeedError(PepFault.FEED_RESTORING, "it waits for enforcement points and an administrator")
         if response.status_code != 200 or not len(response.content) <= (most or self._caps.statement_bytes):
             raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code}")
         return response.text
+
+
+def _code_of(response: httpx2.Response) -> object:
+    """The code of a refusal, or None."""
+    try:
+        return strict_json.parse_object(response.content[:PROBLEM_BYTES]).get("code")
+    except CapabilityError:
+        return None

@@ -12,19 +12,26 @@ import os
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Final
 
+from capabilities.statements import mark as statement
 from capabilities.statements import revocation
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
 from pep.base.files import replace_file
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
+    from capabilities.keys.keys import PrivateKey
     from capabilities.statements.revocation import RevocationIndex
     from capabilities.values.caps import Caps
 
 _PASSING: Final = frozenset({str(revocation.Revoked.TOKEN), str(revocation.Revoked.HOP)})
 """Kinds of things that end by themselves."""
+PART_BYTES: Final = 150_000
+"""Most bytes of the entries of one part of a mark, as JSON: in base64 they stay below the size of a statement."""
+_ENTRY_BYTES: Final = 40
+"""An entry without its id, as JSON, at most."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,6 +66,44 @@ class FeedMark:
     def differs(self, line: int, epoch: int, head: str) -> bool:
         """True for a chain of this line that has another head at this epoch."""
         return (line, epoch) == (self.line, self.epoch) and self.head not in ("", head)
+
+
+def signed_marks(mark: FeedMark, revoked: Iterable[tuple[str, str]], *, key: PrivateKey, at: int) -> tuple[str, ...]:
+    """Mark with everything that this point knows to be revoked, signed in as many parts as it takes ([STM-15]).
+
+    Args:
+        mark: the high-water mark.
+        revoked: (kind, id) pairs.
+        key: of this point.
+        at: seconds since the epoch.
+    """
+    parts, size = list[list[statement.MarkEntry]]([[]]), 0
+    for kind, id_ in sorted(revoked):
+        size += _ENTRY_BYTES + len(id_)
+        if size > PART_BYTES or len(parts[-1]) == revocation.ENTRIES:
+            parts.append([])
+            size = _ENTRY_BYTES + len(id_)
+        parts[-1].append(statement.MarkEntry(kind, id_))
+    return tuple(
+        statement.sign(
+            statement.Mark(mark.issuer, mark.line, mark.epoch, mark.head, tuple(part), len(parts) - number, at), key
+        )
+        for number, part in enumerate(parts, start=1)
+    )
+
+
+def kept_names(path: Path, issuer: str) -> frozenset[tuple[str, str]]:
+    """Everything in the file of kept revocations, (kind, id), also where another process writes it.
+
+    Raises:
+        FeedError: `STATE_UNREADABLE`.
+    """
+    try:
+        lines = path.read_bytes().split(b"\n")[:-1] if path.exists() else []
+        indexes = [revocation.read_again(str(json.loads(line)["text"])) for line in lines]
+    except (OSError, ValueError, KeyError, TypeError, CapabilityError) as error:
+        raise FeedError(PepFault.STATE_UNREADABLE, str(path)) from error
+    return frozenset((e.kind, e.id) for index in indexes if index.issuer == issuer for e in index.entries)
 
 
 class FeedMarkFile:

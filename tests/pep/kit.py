@@ -17,6 +17,7 @@ from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.statements import answers as answers_statement
 from capabilities.statements import ask as ask_statement
 from capabilities.statements import conduct as conduct_statement
+from capabilities.statements import mark as mark_statement
 from capabilities.statements import opening as opening_statement
 from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
@@ -526,6 +527,7 @@ class FakeIssuer:
         self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.asked = []
+        self.restoring, self.marks, self.mark_status = False, [], 200
 
     def revoke(self, kind, identity):
         self.epoch += 1
@@ -542,6 +544,8 @@ class FakeIssuer:
         path = parts.path.removeprefix(urlsplit(ISSUER).path)
         self.asked.append(path)
         match path:
+            case "/revocations" | "/registry" | "/conduct" if self.restoring:
+                return httpx2.Response(503, json={"code": "RESTORING"})
             case "/revocations":
                 text = self.index(**query)
                 return httpx2.Response(409 if text is None else 200, text=text or "")
@@ -555,6 +559,8 @@ class FakeIssuer:
                 return self.take_ask(request)
             case "/approvals/answers":
                 return self.proven(request) or httpx2.Response(200, text=self.answers(**query))
+            case "/restoring/marks":
+                return self.proven(request) or self.take_mark(json.loads(request.content)["mark"])
             case "/ledger/records":
                 return self.take(json.loads(request.content)["records"])
         return httpx2.Response(404)
@@ -659,6 +665,10 @@ class FakeIssuer:
         lie = self.answers_lie
         text = unread(answers_statement, answers_statement.Answers(**{**fields, **lie}), self.answers_signer)
         return text if self.spoil is None else self.spoil(text)
+
+    def take_mark(self, text):
+        self.marks.append(mark_statement.open(text, [self.prover], CAPS))
+        return httpx2.Response(self.mark_status, json={"taken": True})
 
     def cast(self, ask_id, *votes):
         self.votes.setdefault(ask_id, []).extend(votes)

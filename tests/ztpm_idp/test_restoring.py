@@ -56,9 +56,15 @@ def test_revocations_of_an_earlier_release_are_chained(tmp_path):
         head = index(world).head
         world.stop()
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
-            base.execute("ALTER TABLE counters DROP COLUMN revocation_line")
-            base.execute("ALTER TABLE counters DROP COLUMN revocation_head")
-            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
+            for table, column in (
+                ("counters", "revocation_line"),
+                ("counters", "revocation_head"),
+                ("counters", "restoring"),
+                ("agents", "suspended_ms"),
+                ("agents", "held"),
+                ("peps", "heard"),
+            ):
+                base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
             base.execute("UPDATE alembic_version SET version_num = 'v0007'")
         world.start()
         assert (index(world).line, index(world).head) == (0, head)

@@ -27,10 +27,16 @@ if TYPE_CHECKING:
     from ztpm_idp.client import Operator, ProofAuth
 
 TIMEOUT_S: Final = 5.0
+RESTORING: Final = '"RESTORING"'
+"""Code of a provider that is being restored, as its answer spells it."""
 
 
 class EnrolmentError(RuntimeError):
     """Registry that cannot be fetched, or not be believed."""
+
+
+class RestoringError(EnrolmentError):
+    """Registry of an identity provider that is being restored, and says nothing yet."""
 
 
 class Kind(StrEnum):
@@ -76,6 +82,8 @@ def registered(issuer: str, audience: str, trust: TrustBundle, *, auth: ProofAut
     try:
         with direct_http.client(TIMEOUT_S) as http:
             answer = http.get(f"{issuer}/registry", params={"audience": audience}, auth=auth, follow_redirects=False)
+        if answer.status_code == 503 and RESTORING in answer.text:
+            raise RestoringError("the identity provider is being restored: ztpm idp resume")
         if answer.status_code != 200:
             raise EnrolmentError(f"the registry answers {answer.status_code}")
         snapshot = registry.open(answer.text, trust.registry, CAPS)
@@ -134,7 +142,8 @@ def tool_differences(snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
 def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, ...]:
     """Registers the cell the first time; every other time, its differences from the registration.
 
-    A first time that was cut short goes on where it was cut: only what is missing is registered then.
+    A first time that was cut short goes on where it was cut: only what is missing is registered then. Of a provider
+    that is being restored no difference is known.
 
     Args:
         cell: its identity provider runs.
@@ -145,7 +154,12 @@ def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, .
         EnrolmentError: when the registry cannot be had.
         ztpm_idp.client.ClientError: when the provider refuses.
     """
-    snapshot = registered(cell.addresses.issuer, cell.addresses.audience, trust, auth=admin.auth())
+    try:
+        snapshot = registered(cell.addresses.issuer, cell.addresses.audience, trust, auth=admin.auth())
+    except RestoringError:
+        if cell.layout.enrolled.exists():
+            return ()
+        raise
     found = differences(cell, snapshot)
     if cell.layout.enrolled.exists():
         return found

@@ -17,7 +17,6 @@ from ztpm.cli import (
     approvals,
     audit,
     cell,
-    delegation,
     demo,
     doctor,
     explain,
@@ -25,6 +24,7 @@ from ztpm.cli import (
     mcp,
     people,
     pit,
+    restore,
     revoke,
     rtde_run,
     serve,
@@ -64,10 +64,13 @@ app.command("doctor", rich_help_panel=START)(doctor.doctor)
 app.command("revoke", rich_help_panel=PEOPLE)(revoke.revoke)
 app.command("explain", rich_help_panel=LOOK)(explain.explain)
 app.command("version", rich_help_panel=LOOK)(setup.version)
-token.app.command("issue")(delegation.issue)
-token.app.command("delegate")(delegation.delegate)
 mcp.app.command("serve")(serve.tools)
 serve.idp.command("recover")(people.recover)
+serve.idp.command("backup")(restore.backup)
+serve.idp.command("restore")(restore.restore)
+serve.idp.command("resume")(restore.resume)
+serve.idp.command("mark")(restore.mark)
+agent.app.command("vouch")(restore.vouch)
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)
 for name, group, panel in (

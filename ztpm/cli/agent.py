@@ -110,7 +110,7 @@ def list_(*, signer: Signer, as_json: Json = False) -> None:
     for heading in ("agent", "status", "sponsor", "role", "trust", "behaviour", "key"):
         table.add_column(heading)
     for row in rows:
-        known = (row.get(member) for member in ("id", "status", "sponsor", "role"))
+        known = (row.get("id"), _status(row), row.get("sponsor"), row.get("role"))
         cells = (*known, _trust(row), _behaviour(row), row.get("key"))
         table.add_row(*(Text(plain(str(cell))) for cell in cells))
     console.print(table)
@@ -203,6 +203,10 @@ def _measured(software: Path) -> bytes:
             return hashlib.file_digest(file, "sha256").digest()
     except OSError as error:
         fail_at(software, error, "UNREADABLE")
+
+
+def _status(row: dict[str, Any]) -> str:
+    return f"{row.get('status')}, held" if row.get("held") is True else str(row.get("status"))
 
 
 def _trust(row: dict[str, Any]) -> str:

@@ -8,9 +8,9 @@ import typer
 
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.cli.agent import AgentName, key_of
-from ztpm.cli.delegation import TokenFile, read_token
 from ztpm.cli.output import FAILURE, fail, fail_at, say_json
 from ztpm.cli.person import CellDirectory, Json, layout_of
+from ztpm.cli.token import TokenFile, read_token
 
 if TYPE_CHECKING:
     from pathlib import Path

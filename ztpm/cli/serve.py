@@ -11,7 +11,9 @@ import typer
 
 from ztpm.cli.person import CellDirectory, Json, layout_of
 
-idp = typer.Typer(no_args_is_help=True, help="The identity provider: serve it, or recover an administrator.")
+idp = typer.Typer(
+    no_args_is_help=True, help="The identity provider: serve it, restore its store, recover an administrator."
+)
 rtde = typer.Typer(no_args_is_help=True, help="The robot: its gateway, a simulated one, and programs under a lease.")
 
 

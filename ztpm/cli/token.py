@@ -1,20 +1,39 @@
-"""`ztpm token inspect`: the content of a token, after its signatures were checked."""
+"""`ztpm token issue`, `delegate` and `inspect`: authority for agents of a cell, with keys in its directory.
+
+A token is written to a file that only its owner can read; it is never shown. Exit status: 0 done, 1 failure, 2 usage,
+3 refused.
+"""
 
 from __future__ import annotations
 
 import json
 import sys
+import time
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
 from capabilities.keys.trust import TrustBundle
+from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError, Fault, TokenError
+from ztpm.cli.agent import Software, agent_of
 from ztpm.cli.output import console, fail, fail_at, say_json
-from ztpm.cli.person import Json
+from ztpm.cli.person import As, CellDirectory, Json, layout_of, operator, refusals
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capabilities.values.scope import Scope
+    from ztpm_idp.client import Issued
+
+T = TypeVar("T")
 
 app = typer.Typer(no_args_is_help=True, help="Tokens: lend authority, lend a part of it on, look into one.")
+
+Purpose = Annotated[str, typer.Option(help="What for; in the token and the ledger.")]
+Out = Annotated[Path, typer.Option("--out", help="New file for the token.")]
+TokenFile = Annotated[Path, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)]
 
 
 @app.command("inspect")
@@ -52,3 +71,110 @@ def inspect(
         say_json({"ok": True, **seen})
     else:
         console.print_json(json.dumps(seen))
+
+
+@app.command("issue")
+def issue(
+    agent: Annotated[str, typer.Argument(metavar="AGENT", help="Who receives it.")],
+    *,
+    software: Software,
+    purpose: Purpose,
+    out: Out,
+    scope: Annotated[
+        Path | None, typer.Option(help="JSON of the whole scope (default: the arm, up to tier 3).")
+    ] = None,
+    delegate: Annotated[list[str] | None, typer.Option(help="Whom it may lend to, with the default scope.")] = None,
+    minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, with the default scope.")] = 15,
+    name: As,
+    directory: CellDirectory = None,
+    as_json: Json = False,
+) -> None:
+    """Lend an agent authority, as its sponsor."""
+    from capabilities.values.scope_json import scope_from_json
+
+    _check_new(out)
+    lent = _arm(directory, frozenset(delegate or ()), 60 * minutes) if scope is None else _read(scope, scope_from_json)
+    person = operator(directory=directory, name=name, issuer="", key=None)
+    receiver = agent_of(agent, software, directory=directory)
+    with refusals(), person, receiver:
+        issued = person.issue(receiver, lent, purpose=purpose)
+    _keep(issued, out, as_json=as_json)
+
+
+@app.command("delegate")
+def delegate(
+    lender: Annotated[str, typer.Argument(metavar="FROM", help="The holder of --token.")],
+    receiver: Annotated[str, typer.Argument(metavar="TO", help="Who receives it.")],
+    *,
+    token: TokenFile,
+    restriction: Annotated[
+        Path, typer.Option(help="JSON of what is taken away; it must take something.", exists=True, dir_okay=False)
+    ],
+    software: Software,
+    purpose: Purpose,
+    out: Out,
+    directory: CellDirectory = None,
+    as_json: Json = False,
+) -> None:
+    """Lend a narrower part of a token on; --software is the receiver's software."""
+    from capabilities.values.scope_json import restriction_from_json
+
+    _check_new(out)
+    less = _read(restriction, restriction_from_json)
+    text = read_token(token)
+    # The lender signs with its key; only the receiver's measurement is attested.
+    holder = agent_of(lender, software, directory=directory)
+    other = agent_of(receiver, software, directory=directory)
+    with refusals(), holder, other:
+        issued = holder.delegate(text, other, less, purpose=purpose)
+    _keep(issued, out, as_json=as_json)
+
+
+def read_token(file: Path) -> str:
+    """The text of a token in a file, or the command ends."""
+    try:
+        return file.read_text("utf-8-sig").strip()
+    except (OSError, UnicodeDecodeError) as error:
+        fail_at(file, error, "UNREADABLE")
+
+
+def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:
+    from ztpm.cell.setup import SetupError, read_addresses
+    from ztpm.stage.lending import sweep_scope
+
+    try:
+        audience = read_addresses(layout_of(directory)).audience
+    except SetupError as error:
+        fail("CONFIG_INVALID", str(error))
+    return sweep_scope(audience, delegates=delegates, now=int(time.time()), lifetime_s=lifetime_s)
+
+
+def _read(path: Path, parse: Callable[[object], T]) -> T:
+    try:
+        return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
+    except CapabilityError as error:
+        fail("UNREADABLE", f"{path}: {error.code} {error.detail}")
+    except OSError as error:
+        fail_at(path, error, "UNREADABLE")
+
+
+def _check_new(out: Path) -> None:
+    """Checks before the delegation that the token's file can be made: an unkept token would be lost authority."""
+    if out.exists() or not out.absolute().parent.is_dir():
+        fail("EXISTS" if out.exists() else "UNWRITABLE", str(out))
+
+
+def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
+    from ztpm.base.layout import LayoutError, write_private
+
+    try:
+        write_private(out, issued.token.encode() + b"\n")
+    except LayoutError as error:
+        fail("EXISTS", str(error))
+    except OSError as error:
+        fail_at(out, error, "UNWRITABLE")
+    told: dict[str, Any] = {"token_id": issued.token_id, "hop_id": issued.hop_id, "expires_at": issued.expires_at}
+    if as_json:
+        say_json({"ok": True, "file": str(out), **told})
+    else:
+        typer.echo(f"{out}: token {issued.token_id}, hop {issued.hop_id}.")

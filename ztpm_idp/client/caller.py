@@ -136,9 +136,9 @@ class Caller:
     def agents(self) -> list[dict[str, Any]]:
         """Every registered agent.
 
-        Each has id, status, sponsor, role, model, software_digest, key, trust_permille, workload, `trust_by` (score in
-        permille by delegator, where it is not the prior) and `conduct` (`deviations`, `deviated_at`, `contracted`,
-        `samples`, `restored_at`; None when nothing was reported).
+        Each has id, status, held, sponsor, role, model, software_digest, key, trust_permille, workload, `trust_by`
+        (score in permille by delegator, where it is not the prior) and `conduct` (`deviations`, `deviated_at`,
+        `contracted`, `samples`, `restored_at`; None when nothing was reported).
         """
         found: list[dict[str, Any]] = self._json(self._send("GET", "/agents", b"", None))
         return found

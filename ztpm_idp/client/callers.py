@@ -213,6 +213,25 @@ class Operator(PeopleCaller):
         """
         self._post(f"/agents/{id}/restore", {"reason": reason, "relearn": relearn})
 
+    def vouch(self, id: str, reason: str) -> None:  # noqa: A002
+        """The agent, held since a restore, may receive and lend authority again.
+
+        Raises:
+            ClientError: `NOT_PERMITTED`, `AGENT_INACTIVE` and other codes.
+        """
+        self._post(f"/agents/{id}/vouch", {"reason": reason})
+
+    def resume(self, unheard: Iterable[str]) -> None:
+        """The restored identity provider serves again.
+
+        Args:
+            unheard: exactly the enforcement points that were not heard; every agent is held unless there is none.
+
+        Raises:
+            ClientError: `POINTS_UNHEARD`, whose detail names them; `NOT_RESTORING`, `NOT_PERMITTED`.
+        """
+        self._post("/restoring/resume", {"unheard": sorted(unheard)})
+
     def set_trust(self, id: str, permille: int) -> None:  # noqa: A002
         """The agent's static trust is this."""
         self._post(f"/agents/{id}/trust", {"permille": permille})

@@ -88,10 +88,17 @@ def may_receive(state: State, id_: str) -> RegisteredAgent | Refusal:
             return Refusal(FaultCode.HOP_NOT_ATTESTED, "the agent has never been attested")
         case RegisteredAgent() as agent if active_person(state, agent.sponsor, PersonRole.SPONSOR) is None:
             return Refusal(IdpCode.SPONSOR_INACTIVE, "the agent's sponsor is not active")
+        case RegisteredAgent(held=True):
+            return held(id_)
         case RegisteredAgent() as agent:
             return agent
         case _:
             return Refusal(IdpCode.NOT_FOUND, "no such agent")
+
+
+def held(agent: str) -> Refusal:
+    """Refusal of an agent for which nobody has vouched since a restore."""
+    return Refusal(IdpCode.AGENT_HELD, f"an administrator must vouch for {agent}")
 
 
 def judge(

@@ -9,7 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, assert_never
 
+from capabilities.statements import mark
 from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError
 from ztpm_idp.domain.asks import stated
 from ztpm_idp.domain.changes import ChangeKind
 from ztpm_idp.domain.conduct import concerned
@@ -282,6 +284,68 @@ class CloseOpening:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class Lost:
+    """Revocation that a ledger or a mark holds, and the restored store may not.
+
+    `reason` is for the ledger.
+    """
+
+    kind: RevocationKind
+    id: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class RestoreStore:
+    """Begins the restore of a store that is a copy. It has no caller: it is run beside the store, never over the wire.
+
+    Attributes:
+        line: the highest that any ledger names.
+        doubted: ids that ledgers name after the copy was made; those of agents count.
+        suspended: agents that were suspended after it, and stayed so.
+        sources: words on what was read.
+    """
+
+    line: int
+    doubted: frozenset[str]
+    suspended: frozenset[str]
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TakeBack:
+    """Takes revocations back that ledgers hold. It has no caller, as `RestoreStore` has none."""
+
+    found: tuple[Lost, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TakeMark:
+    """An enforcement point tells what it knows to be revoked; `text` is its signed mark, or a part of it."""
+
+    by: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ResumeStore:
+    """An administrator ends a restore, and names the enforcement points that were not heard."""
+
+    by: str
+    unheard: frozenset[str]
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class VouchAgent:
+    """An administrator vouches for an agent that is held since a restore."""
+
+    by: str
+    agent: str
+    reason: str
+
+
 Command = (
     Initialise
     | RegisterPerson
@@ -306,6 +370,11 @@ Command = (
     | CastVote
     | OpenTier4
     | CloseOpening
+    | RestoreStore
+    | TakeBack
+    | TakeMark
+    | ResumeStore
+    | VouchAgent
 )
 
 
@@ -375,6 +444,16 @@ def wanted(command: Command) -> Wanted:
             )
         case CloseOpening(by=by, opening_id=opening_id):
             return Wanted(parties=frozenset({by}), opening=opening_id, refusals_of=by)
+        case RestoreStore(doubted=doubted):
+            return Wanted(parties=doubted, points=True)
+        case TakeBack(found=found):
+            return _wanted_to_take_back(found, frozenset())
+        case TakeMark(by=by, text=text):
+            return _wanted_to_take_back(told(text), frozenset({by}))
+        case ResumeStore(by=by):
+            return Wanted(parties=frozenset({by}))
+        case VouchAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}))
         case _:
             assert_never(command)
 
@@ -391,6 +470,21 @@ def wanted_by_change(change: Change) -> Wanted:
         agents_of=change.person if ends else None,
         every_opening=change.kind is ChangeKind.RECOVERY,
     )
+
+
+def told(text: str) -> tuple[Lost, ...]:
+    """Revocations that a mark tells, none of it verified; none for a text that cannot be read."""
+    try:
+        entries = mark.unverified(text, DEFAULT).entries
+    except CapabilityError:
+        return ()
+    return tuple(Lost(RevocationKind(entry.kind), entry.id, "") for entry in entries)
+
+
+def _wanted_to_take_back(found: tuple[Lost, ...], parties: frozenset[str]) -> Wanted:
+    named = (lost.id for lost in found if lost.kind in {RevocationKind.AGENT, RevocationKind.SPONSOR})
+    keys = (lost.id for lost in found if lost.kind is RevocationKind.KEY)
+    return Wanted(parties=parties.union(named), thumbprints=frozenset(keys), revocations=True)
 
 
 def _wanted_by_revocation(command: Revoke) -> Wanted:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, refusals, registry, revocation
+from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, refusals, registry, restoring, revocation
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
@@ -25,11 +25,16 @@ from ztpm_idp.domain.commands import (
     RegisterSensor,
     RegisterTool,
     RestoreAgent,
+    RestoreStore,
+    ResumeStore,
     Revoke,
     StateTrust,
     SuspendAgent,
     TakeAsk,
+    TakeBack,
+    TakeMark,
     TakeRecords,
+    VouchAgent,
 )
 from ztpm_idp.domain.parties import RegisteredSensor, Standing
 
@@ -38,6 +43,11 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
+
+BESIDE = Initialise | Recover | CompleteRecovery | RestoreStore | TakeBack
+"""Commands without a registered caller."""
+WHILE_RESTORING = RestoreStore | TakeBack | TakeMark | ResumeStore | Revoke | SuspendAgent | Recover | CompleteRecovery
+"""Commands that a store takes while it is being restored: what restoring needs, and what only takes authority back."""
 
 
 def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
@@ -49,14 +59,16 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         command: parsed strictly.
         at_ms: now, wall clock.
     """
-    if not isinstance(command, Initialise | Recover | CompleteRecovery):
+    if not isinstance(command, BESIDE):
         refused = caller_refused(state, command.by)
         if refused is not None:
             return refused
         if state.parties[command.by].standing is Standing.SUSPENDED and not isinstance(command, Revoke):
             return Refusal(IdpCode.AGENT_SUSPENDED, "it may only revoke what it holds")
+    if state.restoring and not isinstance(command, WHILE_RESTORING):
+        return restoring.waiting(state)
     outcome = _decided(rules, state, command, at_ms)
-    if isinstance(command, Initialise | Recover | CompleteRecovery) or not isinstance(outcome, Refusal):
+    if isinstance(command, BESIDE) or not isinstance(outcome, Refusal):
         return outcome
     return refusals.bounded(state, command.by, outcome, at_ms)
 
@@ -109,6 +121,16 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return approvals.open_tier_4(rules, state, command, at_ms)
         case CloseOpening():
             return approvals.close_opening(state, command)
+        case RestoreStore():
+            return restoring.restore(state, command)
+        case TakeBack(found=found):
+            return restoring.taken_back(state, found)
+        case TakeMark():
+            return restoring.take_mark(rules, state, command)
+        case ResumeStore():
+            return restoring.resume(state, command)
+        case VouchAgent():
+            return restoring.vouch(state, command)
         case _:
             assert_never(command)
 

@@ -13,7 +13,9 @@ from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
+    AgentsHeld,
     AgentSuspended,
+    AgentVouched,
     ApprovalActRefused,
     AskTaken,
     ChangeAnswered,
@@ -22,6 +24,7 @@ from ztpm_idp.domain.events import (
     ConductObserved,
     DelegationRefused,
     KeyAdded,
+    LineBegun,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -29,10 +32,13 @@ from ztpm_idp.domain.events import (
     PartyRegistered,
     PermitConcluded,
     PermitOpened,
+    PointHeard,
     RecordTaken,
     RefusalCounted,
     RefusalsSpent,
     Revoked,
+    StoreRestored,
+    StoreResumed,
     SuspensionEnded,
     TokenDelegated,
     TokenIssued,
@@ -168,6 +174,29 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "digest": event.digest,
                 "signed": None if signed is None else _signed(signed),
             }
+        case StoreRestored():
+            return "store-restored", {
+                "line": event.line,
+                "epoch": event.epoch,
+                "waits_for": list(event.points),
+                "sources": list(event.sources),
+            }
+        case LineBegun(line=line):
+            return "line-begun", {"line": line}
+        case PointHeard():
+            return "point-heard", {
+                "pep": event.pep,
+                "line": event.line,
+                "epoch": event.epoch,
+                "signed_at": event.signed_at,
+                "digest": event.digest,
+            }
+        case AgentsHeld(agents=agents):
+            return "agents-held", {"agents": list(agents)}
+        case StoreResumed(unheard=unheard, signed=signed):
+            return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
+        case AgentVouched(agent=agent, reason=reason):
+            return "agent-vouched", {"agent": agent, "reason": reason}
         case _:
             assert_never(event)
 

@@ -325,6 +325,73 @@ class ApprovalActRefused:
     signed: SignedRequest | None
 
 
+@dataclass(frozen=True, slots=True)
+class StoreRestored:
+    """The store is a copy that was put back: a new line begins, and it waits for these enforcement points.
+
+    Attributes:
+        line: the new one.
+        epoch: of the copy.
+        points: ids of those that are awaited.
+        sources: words on what was read to take revocations back.
+    """
+
+    line: int
+    epoch: int
+    points: tuple[str, ...]
+    sources: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class LineBegun:
+    """An enforcement point had followed a line as high as the store's, so the store begins a higher one."""
+
+    line: int
+
+
+@dataclass(frozen=True, slots=True)
+class PointHeard:
+    """An enforcement point told everything that it knows to be revoked.
+
+    Attributes:
+        pep: its id.
+        line, epoch: the newest that it had accepted.
+        signed_at: when it signed its mark, seconds since the epoch.
+        digest: SHA-256 (hex) of the mark, or of its last part.
+    """
+
+    pep: str
+    line: int
+    epoch: int
+    signed_at: int
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class AgentsHeld:
+    """Agents about which the ledger said something after the copy was made: an administrator must vouch for each."""
+
+    agents: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class StoreResumed:
+    """The restored store serves again; where a point was not heard, an administrator must vouch for every agent."""
+
+    unheard: tuple[str, ...]
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class AgentVouched:
+    """An administrator vouched for an agent that was held since a restore."""
+
+    agent: str
+    reason: str
+
+
+RestoringEvent = StoreRestored | LineBegun | PointHeard | AgentsHeld | StoreResumed | AgentVouched
+
 Event = (
     PartyRegistered
     | KeyAdded
@@ -354,4 +421,5 @@ Event = (
     | OpeningMade
     | OpeningClosed
     | ApprovalActRefused
+    | RestoringEvent
 )

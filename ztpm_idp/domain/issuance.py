@@ -17,10 +17,10 @@ from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.explanation import explain
 from policies.words.reason_table import Reason
 from ztpm_idp.domain import conduct, delegation_policy
-from ztpm_idp.domain.attestation import judge, may_receive
+from ztpm_idp.domain.attestation import held, judge, may_receive
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
-from ztpm_idp.domain.parties import PersonRole
+from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
 from ztpm_idp.domain.refusals import BODY_BYTES, WIDENINGS
 from ztpm_idp.domain.registry import active_person
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import Delegate, Issue
     from ztpm_idp.domain.events import Event
-    from ztpm_idp.domain.parties import RegisteredAgent
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -82,6 +81,9 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
     # 2. The caller proved possession of the leaf's key.
     if command.key != chain.leaf.key or command.by != chain.leaf.agent:
         return Refusal(FaultCode.PROOF_WRONG_KEY, "the proof is not by the holder of the token")
+    for holder in (state.parties.get(one.agent) for one in chain.hops):
+        if isinstance(holder, RegisteredAgent) and holder.held:
+            return held(holder.id)
     # 3. The agent may receive authority, and is new to the chain.
     agent = may_receive(state, command.delegate)
     if isinstance(agent, Refusal):

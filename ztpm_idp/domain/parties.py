@@ -82,6 +82,7 @@ class RegisteredAgent:
         sponsor: id of the person who answers for it.
         trust_permille: signed static trust, or None when nobody stated one.
         workload: the platform's name of it (a SPIFFE ID), or "": such an agent has evidence of kind `key` alone.
+        held: since a restore nobody has vouched for it, so it receives and lends nothing.
     """
 
     id: str
@@ -94,17 +95,25 @@ class RegisteredAgent:
     sponsor: str
     trust_permille: int | None
     workload: str = ""
+    held: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class RegisteredPep:
-    """An enforcement point and the audiences that it serves."""
+    """An enforcement point.
+
+    Attributes:
+        id, key, thumbprint, standing: as above.
+        audiences: those that it serves.
+        heard: False since a restore until it has told what it knows to be revoked.
+    """
 
     id: str
     key: bytes
     thumbprint: str
     standing: Standing
     audiences: frozenset[str]
+    heard: bool = True
 
 
 @dataclass(frozen=True, slots=True)

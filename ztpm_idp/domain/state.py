@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
-    from ztpm_idp.domain.parties import Party
+    from ztpm_idp.domain.parties import Party, RegisteredPep
 
 NOTHING_HELD: Final = Held()
 
@@ -159,6 +159,10 @@ class Wanted:
     """Agents: their conduct."""
     refusals_of: str | None = None
     """An agent: its refusals of late."""
+    thumbprints: frozenset[str] = frozenset()
+    """Keys whose owners are wanted, with the parties themselves."""
+    points: bool = False
+    """The active enforcement points, also while nothing is being restored."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,6 +194,10 @@ class State:
         change: the wanted change.
         refusals: since when, wall clock in milliseconds, and how many of the wanted agent were counted.
         held: of the conduct of the wanted agents and of those that the wanted records are about.
+        line: of the chain of revocations.
+        restoring: a restore waits for its end.
+        points: the active enforcement points, while restoring or when they are wanted.
+        owners: party ids by the wanted thumbprints.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -215,3 +223,7 @@ class State:
     change: Change | None = None
     held: Held = NOTHING_HELD
     refusals: tuple[int, int] = (0, 0)
+    line: int = 0
+    restoring: bool = False
+    points: tuple[RegisteredPep, ...] = ()
+    owners: Mapping[str, str] = field(default_factory=dict)

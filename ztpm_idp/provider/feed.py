@@ -18,9 +18,11 @@ from ztpm_idp.domain.events import (
     AgentSuspended,
     AskTaken,
     ConductObserved,
+    LineBegun,
     OpeningMade,
     PartyRegistered,
     Revoked,
+    StoreRestored,
     SuspensionEnded,
     ToolRegistered,
     TrustStated,
@@ -127,7 +129,19 @@ async def revocation_index(provider: Deployment, heartbeat: Heartbeat, *, since:
     as_of_ms = provider.now_ms()
     await heartbeat.beat()
     async with provider.store.read() as view:
+        await _serving(view)
         return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
+
+
+async def _serving(view: Transaction) -> Counters:
+    """The counters of a store that is not being restored.
+
+    Raises:
+        Problem: `RESTORING`: what it says of revocations, parties and asks is not yet to be acted on.
+    """
+    if (counters := await view.counters()).restoring:
+        raise Problem(IdpCode.RESTORING)
+    return counters
 
 
 async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
@@ -172,6 +186,7 @@ async def conduct_word(provider: Deployment, heartbeat: Heartbeat, *, since: int
     as_of_ms = provider.now_ms()
     await heartbeat.beat()
     async with provider.store.read() as view:
+        await _serving(view)
         return await _conduct(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
 
 
@@ -215,7 +230,7 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
     """The signed registry of `audience`: of each version one text, which is kept for the next who asks."""
     as_of_ms, kept = provider.now_ms(), provider.snapshots
     async with provider.store.read() as view:
-        version = (await view.counters()).registry_version
+        version = (await _serving(view)).registry_version
         if (known := kept.get(audience)) is not None and known[0] == version:
             return known[1]
         text = await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
@@ -263,6 +278,7 @@ async def answers_for(provider: Deployment, *, audience: str, nonce: str) -> str
     """
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
+        await _serving(view)
         return await _answers(provider, view, audience=audience, nonce=nonce, as_of_ms=as_of_ms)
 
 
@@ -306,7 +322,7 @@ async def read_back(
     Raises:
         StatementError: `STATEMENT_MALFORMED` for an event that no enforcement point could be told.
     """
-    if any(isinstance(event, Revoked) for event in events):
+    if any(isinstance(event, Revoked | StoreRestored | LineBegun) for event in events):
         await _index(provider, view, since=before.epoch, nonce=_NO_NONCE, as_of_ms=at_ms)
     if any(isinstance(event, ConductObserved | AgentRestored) for event in events):
         await _conduct(provider, view, since=before.conduct_version, nonce=_NO_NONCE, as_of_ms=at_ms)

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import revocation
 from capabilities.values import text
+from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, ScopeError, StatementError
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
@@ -73,6 +74,11 @@ AskText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]
 """A signed ask: the longest one, of 64 contributors and 32 parameters with the longest names, still fits."""
+MarkText = Annotated[
+    str,
+    StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=DEFAULT.statement_bytes),
+]
+"""A signed mark, of any length that a statement may have."""
 Json = dict[str, Any]
 
 
@@ -116,6 +122,18 @@ class ReasonBody(Body):
     """Reason for an end."""
 
     reason: Text
+
+
+class MarkBody(Body):
+    """An enforcement point's mark, or a part of it."""
+
+    mark: MarkText
+
+
+class ResumeBody(Body):
+    """The end of a restore; `unheard` are the enforcement points that were not heard."""
+
+    unheard: Annotated[list[Name], Field(max_length=256)]
 
 
 class AgentBody(Body):

@@ -49,7 +49,8 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
     """Every agent, for every registered caller.
 
     `trust_by` has the score of each delegator that is not the policy's prior, as enforcement points are told of it;
-    `conduct` is its known behaviour, or null when nothing was reported.
+    `conduct` is its known behaviour, or null when nothing was reported; `held` ones wait for an administrator
+    since a restore.
     """
     async with provider_of(request).store.read() as view:
         found = await view.all_parties("agent")
@@ -58,6 +59,7 @@ async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  
         {
             "id": a.id,
             "status": a.standing.value,
+            "held": a.held,
             "sponsor": a.sponsor,
             "role": a.role,
             "model": a.model,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import sqlalchemy as sa
 
-from capabilities.statements.revocation import next_head
+from capabilities.statements.revocation import first_head, next_head
 from ztpm_idp.domain.events import RevocationKind, Revoked
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t
@@ -71,6 +71,13 @@ class Revocations:
             )
         if parties or any(event.kind is RevocationKind.KEY for event in events):
             await self._connection.execute(sa.update(t.counters).values(registry_version=c.registry_version + 1))
+
+    async def begin(self, line: int) -> None:
+        """Begins a line with every revocation that there is."""
+        c, head = t.revocations.c, first_head(line)
+        for epoch, kind, id_ in await self._connection.execute(sa.select(c.epoch, c.kind, c.id).order_by(c.epoch)):
+            head = next_head(head, epoch, kind, id_)
+        await self._connection.execute(sa.update(t.counters).values(revocation_line=line, revocation_head=head))
 
 
 def batches(rows: list[_T]) -> Iterator[list[_T]]:

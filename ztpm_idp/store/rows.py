@@ -33,7 +33,9 @@ PARTY_COLUMNS = sa.select(
     t.agents.c.trust_permille,
     t.agents.c.workload,
     t.agents.c.suspended_ms,
+    t.agents.c.held,
     t.peps.c.audiences,
+    t.peps.c.heard,
     t.sensors.c.calibration,
     t.sensors.c.transit_ms,
     t.sensors.c.audience,
@@ -62,10 +64,10 @@ def party(row: sa.Row[Any]) -> Party:
                 standing = Standing.SUSPENDED
             return RegisteredAgent(
                 id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"],
-                r["workload"] or "",
+                r["workload"] or "", r["held"],
             )  # fmt: skip
         case "pep":
-            return RegisteredPep(id_, key, thumbprint, standing, frozenset(r["audiences"]))
+            return RegisteredPep(id_, key, thumbprint, standing, frozenset(r["audiences"]), r["heard"])
         case "sensor":
             return RegisteredSensor(
                 id_, key, thumbprint, standing, bytes(r["calibration"]), r["transit_ms"], r["audience"]

@@ -89,6 +89,7 @@ agents = sa.Table(
     sa.Column("trust_permille", sa.Integer, nullable=True),
     sa.Column("workload", sa.String(256), nullable=True),
     sa.Column("suspended_ms", sa.BigInteger, nullable=True),
+    sa.Column("held", sa.Boolean, nullable=False, server_default=sa.false()),
 )
 
 peps = sa.Table(
@@ -98,6 +99,7 @@ peps = sa.Table(
     sa.Column("audiences", sa.JSON, nullable=False),
     sa.Column("journal_seq", sa.BigInteger, nullable=False),
     sa.Column("journal_head", sa.String(64), nullable=False),
+    sa.Column("heard", sa.Boolean, nullable=False, server_default=sa.true()),
 )
 
 sensors = sa.Table(
@@ -286,6 +288,7 @@ counters = sa.Table(
     sa.Column("conduct_version", sa.BigInteger, nullable=False, server_default="0"),
     sa.Column("revocation_line", sa.BigInteger, nullable=False, server_default="0"),
     sa.Column("revocation_head", sa.String(64), nullable=False, server_default="0" * 64),
+    sa.Column("restoring", sa.Boolean, nullable=False, server_default=sa.false()),
     sa.CheckConstraint("singleton = 1", name="one_row"),
 )
 """One row.

@@ -12,7 +12,9 @@ from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
+    AgentsHeld,
     AgentSuspended,
+    AgentVouched,
     ApprovalActRefused,
     AskTaken,
     ChangeAnswered,
@@ -21,6 +23,7 @@ from ztpm_idp.domain.events import (
     ConductObserved,
     DelegationRefused,
     KeyAdded,
+    LineBegun,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -28,11 +31,14 @@ from ztpm_idp.domain.events import (
     PartyRegistered,
     PermitConcluded,
     PermitOpened,
+    PointHeard,
     RecordTaken,
     RefusalCounted,
     RefusalsSpent,
     RevocationKind,
     Revoked,
+    StoreRestored,
+    StoreResumed,
     SuspensionEnded,
     TokenDelegated,
     TokenIssued,
@@ -57,6 +63,7 @@ from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.errors import OnceOnlyError
 from ztpm_idp.store.people import People
+from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
 
 if TYPE_CHECKING:
@@ -84,6 +91,7 @@ class Counters:
     conduct_version: int
     revocation_line: int
     revocation_head: str
+    restoring: bool
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +113,7 @@ class Transaction:
         self.conduct = Conduct(connection)
         self.people = People(connection)
         self.revocations = Revocations(connection)
+        self.restoring = Restoring(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -124,6 +133,7 @@ class Transaction:
         met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
         parties, since_s = await self._parties(wanted.parties | met), young_ms // 1_000
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
+        counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
         return State(
             parties=parties,
             key_owners=await self._key_owners(wanted.keys),
@@ -137,7 +147,7 @@ class Transaction:
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
             revoked=await self._dead() if wanted.revocations else frozenset(),
-            epoch=(await self.counters()).epoch,
+            epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
             opening=None if wanted.opening is None else await self.approvals.opening(wanted.opening),
@@ -150,6 +160,10 @@ class Transaction:
             change=change,
             held=held,
             refusals=await self._refusals(wanted.refusals_of),
+            line=counters.revocation_line,
+            restoring=counters.restoring,
+            points=await self._points() if wanted.points or counters.restoring else (),
+            owners=owners,
         )
 
     async def counters(self) -> Counters:
@@ -165,6 +179,7 @@ class Transaction:
                     c.conduct_version,
                     c.revocation_line,
                     c.revocation_head,
+                    c.restoring,
                 )
             )
         ).one()
@@ -256,8 +271,7 @@ class Transaction:
         return found | {p.id: p for p in await self._by_id(sponsors)}
 
     async def _by_id(self, ids: Iterable[str]) -> list[Party]:
-        wanted = sorted(ids)
-        return await self._read(t.parties.c.id.in_(wanted)) if wanted else []
+        return [p for batch in batches(sorted(ids)) for p in await self._read(t.parties.c.id.in_(batch))]
 
     async def _read(self, condition: sa.ColumnElement[bool]) -> list[Party]:
         """The parties that meet the condition, by id; people with all their keys."""
@@ -311,6 +325,13 @@ class Transaction:
         found = await self._read(t.parties.c.thumbprint == thumbprint if person is None else t.parties.c.id == person)
         parties |= {owner.id: owner for owner in found}
         return found[0].id if found else None
+
+    async def _owners(self, thumbprints: frozenset[str], parties: dict[str, Party]) -> dict[str, str]:
+        found = {thumbprint: await self._owner_of(thumbprint, parties) for thumbprint in sorted(thumbprints)}
+        return {thumbprint: owner for thumbprint, owner in found.items() if owner is not None}
+
+    async def _points(self) -> tuple[RegisteredPep, ...]:
+        return tuple(point for point in await self.active("pep") if isinstance(point, RegisteredPep))
 
     async def _journal(self, wanted: Wanted) -> Journal | None:
         if wanted.journal is None:
@@ -447,6 +468,8 @@ class Transaction:
                 await self.conduct.write(event)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
+            case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():
+                await self.restoring.write(event)
             case _:
                 assert_never(event)
 

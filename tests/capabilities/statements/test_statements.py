@@ -7,7 +7,7 @@ import dataclasses
 import json
 
 import pytest
-from capabilities.statements.body import BODY_BYTES
+from capabilities.statements.claims import BODY_BYTES
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 from capabilities.values.scope import Tier
@@ -27,6 +27,7 @@ from capabilities.statements import (
     conduct,
     intent,
     manifest,
+    mark,
     memory,
     message,
     observation,
@@ -253,6 +254,15 @@ PASSED_ON = ticket.Ticket(
     at_ms=NOW * 1_000,
 )
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
+KNOWN = mark.Mark(
+    issuer=ISSUER,
+    line=1,
+    epoch=9,
+    head=HEX,
+    entries=(mark.MarkEntry("agent", "robotic"), mark.MarkEntry("audience", CELL), mark.MarkEntry("hop", "0e" * 16)),
+    remaining=2,
+    at=NOW,
+)
 
 KINDS = {
     attestation: EVIDENCE,
@@ -267,6 +277,7 @@ KINDS = {
     answers: STANDING,
     cell: SURVEY,
     manifest: LISTED,
+    mark: KNOWN,
     memory: ROW,
     response: ANSWERED,
     message: SAID,
@@ -1084,3 +1095,20 @@ def test_the_largest_cell_fits():
         sensors=tuple(f"{i}{long}" for i in range(cell.SENSORS)),
     )
     assert cell.open(cell.sign(full, SIGNER), TRUSTED, DEFAULT) == full
+
+
+@pytest.mark.clause("STM-15")
+@pytest.mark.parametrize(
+    "entries",
+    [
+        KNOWN.entries[::-1],
+        (KNOWN.entries[0], KNOWN.entries[0]),
+        (mark.MarkEntry("agent", CELL),),
+        (mark.MarkEntry("hop", "robotic"),),
+    ],
+)
+def test_a_mark_holds_each_revocation_once_in_order_and_in_its_form(entries):
+    claims = claims_of(mark) | {"entries": [{"kind": entry.kind, "id": entry.id} for entry in entries]}
+    assert code_of(mark, statement_form.sign(mark.KIND, claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+    without = claims_of(mark) | {"entries": [], "head": ""}
+    assert mark.open(statement_form.sign(mark.KIND, without, SIGNER), TRUSTED, DEFAULT).entries == ()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 
 import pytest
-from capabilities.statements.body import BODY_BYTES
+from capabilities.statements.claims import BODY_BYTES
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.context.messages import ConversationBook, MessageDirection, TurnResult

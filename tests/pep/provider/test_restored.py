@@ -1,5 +1,6 @@
 """A provider whose database was restored: nothing that was heard is forgotten, and no other history is taken for ours."""
 
+import asyncio
 import json
 
 import pytest
@@ -148,3 +149,72 @@ def test_what_could_not_be_kept_is_in_force_and_is_kept_later(world, monkeypatch
     world.pull()
     assert world.follower.view().age_ms == 0
     assert ("agent", "fifth") in kept(world)
+
+
+@pytest.mark.clause("STM-15")
+@pytest.mark.parametrize("restarted", [False, True])
+def test_a_provider_that_is_restored_is_told_what_this_point_knows(world, restarted):
+    restore(world, line=1)
+    world.issuer.restoring = True
+    if restarted:
+        world.restart()
+    world.refused(PepFault.FEED_RESTORING)
+    world.refused(PepFault.FEED_RESTORING)
+    (told,) = world.issuer.marks
+    assert (told.line, told.epoch, told.remaining) == (0, 4, 0)
+    assert {entry.id for entry in told.entries} == ALL
+    world.clock.advance(5_000)
+    world.refused(PepFault.FEED_RESTORING)
+    assert len(world.issuer.marks) == 2, "and again, should it be another restore"
+
+
+@pytest.mark.clause("STM-15")
+def test_a_new_line_is_accepted_once_its_provider_was_told(world):
+    restore(world, line=1)
+    world.issuer.mark_status = 503
+    world.refused(PepFault.FEED_UNREACHABLE)
+    assert json.loads(world.path.read_text())["line"] == 0
+    world.issuer.mark_status = 200
+    world.pull()
+    world.pull()
+    assert [(told.line, told.epoch) for told in world.issuer.marks] == [(0, 4), (0, 4)]
+    assert json.loads(world.path.read_text())["line"] == 1
+
+
+@pytest.mark.clause("STM-15")
+def test_a_point_that_was_wiped_tells_nothing(world):
+    world.path.unlink()
+    world.path.with_suffix(".kept").unlink()
+    world.restart()
+    world.issuer.restoring = True
+    world.refused(PepFault.FEED_RESTORING)
+    world.issuer.restoring, world.issuer.line = False, 1
+    world.pull()
+    assert world.issuer.marks == []
+
+
+def test_a_long_mark_is_told_in_parts(world, monkeypatch):
+    monkeypatch.setattr("pep.provider.feed_mark.PART_BYTES", 100)
+    world.issuer.restoring = True
+    world.refused(PepFault.FEED_RESTORING)
+    assert [(told.remaining, [entry.id for entry in told.entries]) for told in world.issuer.marks] == [
+        (1, ["first", "fourth"]),
+        (0, ["second", "third"]),
+    ]
+
+
+def test_the_refusal_of_a_copy_that_was_put_back_by_hand_names_the_command(world):
+    restore(world)
+    with pytest.raises(FeedError) as raised:
+        world.pull()
+    assert "ztpm idp restore" in raised.value.detail
+
+
+def test_a_new_line_asks_for_the_whole_word_on_conduct(world):
+    world.issuer.conduct_version = 5
+    asyncio.run(world.follower.standings.pull())
+    restore(world, line=1)
+    world.pull()
+    world.issuer.conduct_version = 0
+    asyncio.run(world.follower.standings.pull())
+    assert world.follower.conduct().age_ms == 0

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from pep.mcp.arm_server import tool_definitions
 from ztpm.base.layout import Layout, read_key
 from ztpm.cell.cell import Cell
-from ztpm.cell.enrolment import Difference, Differing, EnrolmentError, Kind, enrol, registered
+from ztpm.cell.enrolment import Difference, Differing, EnrolmentError, Kind, RestoringError, enrol, registered
 from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses, initialise
 
 from capabilities.keys import keys
@@ -134,3 +134,15 @@ def test_a_first_time_overrides_nothing_that_is_there(cell, registry):
 def test_a_registry_that_does_not_answer(cell):
     with pytest.raises(EnrolmentError):
         registered(cell.addresses.issuer, cell.addresses.audience, None, auth=ProofAuth(keys.generate()))
+
+
+def test_a_cell_whose_provider_is_being_restored_begins_so_that_somebody_can_end_it(cell, registry, monkeypatch):
+    def waits(*_, **__):
+        raise RestoringError
+
+    enrol(cell, registry, None)
+    monkeypatch.setattr(enrolment, "registered", waits)
+    assert enrol(cell, registry, None) == ()
+    cell.layout.enrolled.unlink()
+    with pytest.raises(RestoringError):
+        enrol(cell, registry, None)

@@ -18,9 +18,18 @@ from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 
 from capabilities.keys import keys
+from capabilities.statements import mark
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
 pytestmark = [pytest.mark.version, pytest.mark.long]
+
+
+def known(world):
+    """A mark of the enforcement point."""
+    if "cell-1" not in world.private:
+        world.pep()
+    empty = mark.Mark(ISSUER, 0, 0, "", (), 0, int(world.clock()))
+    return mark.sign(empty, world.private["cell-1"])
 
 
 def good_bodies(world):
@@ -70,6 +79,9 @@ def good_bodies(world):
         ("/tokens/delegate", {"request": hop, "evidence": helper.evidence("planner", hop)}, {"planner"}),
         ("/revocations", {"kind": "agent", "id": "helper", "reason": "odd"}, {"alice", "dan", "helper"}),
         ("/ledger/records", {"records": [record]}, {"cell-1"}),
+        ("/restoring/marks", {"mark": known(world)}, {"cell-1"}),
+        ("/restoring/resume", {"unheard": []}, {"alice", "dan"}),
+        ("/agents/helper/vouch", {"reason": "seen"}, {"alice", "dan"}),
     ]
     cell = Cell(world, furnished=True)
     ask_id, asked = cell.taken(agent="helper")
@@ -161,8 +173,12 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
     )
     for path, body, may, _, token in order:
         who = "alice" if "alice" in may else min(may)
-        assert send(world, path, json.dumps(body), who, token).is_success, path
-    assert len(paths) == 24
+        answered = send(world, path, json.dumps(body), who, token)
+        if path == "/restoring/resume":
+            assert checked(answered, status=409)["code"] == "NOT_RESTORING"
+        else:
+            assert answered.is_success, path
+    assert len(paths) == 27
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -177,6 +193,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
+        "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
@@ -229,7 +246,13 @@ PEOPLES_TEXT = {"name cyrillic", "name wide", "name upper", "name sql", "name pa
 """Texts for people may be in any script; they are bound, never formatted."""
 
 
-BODY_BYTES = {"/tokens": 65_536, "/tokens/delegate": 65_536, "/approvals": 135_168, "/ledger/records": 262_144}
+BODY_BYTES = {
+    "/tokens": 65_536,
+    "/tokens/delegate": 65_536,
+    "/approvals": 135_168,
+    "/ledger/records": 262_144,
+    "/restoring/marks": 262_144,
+}
 """Largest body of each route that takes more than a statement or two."""
 
 

@@ -75,10 +75,15 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
                 "edges",
             ):
                 base.execute(f"DROP TABLE {table}")
-            for column in ("conduct_version", "revocation_line", "revocation_head"):
+            for column in ("conduct_version", "revocation_line", "revocation_head", "restoring"):
                 base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
-            base.execute("ALTER TABLE agents DROP COLUMN workload")
-            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
+            for table, column in (
+                ("agents", "workload"),
+                ("agents", "suspended_ms"),
+                ("agents", "held"),
+                ("peps", "heard"),
+            ):
+                base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
             base.execute("UPDATE alembic_version SET version_num = 'v0001'")
             assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)
         before = first_rows(file)
