@@ -136,9 +136,8 @@ class _Told:
 
     def suspended(self, entries: set[str]) -> frozenset[str]:
         """Agents that the newest of these entries about them suspends."""
-        newest = {
-            agent: suspends for _, agent, suspends in sorted(self.suspensions[e] for e in entries & {*self.suspensions})
-        }
+        told = sorted(each for entry, each in self.suspensions.items() if entry in entries)
+        newest = {agent: suspends for _, agent, suspends in told}
         return frozenset(agent for agent, suspends in newest.items() if suspends)
 
 

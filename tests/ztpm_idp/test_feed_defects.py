@@ -12,7 +12,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.scope import Tier
 from tests.ztpm_idp.test_revoking import forest, index
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, World, drop_latest_columns
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.events import PartyRegistered, RevocationKind, ToolRegistered
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredSensor, RegisteredTool, Standing
@@ -134,9 +134,7 @@ def test_a_feed_that_was_bricked_is_read_again(tmp_path):
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
             base.execute("UPDATE revocations SET id = 'http://h.example/mcp?x' WHERE epoch = 1")
             base.execute("DROP TABLE refusals")
-            for column in ("revocation_line", "revocation_head"):
-                base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
-            base.execute("ALTER TABLE agents DROP COLUMN suspended_ms")
+            drop_latest_columns(base)
             base.execute("UPDATE alembic_version SET version_num = 'v0005'")
         world.start()
         first, second = index(world).entries

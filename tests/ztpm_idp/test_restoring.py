@@ -8,7 +8,7 @@ from hashlib import sha256
 
 import pytest
 from tests.ztpm_idp.test_revoking import index
-from tests.ztpm_idp.world import World
+from tests.ztpm_idp.world import World, drop_latest_columns
 
 from capabilities.statements import revocation
 
@@ -56,15 +56,7 @@ def test_revocations_of_an_earlier_release_are_chained(tmp_path):
         head = index(world).head
         world.stop()
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
-            for table, column in (
-                ("counters", "revocation_line"),
-                ("counters", "revocation_head"),
-                ("counters", "restoring"),
-                ("agents", "suspended_ms"),
-                ("agents", "held"),
-                ("peps", "heard"),
-            ):
-                base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
+            drop_latest_columns(base)
             base.execute("UPDATE alembic_version SET version_num = 'v0007'")
         world.start()
         assert (index(world).line, index(world).head) == (0, head)

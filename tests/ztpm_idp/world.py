@@ -83,6 +83,22 @@ def empty_store() -> bytes:
         return file.read_bytes()
 
 
+LATEST_COLUMNS = (
+    ("counters", "revocation_line"),
+    ("counters", "revocation_head"),
+    ("counters", "restoring"),
+    ("agents", "held"),
+    ("agents", "suspended_ms"),
+    ("peps", "heard"),
+)
+"""Columns that no database of an earlier release has."""
+
+
+def drop_latest_columns(base) -> None:
+    for table, column in LATEST_COLUMNS:
+        base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
+
+
 TRUST_DOMAIN = "cell.example"
 
 

@@ -122,7 +122,7 @@ class Drill:
         self.exports.append(file)
 
     def live(self):
-        before, after = self.draw.randrange(6), self.draw.randrange(2, 12)
+        before, after = self.draw.randrange(5), self.draw.randrange(2, 9)
         for _ in range(before):
             self.act()
         if self.copy is None or self.draw.random() < 0.5:

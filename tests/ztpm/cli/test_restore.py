@@ -15,6 +15,8 @@ from ztpm_idp.client import ClientError
 
 from capabilities.statements import mark
 
+pytestmark = pytest.mark.long
+
 
 @pytest.fixture
 def copied(cell, tmp_path):
@@ -26,7 +28,6 @@ def copied(cell, tmp_path):
     return layout
 
 
-@pytest.mark.long
 def test_a_store_is_copied_and_put_back(run, copied, tmp_path):
     copy, where = tmp_path / "copy", ("--data", copied.root, "--json")
     told = run("idp", "backup", copy, *where)
@@ -44,6 +45,8 @@ def test_a_store_is_copied_and_put_back(run, copied, tmp_path):
     config = ("--config", copied.gateway_config)
     assert run("idp", "mark", signed, *config, "--json").json["revoked"] == 0
     told = run("idp", "restore", "--from", copy, "--mark", signed, *where)
+    assert (told.status, told.json["code"]) == (3, "STATEMENT_UNTRUSTED"), "of a point that nobody registered"
+    told = run("idp", "restore", "--from", copy, *where)
     assert told.status == 0, told.out
     assert (told.json["line"], told.json["before"], told.json["taken_back"]) == (1, "whole", 0)
     again = run("idp", "restore", "--data", copied.root)

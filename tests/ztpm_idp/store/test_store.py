@@ -15,7 +15,7 @@ from alembic.script import ScriptDirectory
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.journals import Journal
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti, drop_latest_columns
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store.migrate import MIGRATIONS, NEWEST
@@ -75,15 +75,9 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
                 "edges",
             ):
                 base.execute(f"DROP TABLE {table}")
-            for column in ("conduct_version", "revocation_line", "revocation_head", "restoring"):
-                base.execute(f"ALTER TABLE counters DROP COLUMN {column}")
-            for table, column in (
-                ("agents", "workload"),
-                ("agents", "suspended_ms"),
-                ("agents", "held"),
-                ("peps", "heard"),
-            ):
-                base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
+            drop_latest_columns(base)
+            base.execute("ALTER TABLE counters DROP COLUMN conduct_version")
+            base.execute("ALTER TABLE agents DROP COLUMN workload")
             base.execute("UPDATE alembic_version SET version_num = 'v0001'")
             assert base.execute("SELECT count(*) FROM hops").fetchone() == (1,)
         before = first_rows(file)
