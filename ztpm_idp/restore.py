@@ -1,4 +1,4 @@
-"""Copies of the store: made while it serves, and put back in its place with every revocation that is known elsewhere.
+"""Copies of the store, made while it serves, and put back with every revocation that is known elsewhere.
 
 A copy that is put back begins a new line of revocations in the state of being restored, before it stands in the
 store's place; what it waits for there is the domain's (`ztpm_idp.domain.restoring`).
@@ -67,7 +67,7 @@ class RestoreError(Exception):
 
 
 @dataclass(frozen=True, slots=True)
-class Deployment:
+class StoppedProvider:
     """Identity provider whose store is put back.
 
     Attributes:
@@ -104,7 +104,7 @@ class Restored:
 
 @dataclass(slots=True)
 class _Told:
-    """What ledgers tell: the highest line, revocations, and by entry the parties that it names.
+    """Contents of ledgers: the highest line, revocations, and by entry the parties that it names.
 
     `suspensions` holds by entry its time, its agent, and whether that was suspended or is so no longer.
     """
@@ -204,7 +204,7 @@ def _remove(file: Path) -> None:
 
 
 def _one_file(base: sqlite3.Connection) -> None:
-    """All of the database is in its one file: no log lies beside it, and no other process has it open.
+    """All of the database is in its one file, which no other process has open.
 
     Raises:
         sqlite3.OperationalError: another process has it open.
@@ -226,13 +226,13 @@ def _sync(file: Path) -> None:
 
 
 def restore(
-    deployment: Deployment, copy: Path | None, *, ledgers: Sequence[Path] = (), marks: Sequence[Path] = ()
+    deployment: StoppedProvider, copy: Path | None, *, ledgers: Sequence[Path] = (), marks: Sequence[Path] = ()
 ) -> Restored:
     """The copy is in the store's place, in a new line, and waits; the service must not be running.
 
     Args:
         deployment: whose store it is.
-        copy: of the store; None: the file in its place is one already, which somebody copied there.
+        copy: of the store; None: the file in its place is one already, copied there by hand.
         ledgers: exported ledgers, whole or in part.
         marks: of enforcement points, a part in each line.
 
@@ -311,7 +311,7 @@ def _read_ledger(file: Path, trust: TrustBundle, told: _Told) -> None:
     told.sources.append(f"a ledger: entries {first} to {found.size}, head {found.head}")
 
 
-async def _begun(deployment: Deployment, staged: Path, told: _Told, marks: Sequence[tuple[Path, str]]) -> Restored:
+async def _begun(deployment: StoppedProvider, staged: Path, told: _Told, marks: Sequence[tuple[Path, str]]) -> Restored:
     """The restore has begun in the staged file, and all is taken back that ledgers and marks hold."""
     store = await Store.open(f"sqlite+aiosqlite:///{staged}")
     provider = Provider(
@@ -349,7 +349,7 @@ def _texts(file: Path) -> list[str]:
 
 
 async def _mark_taken(provider: Provider, file: Path, text: str) -> Iterable[object]:
-    """What follows from a part of a mark; whoever hands it in vouches that it is the point's newest."""
+    """Events that follow from a part of a mark; it is the point's newest on the word of its bringer."""
     async with provider.store.read() as view:
         points = {p.thumbprint: p for p in await view.active("pep") if isinstance(p, RegisteredPep)}
     try:

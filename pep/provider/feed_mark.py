@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 _PASSING: Final = frozenset({str(revocation.Revoked.TOKEN), str(revocation.Revoked.HOP)})
 """Kinds of things that end by themselves."""
 PART_BYTES: Final = 150_000
-"""Most bytes of the entries of one part of a mark, as JSON: in base64 they stay below the size of a statement."""
+"""Most bytes of the entries of one part of a mark, as JSON.
+
+In base64 and with the rest they stay below the size of a statement (256 KiB).
+"""
 _ENTRY_BYTES: Final = 40
 """An entry without its id, as JSON, at most."""
 

@@ -1,4 +1,4 @@
-"""A copy of the store that is put back: it waits, takes back what is known elsewhere, and lends nothing meanwhile."""
+"""A copy of the store that is put back: it takes back what is known elsewhere before it lends anything."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from policies.decision.load import load_shipped
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.test_revoking import index
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER
-from ztpm_idp.restore import Deployment, RestoreError, backup, restore
+from ztpm_idp.restore import StoppedProvider, RestoreError, backup, restore
 
 from capabilities.keys import keys
 from capabilities.statements import mark
@@ -30,7 +30,7 @@ def copied(world, name="copy.sqlite"):
 def put_back(world, copy=None, **more):
     """The service ends, the copy is put back, and the service starts."""
     world.stop()
-    deployment = Deployment(world.settings, world.idp_keys, load_shipped("paper-default"), world.clock)
+    deployment = StoppedProvider(world.settings, world.idp_keys, load_shipped("paper-default"), world.clock)
     done = restore(deployment, copy, **more)
     begin(world)
     return done
@@ -149,7 +149,7 @@ def test_a_damaged_or_missing_store_is_made_up_from_ledgers_and_marks(furnished,
         store.unlink()
     else:
         store.write_bytes(b"no database " * 999)
-    deployment = Deployment(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
+    deployment = StoppedProvider(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
     wrong = furnished.folder / "wrong"
     for content, code in (
         (exported.read_bytes().replace(b"odd", b"ode"), "CHAIN_BROKEN"),
@@ -174,7 +174,7 @@ def test_a_damaged_or_missing_store_is_made_up_from_ledgers_and_marks(furnished,
 
 
 def test_it_is_refused_while_it_serves_and_with_a_copy_that_is_none(furnished):
-    deployment = Deployment(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
+    deployment = StoppedProvider(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
     with pytest.raises(RestoreError) as caught:
         restore(deployment, furnished.copy)
     assert caught.value.code == "STORE_IN_USE"
@@ -259,7 +259,7 @@ def test_a_copy_that_is_put_back_twice_begins_no_line_that_was_followed(furnishe
     furnished.start()
     furnished.stop()
     (furnished.folder / "idp.sqlite").unlink()
-    deployment = Deployment(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
+    deployment = StoppedProvider(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
     assert restore(deployment, furnished.copy).line == 1, "nothing that is left names it"
     begin(furnished)
     tell(furnished, line=2)

@@ -75,14 +75,14 @@ def restore(
     provider then lends nothing and tells nothing until every enforcement point was heard, and `ztpm idp resume`.
     """
     from ztpm_idp.keys.key_files import SettingsError
-    from ztpm_idp.restore import Deployment
+    from ztpm_idp.restore import StoppedProvider
     from ztpm_idp.restore import restore as put_back
     from ztpm_idp.settings import load_keys, load_policies
 
     settings, folder = _settings(config, directory)
     try:
         keys = load_keys(settings, folder, ask_passphrase(new=False).decode())
-        deployment = Deployment(settings.settings(keys), keys, load_policies(settings, folder), time.time)
+        deployment = StoppedProvider(settings.settings(keys), keys, load_policies(settings, folder), time.time)
     except SettingsError as error:
         fail("CONFIG_INVALID", f"{error.setting}: {error.why}")
     with _failures():

@@ -298,7 +298,9 @@ class Lost:
 
 @dataclass(frozen=True, slots=True)
 class RestoreStore:
-    """Begins the restore of a store that is a copy. It has no caller: it is run beside the store, never over the wire.
+    """Begins the restore of a store that is a copy.
+
+    It has no caller: it is run beside the store, never over the wire.
 
     Attributes:
         line: the highest that any ledger names.

@@ -53,7 +53,7 @@ REASON: Final = 512
 
 
 def waiting(state: State) -> Refusal:
-    """Refusal of whatever restoring does not need, with what it waits for."""
+    """Refusal of a command that restoring does not need; it names what is awaited."""
     awaited = ", ".join(unheard(state))
     return Refusal(IdpCode.RESTORING, f"it waits for {awaited or 'no enforcement point'}, and for an administrator")
 
