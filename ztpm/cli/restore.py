@@ -94,7 +94,7 @@ def restore(
     typer.echo(
         f"Line {done.line} is begun; {done.taken_back} revocations were taken back, {done.held} agents are held. "
         f"Of the ledger before, {done.before} was read{'' if done.kept is None else f'; it is kept as {done.kept}'}.\n"
-        f"Start the service. It waits for {', '.join(done.waits_for) or 'no enforcement point'}; then: ztpm idp resume"
+        f"Start the service. It waits for {', '.join((*done.waits_for, 'an administrator'))}: ztpm idp resume"
     )
 
 

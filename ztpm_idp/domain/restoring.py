@@ -54,8 +54,7 @@ REASON: Final = 512
 
 def waiting(state: State) -> Refusal:
     """Refusal of a command that restoring does not need; it names what is awaited."""
-    awaited = ", ".join(unheard(state))
-    return Refusal(IdpCode.RESTORING, f"it waits for {awaited or 'no enforcement point'}, and for an administrator")
+    return Refusal(IdpCode.RESTORING, f"it waits for {', '.join((*unheard(state), 'an administrator'))}")
 
 
 def unheard(state: State) -> tuple[str, ...]:

@@ -109,7 +109,8 @@ class Drill:
     def act(self):
         match self.draw.choice(("revoke", "revoke", "pull", "pull", "export", "restart")):
             case "revoke":
-                self.world.people["alice"].revoke(*self.subject(), "r")
+                for _ in range(self.draw.randrange(1, 4)):
+                    self.world.people["alice"].revoke(*self.subject(), "r")
             case "pull":
                 assert self.draw.choice(self.points).pull() is None
             case "export":
@@ -133,7 +134,7 @@ class Drill:
             self.act()
 
     def crash_and_restore(self):
-        """Revocations that anybody knew at the crash: all of them must be in force again."""
+        """Revocations that a ledger or a point knew at the crash: all must be in force again."""
         crash, world = self.draw.choice(CRASHES), self.world
         for point in self.draw.sample(self.points, self.draw.randrange(3)):
             self.draw.choice((point.wipe, point.begin))()
