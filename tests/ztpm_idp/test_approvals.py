@@ -10,6 +10,7 @@ from dataclasses import replace
 import httpx2
 import pytest
 from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import StatementError
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
 from tests.ztpm_idp.asks import AGENT, PEP, Cell
@@ -194,6 +195,19 @@ def test_what_was_not_seen_needs_an_approver_who_sees_it(cell):
         assert cell.world.people["carol"].approve(ask_id, sees_clear=True)["state"] == "granted"
     ask_id, _ = cell.taken(perception="missing", perception_age_ms=None)
     assert cell.world.people["carol"].deny(ask_id)["state"] == "denied"
+
+
+def test_an_act_without_a_robot_needs_nobody_who_sees_a_cell(cell):
+    nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
+    ask_id, _ = cell.taken(perception="none", **nothing)
+    assert cell.world.people["carol"].approve(ask_id)["state"] == "granted"
+
+
+@pytest.mark.parametrize("stated", [{"index_milli": 1}, {"start_urad": (0,) * 6}, {"perception_age_ms": 3}])
+def test_an_act_without_a_robot_has_no_physics(cell, stated):
+    nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
+    with pytest.raises(StatementError):
+        cell.taken(perception="none", **{**nothing, **stated})
 
 
 # --- tier 4 ------------------------------------------------------------------------------------------------------------

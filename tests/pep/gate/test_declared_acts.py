@@ -4,6 +4,7 @@ import asyncio
 import secrets
 
 import pytest
+from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Grant, Limit, Range, Tier
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -17,6 +18,9 @@ from policies.evidence.evidence import NOT_COLLECTED, DeclaredImpact, ToolReadin
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, Rig, full_scope, own_choice
+
+from capabilities.keys import keys
+from capabilities.statements import ask as ask_statement
 
 VALVE = row(
     "valve-7",
@@ -94,6 +98,22 @@ def test_a_row_raises_the_tier_and_names_its_parameter(rig):
     assert raised.decision.findings[0].detail["raised_by"] == ["opening"]
     assert raised.ask.reason == Reason.TIER_NEEDS_APPROVAL
     assert len(rig.sent) == 1
+
+
+def test_people_are_asked_in_words_and_their_answer_binds_the_act(rig):
+    """No perception, no index: what would be done, of which tier, and who asks."""
+    caller = holder(rig, "open_valve")
+    deferred = run(rig, call(rig, caller, {"opening": 0.9, "speed": 3}))
+    text = rig.issuer.asks[deferred.ask.ask_id]
+    asked = ask_statement.open(text, [keys.public_raw(rig.pep_key)], CAPS)
+    assert (asked.perception, asked.index_milli, asked.contributors, asked.start_urad) == ("none", 0, (), ())
+    assert [(v.name, v.value) for v in asked.values] == [("opening", 900), ("speed", 3)]
+    rig.issuer.cast(asked.ask_id, rig.people["bob"].vote(text, at=rig.clock.wall_s()))
+    rig.pull()
+    other = run(rig, call(rig, caller, {"opening": 0.901, "speed": 3}))
+    assert other.decision.effect is Effect.DEFER, "another request is another question"
+    approved = run(rig, call(rig, caller, {"opening": 0.9, "speed": 3}))
+    assert (approved.decision.effect, approved.decision.approval.ask_id) == (Effect.PERMIT, asked.ask_id)
 
 
 def test_the_class_of_the_registry_counts_where_it_is_higher(rig):

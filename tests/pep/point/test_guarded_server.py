@@ -1,0 +1,156 @@
+"""A guard starts only before tools that are declared, registered and as approved; for each kind of the SDK's servers."""
+
+import asyncio
+import json
+from typing import Annotated
+
+import pytest
+from mcp.server import MCPServer
+from mcp.server.lowlevel.server import Server
+from mcp_types import CallToolResult, ListToolsResult, TextContent, Tool
+from pep.base.errors import ConfigError, DeclarationError, PepFault
+from pep.base.ports import RegisteredTool
+from pep.mcp.tool_digest import definition_digest
+from pep.point.guard_config import GuardConfig
+from pep.point.tool_server import GuardedServer
+from tests.pep.kit import AUDIENCE, ISSUER, PEP, issuer_keys
+
+import pep
+from capabilities.keys import keys
+from pep import Within, operation, pins
+
+PASSPHRASE = "correct horse battery staple"
+TABLE = """
+[tool.open_valve]
+object = "valve-7"
+base_tier = 1
+[tool.open_valve.arguments]
+percent = { low = 0, high = 1000, unit = "permille", scale = 10 }
+"""
+VALVE = Tool(
+    name="open_valve",
+    input_schema={"type": "object", "properties": {"percent": {"type": "number"}}, "required": ["percent"]},
+)
+
+
+def decorated():
+    server = MCPServer("plant", log_level="ERROR")
+
+    @server.tool()
+    @operation("valve-7", base_tier=1)
+    def open_valve(percent: Annotated[float, Within(0, 1_000, "permille", scale=10)]) -> float:
+        """Open the valve."""
+        return percent
+
+    return server
+
+
+def lowlevel(*tools):
+    async def listed(ctx, params):
+        return ListToolsResult(tools=list(tools or (VALVE,)))
+
+    async def called(ctx, params):
+        said = json.dumps(params.arguments)
+        return CallToolResult(content=[TextContent(type="text", text=said)])
+
+    return Server("plant", on_list_tools=listed, on_call_tool=called)
+
+
+@pytest.fixture
+def written(tmp_path, monkeypatch):
+    """`guard.toml` and what it names."""
+    monkeypatch.setenv("ZTPM_PASSPHRASE", PASSPHRASE)
+    _, trust = issuer_keys()
+    (tmp_path / "trust.json").write_bytes(trust.to_json())
+    key = tmp_path / "pep.key"
+    key.write_bytes(keys.to_pem(keys.generate(), PASSPHRASE.encode()))
+    key.chmod(0o600)
+
+    def write(table=""):
+        path = tmp_path / "guard.toml"
+        path.write_text(
+            f'audience = "{AUDIENCE}"\npep_id = "{PEP}"\nissuer = "{ISSUER}"\n'
+            f'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\n{table}'
+        )
+        return path
+
+    return write
+
+
+def declared(guarded, *registered):
+    """What the start says of the tools, with these registered."""
+
+    async def start():
+        try:
+            guarded.follower.tool = {tool.name: tool for tool in registered}.get
+            await guarded._declare()
+            return dict(guarded._rows)
+        finally:
+            await guarded.release()
+
+    return asyncio.run(start())
+
+
+def pinned(pin, **changes):
+    known = {"name": pin.name, "definition_digest": pin.definition_digest, "operation": pin.operation}
+    return RegisteredTool(**{**known, "base_tier": pin.base_tier, **changes})
+
+
+@pytest.mark.parametrize(("server", "table"), [(decorated, ""), (lowlevel, TABLE)])
+def test_a_tool_as_approved_can_be_called(written, server, table):
+    path, made = written(table), server()
+    (pin,) = pins(made, path)
+    rows = declared(pep.guard(made, path), pinned(pin))
+    assert [(name, row.object) for name, row in rows.items()] == [("open_valve", "valve-7")]
+
+
+@pytest.mark.parametrize(
+    ("changes", "code"),
+    [
+        ({"definition_digest": "ab" * 32}, PepFault.TOOL_DEFINITION_CHANGED),
+        ({"operation": "close_valve"}, PepFault.TOOL_UNKNOWN),
+        (None, PepFault.TOOL_UNKNOWN),
+    ],
+)
+def test_a_tool_that_nobody_approved_ends_the_start(written, changes, code):
+    path = written()
+    (pin,) = pins(decorated())
+    guarded = GuardedServer(decorated(), GuardConfig.read(path))
+    with pytest.raises(DeclarationError) as refused:
+        declared(guarded, *([] if changes is None else [pinned(pin, **changes)]))
+    assert (refused.value.code, "open_valve" in refused.value.detail) == (code, True)
+    assert guarded._rows == {}, "and nothing can be called"
+
+
+def test_an_undeclared_tool_ends_the_start(written):
+    with pytest.raises(DeclarationError) as refused:
+        pins(lowlevel())
+    assert refused.value.code is PepFault.TOOL_UNDECLARED
+    written(TABLE)
+    with pytest.raises(DeclarationError) as refused:
+        pins(decorated(), written(TABLE))
+    assert refused.value.code is PepFault.TOOL_TWICE
+
+
+def test_the_digest_of_a_pin_is_the_served_tools():
+    (pin,) = pins(decorated())
+    assert pin.definition_digest == definition_digest(asyncio.run(decorated().list_tools())[0])
+
+
+@pytest.mark.parametrize(
+    "line", ["audience = 1", 'audience = "http://example.org/mcp"', 'issuer = ""', "further = 1", "tool = 3"]
+)
+def test_the_configuration_is_read_strictly(written, line):
+    path = written()
+    name = line.partition(" ")[0]
+    kept = [each for each in path.read_text().splitlines() if not each.startswith(f"{name} ")]
+    path.write_text("\n".join([*kept, line]))
+    with pytest.raises(ConfigError) as refused:
+        GuardConfig.read(path)
+    assert refused.value.code is PepFault.CONFIG_INVALID
+    assert name in refused.value.detail
+
+
+def test_a_set_of_its_own_is_the_default(written):
+    config = GuardConfig.read(written())
+    assert (config.policy, config.journal_file.parent.name) == ("tools", "state")
