@@ -83,7 +83,7 @@ def declared(guarded, *registered):
     async def start():
         try:
             guarded.follower.tool = {tool.name: tool for tool in registered}.get
-            await guarded._declare()
+            await guarded.declare()
             return dict(guarded._rows)
         finally:
             await guarded.release()

@@ -1,0 +1,108 @@
+"""Enforcement point without a robot, in the program that has the tools: the common parts, and a gate."""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import asynccontextmanager
+from typing import TYPE_CHECKING, Any, Final
+
+from pep.base.errors import ConfigError, DeclarationError, PepFault
+from pep.gate.gate import Gate
+from pep.point.deferrals import Deferrals, recover_gate
+from pep.point.parts import PointParts, opened
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Coroutine
+
+    from pep.point.guard_config import GuardConfig
+    from pep.request.edge import Edge
+
+ASK_MS: Final = 600_000
+"""Time for which an ask about an act waits for people.
+
+Ours: the world of an act changes more slowly than that of an arm.
+"""
+
+
+class DecidingPoint(PointParts):
+    """Parts of an enforcement point without a robot, composed.
+
+    Args:
+        config: of it.
+
+    Attributes:
+        asks: deferrals.
+        gate: decides and enforces.
+    """
+
+    def __init__(self, config: GuardConfig) -> None:
+        try:
+            config.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        except OSError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"folder: {type(error).__name__}") from error
+        inputs = opened(config)
+        trust, key = inputs["trust"], inputs["key"]
+        super().__init__(config, trust=trust, key=key, http=inputs["http"])
+        people = Deferrals.of(self, journal=self.journal, timeout_ms=ASK_MS, trust=trust, key=key)
+        self.asks, self._asking = people.asks, people.asking
+        self.gate = Gate(
+            clock=self.clock,
+            authority=self.authority,
+            registry=self.follower,
+            robot=None,
+            policies=inputs["policies"],
+            journal=self.journal,
+            asks=self.asks,
+            announcer=self._asking,
+        )
+        recover_gate(self.journal, gate=self.gate, asks=self.asks, proofs=self.recover)
+
+    @property
+    def edge(self) -> Edge:
+        """The gate."""
+        return self.gate
+
+    def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
+        """Tasks that run as long as it serves, by name."""
+        return {**super().beside(), "asking": self._asking.run()}
+
+    async def declare(self) -> None:
+        """Lets what is declared be called, once the first views are there.
+
+        Raises:
+            DeclarationError: it must not be.
+        """
+
+    @asynccontextmanager
+    async def living(self) -> AsyncIterator[None]:
+        """The feeds run inside, and everything is released afterwards.
+
+        Raises:
+            DeclarationError: as `declare`; nothing was served then.
+        """
+        tasks = [self.incidents.watched(what, part) for what, part in self.beside().items()]
+        try:
+            await self.first_view()
+            await self.declare()
+            yield
+        finally:
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
+            await self.release()
+
+    def check_registered(self, name: str, digest: str) -> None:
+        """Checks that a tool is registered as it is now.
+
+        Args:
+            name: of the tool and its operation.
+            digest: of its definition.
+
+        Raises:
+            DeclarationError: `TOOL_UNKNOWN` or `TOOL_DEFINITION_CHANGED`, naming it.
+        """
+        registered = self.follower.tool(name)
+        if registered is None or registered.operation != name:
+            raise DeclarationError(PepFault.TOOL_UNKNOWN, name)
+        if registered.definition_digest != digest:
+            raise DeclarationError(PepFault.TOOL_DEFINITION_CHANGED, name)
