@@ -10,8 +10,7 @@ from urllib.parse import urlsplit
 import uvicorn
 from mcp.server import MCPServer
 
-from pep import Within, guard, operation
-from pep.point.guard_config import GuardConfig
+from pep import GuardConfig, Within, guard, operation
 
 server = MCPServer("plant", log_level="ERROR")
 celsius, opened = 20.0, {}

@@ -13,10 +13,27 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from pep.base.declaration import Within, operation
+    from pep.point.guard_config import GuardConfig
+    from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
     from pep.point.tool_server import guard, pins
 
-__all__ = ["Within", "guard", "operation", "pins"]
+__all__ = [
+    "GuardConfig",
+    "GuardedFunctions",
+    "NotPermittedError",
+    "Within",
+    "function_pins",
+    "guard",
+    "operation",
+    "permitted",
+    "pins",
+]
 _HOMES: Final = {
+    "GuardConfig": "pep.point.guard_config",
+    "GuardedFunctions": "pep.point.guarded_functions",
+    "NotPermittedError": "pep.point.guarded_functions",
+    "function_pins": "pep.point.guarded_functions",
+    "permitted": "pep.point.guarded_functions",
     "Within": "pep.base.declaration",
     "guard": "pep.point.tool_server",
     "operation": "pep.base.declaration",

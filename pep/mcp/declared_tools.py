@@ -5,14 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
+from mcp_types import Tool
+
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
-
-    from mcp_types import Tool
 
     from pep.base.operation_row import Operation, ToolArgument
     from pep.mcp.guard import AnyServer
@@ -59,6 +59,26 @@ def rows_of(
         if name not in rows:
             raise DeclarationError(PepFault.TOOL_UNKNOWN, f"{name}: the server has no such tool")
     return rows
+
+
+def definition_of(row: Operation, description: str) -> Tool:
+    """Definition of a declared function that no server serves, as a person reviews it.
+
+    Args:
+        row: of the function.
+        description: of it.
+    """
+    properties: dict[str, Any] = {}
+    for argument in row.arguments or ():
+        properties[argument.name] = {"type": SCHEMA_TYPES[argument.form]}
+        if argument.form is ArgumentForm.VECTOR:
+            properties[argument.name] |= {
+                "items": {"type": "number"},
+                "minItems": argument.parameters,
+                "maxItems": argument.parameters,
+            }
+    schema = {"type": "object", "properties": properties, "required": list(properties)}
+    return Tool(name=row.name, description=description, input_schema=schema)
 
 
 def check_schema(row: Operation, tool: Tool) -> None:

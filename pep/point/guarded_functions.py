@@ -1,0 +1,249 @@
+"""Guard of a program's own functions and HTTP endpoints: each act runs through the same gate as a tool's.
+
+    point = GuardedFunctions(GuardConfig.read("guard.toml"), [delete_record])
+
+    async with point.living():                         # the feeds run
+        await point.enforced(delete_record)(presented, id=3)
+
+`permitted(point, function)` is the same as a dependency of an ASGI framework: the endpoint runs inside the permit.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import secrets
+from contextlib import asynccontextmanager
+from functools import wraps
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
+
+from starlette.exceptions import HTTPException
+from starlette.requests import Request as HttpRequest  # noqa: TC002 - a framework reads the annotation at run time
+
+from capabilities.values import strict_json
+from capabilities.values.chain import Chain
+from pep.base.declaration import declared
+from pep.base.errors import DeclarationError, PepFault
+from pep.gate import records
+from pep.gate.gate import EffectResult, GateResult
+from pep.mcp.body_screen import BODY_BYTES, DEPTH
+from pep.mcp.declared_tools import definition_of
+from pep.mcp.http_request import headers_of, token_in
+from pep.mcp.mapping import Misfit, bare_request, decided_arguments, to_request
+from pep.mcp.provenance import unvouched
+from pep.mcp.tool_digest import ToolPin, definition_digest
+from pep.point.deciding_point import DecidingPoint
+from pep.request.authority import PresentedRequest
+from pep.request.call import Call
+from policies.evidence.evidence import NOT_COLLECTED, ToolReading
+from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+
+    from pep.base.operation_row import Operation
+    from pep.point.guard_config import GuardConfig
+    from pep.request.permit import Permit
+
+
+class NotPermittedError(Exception):
+    """An act that did not happen: refused, or deferred to people. `told` is for the holder, `answer` the gate's."""
+
+    def __init__(self, told: Mapping[str, object], answer: GateResult | None = None) -> None:
+        super().__init__(str(told.get("reason", "")))
+        self.told = dict(told)
+        self.answer = answer
+
+
+def function_pins(functions: Iterable[Callable[..., Any]]) -> tuple[ToolPin, ...]:
+    """Declared functions as a person is to review and register them.
+
+    Raises:
+        DeclarationError: `TOOL_UNDECLARED` or `TOOL_TWICE`.
+    """
+    return tuple(
+        ToolPin(row.name, definition_digest(definition_of(row, text)), row.name, row.base_tier)
+        for row, text in _rows(functions).values()
+    )
+
+
+def _rows(functions: Iterable[Callable[..., Any]]) -> dict[str, tuple[Operation, str]]:
+    """Row and description of each function, by name."""
+    rows: dict[str, tuple[Operation, str]] = {}
+    for function in functions:
+        row = declared(function)
+        if row is None:
+            raise DeclarationError(PepFault.TOOL_UNDECLARED, function.__name__)
+        if row.name in rows:
+            raise DeclarationError(PepFault.TOOL_TWICE, row.name)
+        rows[row.name] = row, function.__doc__ or ""
+    return rows
+
+
+class GuardedFunctions(DecidingPoint):
+    """Functions of a program, each declared by `operation`, with all parts of an enforcement point.
+
+    Args:
+        config: of the guard.
+        functions: all of them.
+    """
+
+    def __init__(self, config: GuardConfig, functions: Iterable[Callable[..., Any]]) -> None:
+        stated = _rows(functions)
+        self._rows = {name: row for name, (row, _) in stated.items()}
+        self._digests = {name: definition_digest(definition_of(*each)) for name, each in stated.items()}
+        super().__init__(config)
+
+    async def declare(self) -> None:
+        """Checks that every function is registered as it is now.
+
+        Raises:
+            DeclarationError: one is not.
+        """
+        for name, digest in self._digests.items():
+            self.check_registered(name, digest)
+
+    def enforced(self, function: Callable[..., Any]) -> Callable[..., Awaitable[Any]]:
+        """The function behind the gate: it takes the caller's credentials first, and its arguments by name.
+
+        Args:
+            function: one of this point's.
+        """
+        row = self._row(function)
+
+        @wraps(function)
+        async def run(presented: PresentedRequest, **arguments: Any) -> Any:
+            async with self.act(row, presented, arguments) as decided:
+                found = function(**decided)
+                return await found if asyncio.iscoroutine(found) else found
+
+        return run
+
+    @asynccontextmanager
+    async def act(
+        self, row: Operation, presented: PresentedRequest, arguments: Mapping[str, Any]
+    ) -> AsyncIterator[dict[str, Any]]:
+        """The act happens inside, with the decided arguments; its outcome is on record afterwards.
+
+        Args:
+            row: of the operation.
+            presented: the caller's credentials, unverified.
+            arguments: as they were given.
+
+        Raises:
+            NotPermittedError: nothing must happen.
+        """
+        call = self._call(row, presented, arguments)
+        decided = decided_arguments(row, call.request)
+        entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
+
+        async def effect(permit: Permit) -> EffectResult:
+            permit.spend(digest=call.request.digest, stopped_ms=None)
+            entered.set()
+            await left
+            return EffectResult(value={})
+
+        running = asyncio.ensure_future(self.gate.run(call, effect))
+        entering = asyncio.ensure_future(entered.wait())
+        try:
+            await asyncio.wait({running, entering}, return_when=asyncio.FIRST_COMPLETED)
+            if not entered.is_set():
+                raise NotPermittedError(_told(answer := await running), answer)
+            try:
+                yield decided
+            except Exception as error:
+                left.set_exception(error)
+                await running
+                raise
+            left.set_result(None)
+            await running
+        finally:
+            entering.cancel()
+            running.cancel()  # a caller who has gone; one that has ended notices nothing
+
+    def _row(self, function: Callable[..., Any]) -> Operation:
+        row = declared(function)
+        if row is None or self._rows.get(row.name) is not row:
+            raise DeclarationError(PepFault.TOOL_UNDECLARED, function.__name__)
+        return row
+
+    def _call(self, row: Operation, presented: PresentedRequest, arguments: Mapping[str, Any]) -> Call:
+        arrived_ms, at = self.clock.monotonic_ms(), self.clock.wall_s()
+        audience = self.config.audience
+        lease_ms = self.gate.lease_ms(bare_request(row, audience=audience))
+        credentials = self.authority.check(presented, lease_ms=lease_ms)
+        request = to_request(row, arguments, request_id=secrets.token_hex(16), audience=audience, at=at)
+        if isinstance(request, Misfit):
+            where = {"argument": request.argument, "detail": request.detail}
+            raise NotPermittedError({"decision": "DENY", "reason": str(request.reason), **where})
+        registered = self.follower.tool(row.name)
+        known = registered is not None and registered.operation == row.name
+        chain = credentials.chain
+        return Call(
+            request=request,
+            operation=row,
+            tool=ToolReading(
+                name=row.name,
+                approved_digest=registered.definition_digest if registered is not None and known else None,
+                actual_digest=self._digests[row.name],
+                base_tier=registered.base_tier if registered is not None and known else None,
+            ),
+            credentials=credentials,
+            arrived_ms=arrived_ms,
+            readiness=None,
+            context=unvouched(request, (), leaf=chain.leaf, at=at) if isinstance(chain, Chain) else NOT_COLLECTED,
+        )
+
+
+def permitted(
+    point: GuardedFunctions, function: Callable[..., Any]
+) -> Callable[[HttpRequest], AsyncIterator[dict[str, Any]]]:
+    """Dependency of an endpoint: it runs inside a permit for the function's operation, with the decided arguments.
+
+    The arguments are the members of the request's JSON body. Token and proof come as at a guarded tool server; the
+    proof's URL is that of the request's path at the origin of the audience.
+
+    Args:
+        point: has the function.
+        function: declares the operation.
+    """
+    row = point._row(function)  # noqa: SLF001 - one module
+    parts = urlsplit(point.config.audience)
+
+    async def within(request: HttpRequest) -> AsyncIterator[dict[str, Any]]:
+        headers, body = headers_of(request.scope), await request.body()
+        presented = PresentedRequest(
+            token=token_in(headers),
+            proof=headers.get("dpop"),
+            method=request.method,
+            url=f"{parts.scheme}://{parts.netloc}{request.url.path}",
+            body=body,
+        )
+        try:
+            arguments = strict_json.read(body, limit_bytes=BODY_BYTES, limit_depth=DEPTH)
+            if not isinstance(arguments, dict):
+                raise HTTPException(400, str(Reason.BODY_MALFORMED))
+            async with point.act(row, presented, arguments) as decided:
+                yield decided
+        except strict_json.JsonError as error:
+            raise HTTPException(400, str(Reason.BODY_MALFORMED)) from error
+        except NotPermittedError as refused:
+            deferred = refused.told["decision"] == Effect.DEFER
+            raise HTTPException(409 if deferred else 403, json.dumps(refused.told)) from refused
+
+    return within
+
+
+def _told(answer: GateResult) -> dict[str, object]:
+    decision = answer.decision
+    detail = records.jsonable(decision.findings[0].detail) if decision.findings else {}
+    told: dict[str, object] = {
+        **detail,  # type: ignore[dict-item]  # a dict stays a dict
+        "decision": str(decision.effect),
+        "reason": str(decision.reason),
+        "primitive": decision.primitive,
+        "tier": None if decision.tier is None else int(decision.tier),
+    }
+    return told if answer.ask is None else told | {"ask_id": answer.ask.ask_id, "url": answer.ask.url}

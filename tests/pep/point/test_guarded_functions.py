@@ -1,0 +1,170 @@
+"""Functions and HTTP endpoints of a program behind the same gate: decided arguments, and a record before and after."""
+
+import asyncio
+import json
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from typing import Annotated, Any
+
+import httpx2
+import pytest
+from capabilities.statements.registry import ToolEntry
+from capabilities.values.scope import Grant, Limit, Range, Tier
+from fastapi import Depends, FastAPI
+from pep.base.clock import SystemClock
+from pep.base.declaration import declared
+from pep.base.errors import DeclarationError, PepFault
+from pep.point.guard_config import GuardConfig
+from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
+from pep.request.authority import PresentedRequest
+from tests.pep.kit import AUDIENCE, FakeIssuer, agent, full_scope, issuer_keys
+from tests.pep.point.test_guarded_server import PASSPHRASE, written  # noqa: F401 - a fixture
+
+from capabilities.keys import keys
+from pep import Within, operation
+
+pytestmark = pytest.mark.real_time
+URL = AUDIENCE.removesuffix("/mcp") + "/valve"
+
+
+@operation("valve-7", base_tier=1)
+def open_valve(percent: Annotated[float, Within(0, 1_000, "permille", scale=10, above={800: 3})]) -> float:
+    """Open the valve."""
+    if percent == 13:
+        raise OSError("stuck")
+    return percent
+
+
+@operation("plant", base_tier=1)
+async def vent() -> str:
+    """Vent the plant."""
+    return "vented"
+
+
+class Program:
+    """The point of a program, its provider on the wire, and an agent that holds a token."""
+
+    def __init__(self, path):
+        config = GuardConfig.read(path)
+        made, trust = issuer_keys()
+        (path.parent / "trust.json").write_bytes(trust.to_json())
+        entries = [ToolEntry(p.name, p.definition_digest, p.operation, p.base_tier) for p in function_pins(FUNCTIONS)]
+        pep_key = keys.from_pem(config.pep_key_file.read_bytes(), PASSPHRASE.encode())
+        clock = SystemClock()
+        self.issuer = FakeIssuer(made, clock, tools=entries, pep_key=keys.public_raw(pep_key))
+        self.point = GuardedFunctions(config, FUNCTIONS)
+        for part in (self.point.follower, self.point.shipper, self.point._asking):
+            part._http = self.issuer.client()
+        limit = Limit(declared(open_valve).parameters[0], Range(0, 900))
+        grants = (Grant("plant", "vent"), Grant("valve-7", "open_valve", (limit,)))
+        self.holder = agent(made, clock.wall_s(), scope=replace(full_scope(clock.wall_s()), grants=grants))
+
+    def presented(self, *, body=b"{}", url=AUDIENCE):
+        proof = self.holder.proof(body, at=self.point.clock.wall_s(), url=url)
+        return PresentedRequest(self.holder.text, proof, "POST", url, body)
+
+    def records(self):
+        return [(r["kind"], r["body"].get("outcome")) for r in self.point.journal.records() if r["kind"] != "incident"]
+
+
+FUNCTIONS = [open_valve, vent]
+
+
+@asynccontextmanager
+async def living(path):
+    program = Program(path)
+    async with program.point.living():
+        yield program
+
+
+def test_an_enforced_function_gets_what_was_decided(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            valve, air = program.point.enforced(open_valve), program.point.enforced(vent)
+            assert await valve(program.presented(), percent=45.04) == 45.0
+            assert await air(program.presented()) == "vented"
+            with pytest.raises(OSError, match="stuck"):
+                await valve(program.presented(), percent=13)
+            assert program.records() == [
+                ("decision", None), ("outcome", "done"), ("decision", None), ("outcome", "done"),
+                ("decision", None), ("outcome", "failed"),
+            ]  # fmt: skip
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize(
+    ("percent", "decision", "reason"),
+    [
+        (95, "DENY", "LIMIT_EXCEEDED_BY_REQUEST"),
+        (85, "DEFER", "TIER_NEEDS_APPROVAL"),
+        (float("nan"), "DENY", "NOT_FINITE"),
+        ("much", "DENY", "NOT_A_NUMBER"),
+    ],
+)
+def test_what_is_not_permitted_does_not_happen(written, percent, decision, reason):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            with pytest.raises(NotPermittedError) as refused:
+                await program.point.enforced(open_valve)(program.presented(), percent=percent)
+            assert (refused.value.told["decision"], refused.value.told["reason"]) == (decision, reason)
+            assert ("outcome", "done") not in program.records()
+
+    asyncio.run(go())
+
+
+def test_a_proof_is_good_for_one_act(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            presented, valve = program.presented(), program.point.enforced(open_valve)
+            await valve(presented, percent=1)
+            for again, reason in ((presented, "REPLAYED"), (replace(presented, token=None), "TOKEN_MISSING")):
+                with pytest.raises(NotPermittedError) as refused:
+                    await valve(again, percent=1)
+                assert refused.value.told["reason"] == reason
+
+    asyncio.run(go())
+
+
+def test_an_endpoint_runs_inside_its_permit(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            app = FastAPI()
+
+            @app.post("/valve")
+            async def valve(decided: Annotated[dict[str, Any], Depends(permitted(program.point, open_valve))]) -> Any:
+                return decided
+
+            async def ask(content):
+                sent = program.presented(body=content, url=URL)
+                headers = {"authorization": f"DPoP {sent.token}", "dpop": sent.proof}
+                return await http.post("/valve", content=content, headers=headers)
+
+            transport = httpx2.ASGITransport(app=app)
+            async with httpx2.AsyncClient(transport=transport, base_url=URL.removesuffix("/valve")) as http:
+                opened = await ask(b'{"percent": 45.04}')
+                assert (opened.status_code, opened.json()) == (200, {"percent": 45.0})
+                refused = await ask(b'{"percent": 95}')
+                assert refused.status_code == 403
+                assert json.loads(refused.json()["detail"])["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
+                assert (await ask(b'{"percent": 85}')).status_code == 409
+                assert (await ask(b'{"percent": 1, "percent": 2}')).status_code == 400
+                assert (await http.post("/valve", content=b'{"percent": 1}')).status_code == 403
+            assert program.records()[:2] == [("decision", None), ("outcome", "done")]
+
+    asyncio.run(go())
+
+
+def test_a_function_that_is_not_as_approved_ends_the_start(written):  # noqa: F811
+    async def go():
+        program = Program(written())
+        program.issuer.tools = tuple(
+            ToolEntry(t.name, "ab" * 32 if t.name == "vent" else t.definition_digest, t.operation, Tier(t.base_tier))
+            for t in program.issuer.tools
+        )
+        with pytest.raises(DeclarationError) as refused:
+            async with program.point.living():
+                pass
+        assert (refused.value.code, refused.value.detail) == (PepFault.TOOL_DEFINITION_CHANGED, "vent")
+
+    asyncio.run(go())
