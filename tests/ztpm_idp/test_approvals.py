@@ -10,7 +10,6 @@ from dataclasses import replace
 import httpx2
 import pytest
 from capabilities.values.caps import DEFAULT
-from capabilities.values.errors import StatementError
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
 from tests.ztpm_idp.asks import AGENT, PEP, Cell
@@ -206,8 +205,8 @@ def test_an_act_without_a_robot_needs_nobody_who_sees_a_cell(cell):
 @pytest.mark.parametrize("stated", [{"index_milli": 1}, {"start_urad": (0,) * 6}, {"perception_age_ms": 3}])
 def test_an_act_without_a_robot_has_no_physics(cell, stated):
     nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
-    with pytest.raises(StatementError):
-        cell.taken(perception="none", **{**nothing, **stated})
+    refused = cell.post(PEP, "/approvals", {"ask": cell.text(perception="none", **{**nothing, **stated})})
+    assert (refused.status_code, refused.json()["code"]) == (400, "STATEMENT_MALFORMED")
 
 
 # --- tier 4 ------------------------------------------------------------------------------------------------------------

@@ -78,7 +78,7 @@ def written(tmp_path, monkeypatch):
 
 
 def declared(guarded, *registered):
-    """What the start says of the tools, with these registered."""
+    """Rows that the start lets be called, with these tools registered."""
 
     async def start():
         try:

@@ -1,0 +1,47 @@
+"""The page on guarding one's own tools is executed: its server, its declarations in both forms, its configuration."""
+
+import tomllib
+from pathlib import Path
+
+import pytest
+from pep.base.declaration import declared
+from pep.base.errors import PepFault
+from pep.point.guard_config import GuardConfig
+from tests.house.pages import BLOCK, rows
+from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture
+
+from capabilities.values.units import Unit
+from pep import guard, pins
+
+PAGE = (Path(__file__).parents[3] / "docs" / "guard.md").read_text("utf-8")
+BLOCKS = BLOCK.findall(PAGE)
+PYTHON = next(text for kind, text in BLOCKS if kind == "python")
+TABLE, CONFIG = (text for kind, text in BLOCKS if kind == "toml")
+
+
+@pytest.fixture
+def names():
+    """Names that the page's module defines."""
+    found = {"__name__": "page"}
+    exec(compile(PYTHON, "docs/guard.md", "exec"), found)  # noqa: S102 - the page itself
+    return found
+
+
+def test_the_pages_server_is_guarded(names, written):  # noqa: F811
+    path = written()
+    assert set(tomllib.loads(path.read_text())) == set(tomllib.loads(CONFIG)), "the six lines"
+    assert callable(guard(names["server"], path))
+    assert [pin.name for pin in pins(names["server"])] == ["open_valve"]
+
+
+def test_both_forms_of_the_page_are_one_row(names, written):  # noqa: F811
+    (configured,) = GuardConfig.read(written(TABLE)).rows().values()
+    assert configured == declared(names["open_valve"])
+
+
+def test_the_page_has_every_unit_and_every_code_of_the_start():
+    (units,) = [row[1] for row in rows(PAGE, "member", "meaning") if "`unit`" in row[0]]
+    assert {word for word in units.split("`") if word in set(Unit)} == set(Unit)
+    codes = {word for row in rows(PAGE, "code at start", "what is wrong") for word in row[0].split("`") if "_" in word}
+    assert codes <= set(PepFault)
+    assert {code for code in PepFault if code.startswith("TOOL_")} <= codes
