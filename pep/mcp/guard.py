@@ -144,7 +144,7 @@ class Guard:
         async def effect(permit: Permit) -> EffectResult:
             if operation.robot is None:
                 again = to_request(operation, sent.arguments or {}, request_id="", audience=self._audience, at=at)
-                permit.spend(digest="" if isinstance(again, Misfit) else again.digest, stopped_ms=None)
+                permit.spend_act(digest="" if isinstance(again, Misfit) else again.digest)
             with PermitScope(permit):
                 outcome = await self._call(ctx, sent)
             if permit.refusal is not None:

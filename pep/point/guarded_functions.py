@@ -140,7 +140,7 @@ class GuardedFunctions(DecidingPoint):
         entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
 
         async def effect(permit: Permit) -> EffectResult:
-            permit.spend(digest=call.request.digest, stopped_ms=None)
+            permit.spend_act(digest=call.request.digest)
             entered.set()
             await left
             return EffectResult(value={})

@@ -117,6 +117,22 @@ class Permit:
                 raise ActuationRefusedError(reason, detail)
             self.spent = True
 
+    def spend_act(self, *, digest: str) -> None:
+        """Spends the permit of an act that nothing watches: the authority behind it is asked once more.
+
+        Args:
+            digest: as for `spend`.
+
+        Raises:
+            ActuationRefusedError: as `spend`; the fault's code where the authority has ended since the decision.
+        """
+        fault = self._standing()
+        if fault is not None:
+            with self._lock:
+                self.refusal = Reason(fault.code)
+            raise ActuationRefusedError(self.refusal, "the authority ended after the decision")
+        self.spend(digest=digest, stopped_ms=None)
+
     def _why_not(self, digest: str, stopped_ms: int | None) -> tuple[Reason | None, str]:
         if self.refusal is not None:
             return self.refusal, "the permit is spoilt"

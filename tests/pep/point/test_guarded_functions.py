@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import httpx2
 import pytest
 from capabilities.statements.registry import ToolEntry
+from capabilities.statements.revocation import RevocationView
 from capabilities.values.scope import Grant, Limit, Range, Tier
 from fastapi import Depends, FastAPI
 from pep.base.clock import SystemClock
@@ -109,6 +110,27 @@ def test_what_is_not_permitted_does_not_happen(written, percent, decision, reaso
                 await program.point.enforced(open_valve)(program.presented(), percent=percent)
             assert (refused.value.told["decision"], refused.value.told["reason"]) == (decision, reason)
             assert ("outcome", "done") not in program.records()
+
+    asyncio.run(go())
+
+
+def test_a_revocation_after_the_decision_still_counts(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            journal, follower = program.point.gate._journal, program.point.follower
+            append, revoked = journal.append, RevocationView(9, 0, frozenset({("agent", program.holder.name)}))
+
+            def revoking(kind, body):
+                done = append(kind, body)
+                if kind == "decision":
+                    follower.view = lambda: revoked
+                return done
+
+            journal.append = revoking
+            with pytest.raises(NotPermittedError) as refused:
+                await program.point.enforced(vent)(program.presented())
+            assert refused.value.told["reason"] == "REVOKED"
+            assert program.records() == [("decision", None), ("outcome", "refused")]
 
     asyncio.run(go())
 
