@@ -137,6 +137,15 @@ def test_what_no_sensor_speaks_of_is_not_put_in_a_sensors_mouth(cell):
     assert "joint_speed no sensor wrist_3" in seen and SENSOR not in seen
 
 
+def test_an_act_without_a_robot_is_told_in_words(cell):
+    nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
+    ask_id, _ = cell.taken(perception="none", object="valve-7", operation="open_valve", **nothing)
+    text = Reader(fetched(cell, ask_id).text).text
+    assert "open_valve" in text
+    assert "valve-7" in text
+    assert not any(word in text for word in ("Perception", "Clearance", "Robot", "Index", "Scene", "--sees-clear"))
+
+
 def test_an_ask_without_parameters_start_or_contributors(cell):
     ask_id, _ = cell.taken(values=(), start_urad=(), contributors=(), perception_age_ms=None)
     seen = Reader(fetched(cell, ask_id).text).text
