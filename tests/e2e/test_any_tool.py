@@ -92,8 +92,21 @@ class Plant:
         )
         with self.provider.operator() as alice:
             alice.register_pep("plant", keys.public_raw(key), [self.audience])
-            for pin in pins(server):
-                self.pin(alice, pin, pin.definition_digest)
+
+        # A person looks at the tools and registers them.
+        person = self.folder / "alice.key"
+        person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
+        person.chmod(0o600)
+        pinned = subprocess.run(
+            [sys.executable, "-m", "ztpm", "mcp", "pin", "--as", "alice", "--issuer", self.provider.issuer, "--key",
+             str(person), "--server", "examples.plant:server", "--guard", str(self.folder / "guard.toml"), "--yes", "--json"],
+            cwd=TOP, capture_output=True, text=True, timeout=DEADLINE_S, env=self.environment, check=True,
+        )  # fmt: skip
+        assert json.loads(pinned.stdout) == {"ok": True, "pinned": sorted(ROWS)}
+
+    @property
+    def environment(self):
+        return os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE, "PYTHONPATH": str(TOP)}
 
     def pin(self, alice, tool, digest):
         alice.register_tool(
@@ -132,7 +145,7 @@ class Plant:
         self.child = subprocess.Popen(
             [sys.executable, str(EXAMPLE), str(self.folder / "guard.toml")], cwd=TOP,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
-            env=os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE, "PYTHONPATH": str(TOP)},
+            env=self.environment,
         )  # fmt: skip
         return self
 

@@ -21,8 +21,11 @@ from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS
 from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.registry import RegistrySnapshot
+    from pep.mcp.tool_digest import ToolPin
     from ztpm.cell.cell import Cell
     from ztpm_idp.client import Operator, ProofAuth
 
@@ -114,19 +117,20 @@ def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]
         found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.MISSING))
     elif (sensor.key, sensor.calibration, sensor.transit_ms) != (public, SENSOR_CALIBRATION, SENSOR_TRANSIT_MS):
         found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.CHANGED))
-    return (*found, *tool_differences(snapshot))
+    from pep.mcp.arm_server import tool_definitions
+
+    return (*found, *tool_differences(snapshot, tool_definitions()))
 
 
-def tool_differences(snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
+def tool_differences(snapshot: RegistrySnapshot, tools: Iterable[ToolPin]) -> tuple[Differing, ...]:
     """Differences between the registry and the tools as they are defined now.
 
     Args:
         snapshot: as registered.
+        tools: as they are defined now.
     """
-    from pep.mcp.arm_server import tool_definitions
-
     found = []
-    served = {tool.name: tool for tool in tool_definitions()}
+    served = {tool.name: tool for tool in tools}
     for name, tool in sorted(served.items()):
         known = snapshot.tool(name)
         if known is None:

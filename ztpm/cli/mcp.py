@@ -1,43 +1,54 @@
-"""`ztpm mcp pin`: a person approves the tool definitions that a cell serves now."""
+"""`ztpm mcp pin`: a person approves the tool definitions that a cell, or a server of one's own, serves now."""
 
 from __future__ import annotations
 
-from typing import Annotated
+import sys
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ztpm.cli.output import fail, say_json
-from ztpm.cli.person import As, CellDirectory, Json, issuer_of, layout_of, operator, refusals
+from ztpm.cli.person import Json, Signer, layout_of, refusals, signed
+
+if TYPE_CHECKING:
+    from pep.mcp.tool_digest import ToolPin
 
 app = typer.Typer(no_args_is_help=True, help="The cell's MCP tools: serve them, and pin their definitions.")
 
 
 @app.command("pin")
+@signed
 def pin(
     *,
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask for confirmation.")] = False,
-    name: As,
-    directory: CellDirectory = None,
+    server: Annotated[str, typer.Option("--server", help="MODULE:NAME of a tool server of your own.")] = "",
+    guard: Annotated[Path | None, typer.Option("--guard", help="Its guard.toml, with --server.")] = None,
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Show the tools whose definition is not the registered one, and register them as they are now."""
     from capabilities.keys.trust import TrustBundle
     from capabilities.values.errors import CapabilityError
-    from pep.mcp.arm_server import tool_definitions
+    from pep.base.errors import PepError
     from ztpm.cell.enrolment import EnrolmentError, registered, tool_differences
-    from ztpm.cell.setup import SetupError, read_addresses
+    from ztpm.cell.setup import SetupError
 
-    layout = layout_of(directory)
-    person = operator(directory=directory, name=name, issuer="", key=None)
+    if bool(server) != (guard is not None):
+        fail("USAGE", "give --server and --guard together")
+    person = signer.operator()
     try:
-        audience = read_addresses(layout).audience
-        trust = TrustBundle.from_json(layout.trust.read_bytes())
-        found = tool_differences(registered(issuer_of(layout), audience, trust, auth=person.auth()))
+        audience, trust_file, tools = _own_tools(server, guard) if guard else _cell_tools(signer.directory)
+        trust = TrustBundle.from_json(trust_file.read_bytes())
+        found = tool_differences(registered(person.issuer, audience, trust, auth=person.auth()), tools)
     except EnrolmentError as error:
         fail("REGISTRY_UNAVAILABLE", str(error))
+    except PepError as error:
+        fail(error.code, error.detail)
     except (SetupError, OSError, CapabilityError) as error:
         fail("CONFIG_INVALID", str(error))
-    served = {tool.name: tool for tool in tool_definitions()}
+    served = {tool.name: tool for tool in tools}
     fresh = [served[differing.name] for differing in found if differing.name in served]
     if not as_json:
         for differing in found:
@@ -58,3 +69,28 @@ def pin(
         say_json({"ok": True, "pinned": [tool.name for tool in fresh]})
     else:
         typer.echo(f"{len(fresh)} registered." if fresh else "Every tool is registered as it is served.")
+
+
+def _cell_tools(directory: Path | None) -> tuple[str, Path, tuple[ToolPin, ...]]:
+    """Audience, trust bundle and tools of a cell."""
+    from pep.mcp.arm_server import tool_definitions
+    from ztpm.cell.setup import read_addresses
+
+    layout = layout_of(directory)
+    return read_addresses(layout).audience, layout.trust, tool_definitions()
+
+
+def _own_tools(server: str, guard: Path) -> tuple[str, Path, tuple[ToolPin, ...]]:
+    """Audience, trust bundle and tools of a person's own server; a name that is none ends the command."""
+    from pep import GuardConfig, pins
+
+    config = GuardConfig.read(guard)
+    module, _, name = server.partition(":")
+    sys.path.insert(0, "")  # a server beside the person, as `uvicorn` finds it
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError, TypeError) as error:
+        fail("UNREADABLE", f"{server}: {error}")
+    finally:
+        sys.path.remove("")
+    return config.audience, config.trust_file, pins(found, config)
