@@ -10,9 +10,10 @@ from pydantic import ValidationError
 
 from capabilities.keys.keys import b64u, thumbprint
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.commands import Initialise, wanted
+from ztpm_idp.domain.commands import Initialise
 from ztpm_idp.domain.parties import RegisteredPerson, Standing
 from ztpm_idp.domain.registry import initialise as first_people
+from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import PersonBody
 from ztpm_idp.store import Store

@@ -16,12 +16,13 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.commands import CompleteRecovery, Delegate, wanted
+from ztpm_idp.domain.commands import CompleteRecovery, Delegate
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
+from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import read_back
 from ztpm_idp.provider.problems import Problem

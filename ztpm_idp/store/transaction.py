@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
-from ztpm_idp.domain.commands import wanted_by_change
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
@@ -57,6 +56,7 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
+from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals

@@ -1,0 +1,186 @@
+"""State that each command to the identity provider needs to be judged: the store loads exactly that."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from capabilities.statements import mark
+from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import CapabilityError
+from ztpm_idp.domain.asks import stated
+from ztpm_idp.domain.changes import ChangeKind
+from ztpm_idp.domain.commands import (
+    AnswerChange,
+    Attest,
+    CastVote,
+    CloseOpening,
+    CompleteRecovery,
+    Delegate,
+    GiveNonce,
+    Initialise,
+    Issue,
+    Lost,
+    OpenTier4,
+    ProposeChange,
+    Recover,
+    RegisterAgent,
+    RegisterPep,
+    RegisterPerson,
+    RegisterSensor,
+    RegisterTool,
+    RestoreAgent,
+    RestoreStore,
+    ResumeStore,
+    Revoke,
+    StateTrust,
+    SuspendAgent,
+    TakeAsk,
+    TakeBack,
+    TakeMark,
+    TakeRecords,
+    VouchAgent,
+)
+from ztpm_idp.domain.conduct import concerned
+from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.domain.state import (
+    AgentsOf,
+    Approvers,
+    PepsOf,
+    SensorsOf,
+    SuspendedBeside,
+    ToolsBeside,
+    TrustBeside,
+    Wanted,
+)
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.changes import Change
+    from ztpm_idp.domain.commands import Command
+
+
+def wanted(command: Command) -> Wanted:
+    """State that must be loaded to judge `command`."""
+    match command:
+        case Initialise(people=people):
+            return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
+        case RegisterPerson(by=by, id=id_, key=key):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
+        case ProposeChange(change=change) | Recover(change=change):
+            return wanted_by_change(change)
+        case AnswerChange(by=by, change_id=change_id):
+            return Wanted(parties=frozenset({by}), change=change_id)
+        case CompleteRecovery(change_id=change_id):
+            return Wanted(change=change_id)
+        case RegisterPep(by=by, id=id_, key=key, audiences=audiences):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=PepsOf(audiences))
+        case RegisterSensor(by=by, id=id_, key=key, audience=audience):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), crowd=SensorsOf(audience))
+        case RegisterAgent(by=by, id=id_, key=key, sponsor=sponsor):
+            return Wanted(parties=frozenset({by, id_, sponsor}), keys=frozenset({key}), crowd=AgentsOf(sponsor))
+        case RegisterTool(by=by, tool=tool):
+            return Wanted(parties=frozenset({by}), crowd=ToolsBeside(tool.audience, tool.name))
+        case StateTrust(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), crowd=TrustBeside(agent))
+        case SuspendAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), crowd=SuspendedBeside(agent))
+        case RestoreAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), conduct_of=frozenset({agent}))
+        case GiveNonce(by=by):
+            return Wanted(parties=frozenset({by}), nonces_of=by)
+        case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
+        case Delegate(by=by, delegate=delegate, agents=agents):
+            holders = agents | {by}
+            return Wanted(
+                parties=holders | {delegate}, nonces_of=delegate, revocations=True, conduct_of=holders, refusals_of=by
+            )
+        case Revoke():
+            return _wanted_by_revocation(command)
+        case TakeRecords(by=by, records=records):
+            seqs = frozenset(seq for r in records if isinstance(seq := r.get("seq"), int) and not isinstance(seq, bool))
+            about = concerned(records)
+            return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs, concerned=about)
+        case TakeAsk(by=by, text=text):
+            says = stated(text, DEFAULT)
+            return Wanted(
+                parties=frozenset({by, says.get("agent", by), says.get("sponsor", by)}),
+                ask=says.get("ask_id"),
+                asks_of=says.get("audience"),
+                opening=says.get("opening_id"),
+                refusals_of=by,
+            )
+        case CastVote(by=by, ask_id=ask_id, text=text):
+            return Wanted(
+                parties=frozenset({by}), ask=ask_id, thumbprint=stated(text, DEFAULT).get("kid"), refusals_of=by
+            )
+        case OpenTier4(by=by, text=text):
+            says = stated(text, DEFAULT)
+            return Wanted(
+                parties=frozenset({by, says.get("agent", by)}),
+                opening=says.get("opening_id"),
+                openings_of=says.get("audience"),
+                thumbprint=says.get("kid"),
+                refusals_of=by,
+            )
+        case CloseOpening(by=by, opening_id=opening_id):
+            return Wanted(parties=frozenset({by}), opening=opening_id, refusals_of=by)
+        case RestoreStore(doubted=doubted):
+            return Wanted(parties=doubted, points=True)
+        case TakeBack(found=found):
+            return _wanted_to_take_back(found, frozenset())
+        case TakeMark(by=by, text=text):
+            return _wanted_to_take_back(told(text), frozenset({by}))
+        case ResumeStore(by=by):
+            return Wanted(parties=frozenset({by}))
+        case VouchAgent(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}))
+        case _:
+            assert_never(command)
+
+
+def wanted_by_change(change: Change) -> Wanted:
+    """State that must be loaded to judge whether a change of people may take effect."""
+    ends = change.kind is ChangeKind.END
+    return Wanted(
+        parties=frozenset({change.by, change.person}),
+        keys=frozenset() if change.key is None else frozenset({change.key}),
+        crowd=Approvers(),
+        people=True,
+        revocation=(RevocationKind.SPONSOR.value, change.person) if ends else None,
+        agents_of=change.person if ends else None,
+        every_opening=change.kind is ChangeKind.RECOVERY,
+    )
+
+
+def told(text: str) -> tuple[Lost, ...]:
+    """Revocations that a mark tells, none of it verified; none for a text that cannot be read."""
+    try:
+        entries = mark.unverified(text, DEFAULT).entries
+    except CapabilityError:
+        return ()
+    return tuple(Lost(RevocationKind(entry.kind), entry.id, "") for entry in entries)
+
+
+def _wanted_to_take_back(found: tuple[Lost, ...], parties: frozenset[str]) -> Wanted:
+    named = (lost.id for lost in found if lost.kind in {RevocationKind.AGENT, RevocationKind.SPONSOR})
+    keys = (lost.id for lost in found if lost.kind is RevocationKind.KEY)
+    return Wanted(parties=parties.union(named), thumbprints=frozenset(keys), revocations=True)
+
+
+def _wanted_by_revocation(command: Revoke) -> Wanted:
+    parties, revocation = frozenset({command.by}), (command.kind.value, command.id)
+    match command.kind:
+        case RevocationKind.HOP:
+            return Wanted(parties=parties, hop=command.id, revocation=revocation)
+        case RevocationKind.TOKEN:
+            return Wanted(parties=parties, token=command.id, revocation=revocation)
+        case RevocationKind.KEY:
+            return Wanted(parties=parties, thumbprint=command.id, revocation=revocation, people=True)
+        case RevocationKind.AGENT:
+            return Wanted(parties=parties | {command.id}, revocation=revocation)
+        case RevocationKind.SPONSOR:
+            return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id, people=True)
+        case RevocationKind.AUDIENCE:
+            return Wanted(parties=parties, revocation=revocation)
+        case _:
+            assert_never(command.kind)
