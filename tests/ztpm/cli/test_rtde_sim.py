@@ -93,7 +93,7 @@ def frame(client):
 
 
 def torn(client):
-    """True once a version comes in two halves. They are 2 ms apart, and a late reader sees them as one."""
+    """True once a version comes in two halves: 2 ms apart, so a late reader sees them as one."""
     for _ in range(10):
         client.sendall(rtde("v"))
         first = client.recv(64)
