@@ -18,6 +18,7 @@ from capabilities.token.mint import mint
 from capabilities.token.token_text import token_from_text, token_to_text
 from capabilities.token.verify import Verifier, inspect_token, tightest, verify
 from capabilities.values.algebra import Narrowing, apply, hop, meet, narrows, stated
+from capabilities.values.arguments import Argument, Fingerprint, argument
 from capabilities.values.bounds import one_of
 from capabilities.values.boxes import box
 from capabilities.values.caps import DEFAULT as DEFAULT_CAPS
@@ -25,25 +26,44 @@ from capabilities.values.caps import Caps
 from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, HopGrant, Refusal, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
 from capabilities.values.explanation import Explanation, explain, explanation_to_json, repair
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier, Widening
+from capabilities.values.scope import (
+    Each,
+    Flags,
+    Grant,
+    Limit,
+    OneOf,
+    Range,
+    Restriction,
+    Scope,
+    Stems,
+    Tier,
+    Widening,
+    Words,
+)
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
-from capabilities.values.units import Parameter, Quantity, Unit
+from capabilities.values.units import DeclaredUnit, ListOf, Parameter, Quantity, Sort, Unit
 
 __all__ = [
     "DEFAULT_CAPS",
+    "Argument",
     "Attestation",
     "CapabilityError",
     "Caps",
     "Chain",
+    "DeclaredUnit",
+    "Each",
     "EvidenceKind",
     "Explanation",
     "Fault",
     "FaultCode",
+    "Fingerprint",
+    "Flags",
     "Grant",
     "Hop",
     "HopGrant",
     "KeyRing",
     "Limit",
+    "ListOf",
     "Narrowing",
     "OneOf",
     "Parameter",
@@ -56,15 +76,19 @@ __all__ = [
     "Role",
     "Scope",
     "ScopeError",
+    "Sort",
     "Sponsor",
     "StatementError",
+    "Stems",
     "Tier",
     "TokenError",
     "TrustBundle",
     "Unit",
     "Verifier",
     "Widening",
+    "Words",
     "apply",
+    "argument",
     "begin_key_ring",
     "box",
     "check_proof",

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Any, Final, ParamSpec, TypeVar, assert_never
 import biscuit_auth
 
 from capabilities.token.checks import CONTEXT, REQUEST, TIER, TIME, variable
+from capabilities.token.demands import MEMBER, STEM
 from capabilities.values.errors import FaultCode, TokenError
-from capabilities.values.scope import OneOf, Range
+from capabilities.values.scope import Each, Flags, OneOf, Range, Stems, Words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +27,9 @@ if TYPE_CHECKING:
 
     from capabilities.token.checks import Alternative, Checks
     from capabilities.token.fact import Fact
+    from capabilities.values.bounds import Measured
     from capabilities.values.caps import Caps
-    from capabilities.values.scope import Bound
+    from capabilities.values.scope import Bound, ScalarBound
 
 _library: Any = biscuit_auth
 """The library without its type stubs, which lack half of what it has (limits, algorithms)."""
@@ -78,7 +80,7 @@ class Probe:
 
     object: str
     operation: str
-    values: tuple[int, ...]
+    values: tuple[Measured, ...]
     time: int
     base_tier: int
 
@@ -115,13 +117,9 @@ class OpenedToken:
         """
         builder = _library.AuthorizerBuilder("allow if true;")
         builder.set_limits(_limits(builder, caps))
-        bound = {
-            "object": probe.object,
-            "operation": probe.operation,
-            **{f"v{i}": v for i, v in enumerate(probe.values)},
-        }
-        request = ", ".join(f"{{{parameter}}}" for parameter in bound)
-        builder.add_fact(_library.Fact(f"{REQUEST}({request})", bound))
+        source = _Source()
+        terms = [source.bind_value(value) for value in (probe.object, probe.operation, *probe.values)]
+        builder.add_fact(_library.Fact(f"{REQUEST}({', '.join(terms)})", source.bound))
         builder.add_fact(_library.Fact(f"{CONTEXT}({{t}}, {{k}})", {"t": probe.time, "k": probe.base_tier}))
         authorizer = builder.build(self._biscuit)
         try:
@@ -186,11 +184,15 @@ class _Source:
     def text(self) -> str:
         return "\n".join(self._parts)
 
-    def bind(self, value: str | int | bytes | set[int]) -> str:
+    def bind(self, value: str | int | bytes | set[Any]) -> str:
         """A placeholder for `value`."""
         name = f"p{len(self.bound)}"
         self.bound[name] = value
         return f"{{{name}}}"
+
+    def bind_value(self, value: Measured) -> str:
+        """A placeholder for a request's value; a list has one for each member, as the library takes it for bytes."""
+        return f"[{', '.join(map(self.bind, value))}]" if isinstance(value, tuple) else self.bind(value)
 
     def add(self, statement: str) -> None:
         self._parts.append(statement + ";")
@@ -224,11 +226,27 @@ def _alternative(source: _Source, alternative: Alternative) -> str:
 
 
 def _demand(source: _Source, name: str, bound: Bound) -> str:
+    if not isinstance(bound, Each):
+        return ", ".join(_tests(source, name, bound))
+    demands = [f"{name}.length() >= {source.bind(bound.least)}", f"{name}.length() <= {source.bind(bound.most)}"]
+    if bound.element is not None:
+        tests = _tests(source, f"${MEMBER}", bound.element)
+        demands += [f"{name}.all(${MEMBER} -> {test})" for test in tests]
+    return ", ".join(demands)
+
+
+def _tests(source: _Source, name: str, bound: ScalarBound) -> list[str]:
+    """Conditions that together say that a value is inside."""
     match bound:
         case Range(low, high):
-            return f"{name} >= {source.bind(low)}, {name} <= {source.bind(high)}"
-        case OneOf(values):
-            return f"{source.bind(set(values))}.contains({name})"
+            return [f"{name} >= {source.bind(low)}", f"{name} <= {source.bind(high)}"]
+        case OneOf(values) | Flags(values) | Words(values):
+            return [f"{source.bind(set(values))}.contains({name})"]
+        case Stems(values, ""):
+            return [f"{source.bind(set(values))}.any(${STEM} -> {name}.starts_with(${STEM}))"]
+        case Stems(values):
+            closed = source.bind({f"{stem}/" if stem else "" for stem in values})
+            return [f'{closed}.any(${STEM} -> ({name} + "/").starts_with(${STEM}))']
         case _:
             assert_never(bound)
 

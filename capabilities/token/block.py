@@ -21,7 +21,7 @@ from capabilities.values.chain import HopGrant, Sponsor, make_attestation, make_
 from capabilities.values.errors import CapabilityError, FaultCode, TokenError
 from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import Grant, Limit, Restriction, Scope, make_restriction, make_scope, tier
-from capabilities.values.units import Parameter, Unit
+from capabilities.values.units import Parameter, kind_of
 
 if TYPE_CHECKING:
     from capabilities.token.fact import Fact, FactContent
@@ -95,7 +95,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 evidence=hop.attestation.kind,
                 parameters=facts.parameters_written(
                     tuple(
-                        tuple(f"{limit.parameter.name}:{limit.parameter.unit}" for limit in grant.limits)
+                        tuple(f"{limit.parameter.name}:{limit.parameter.kind}" for limit in grant.limits)
                         for grant in scope.grants
                     )
                 ),
@@ -260,7 +260,7 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 
 @functools.lru_cache(maxsize=REMEMBERED)
 def _whole_grants(alternatives: tuple[Alternative, ...], spelled: bytes) -> tuple[Grant, ...]:
-    """Grants of a first block: those that its check keeps, under the names and units that its statement spells."""
+    """Grants of a first block: those that its check keeps, under the names and kinds that its statement spells."""
     parameters = facts.parameters_of(spelled)
     return HashedTuple(
         Grant(
@@ -355,10 +355,10 @@ def _present(value: _T | None) -> _T:
 
 
 def _parameter(value: str) -> Parameter:
-    name, colon, unit = value.rpartition(":")
+    name, colon, kind = value.rpartition(":")
     if not colon:
-        raise ValueError("a parameter without unit")
-    return Parameter(name, Unit(unit))
+        raise ValueError("a parameter without kind")
+    return Parameter(name, kind_of(kind))
 
 
 def _check_seconds(value: int) -> None:

@@ -47,6 +47,7 @@ class Contents(msgspec.Struct, frozen=True):
         index: first term of the fact.
         raw: its other terms, byte strings that are not empty.
         checks: encoded, in order.
+        version: of its Datalog.
     """
 
     symbols: tuple[str, ...]
@@ -54,6 +55,7 @@ class Contents(msgspec.Struct, frozen=True):
     index: int
     raw: tuple[bytes, ...]
     checks: tuple[bytes, ...]
+    version: int
 
 
 # Tags of fields, as capabilities.token.wire declares them: number * 8 + 2 for bytes, number * 8 for an integer.
@@ -151,7 +153,7 @@ def _contents(payload: bytes, opened: Callable[[bytes], tuple[tuple[str, ...], i
         at = end
     if at != len(payload):
         return None
-    return Contents(symbols, low & 0x7F | high << 7, index, raw, tuple(checks))
+    return Contents(symbols, low & 0x7F | high << 7, index, raw, tuple(checks), version)
 
 
 class Demands(msgspec.Struct, frozen=True):

@@ -11,18 +11,18 @@ import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.token import byte_layout
+from capabilities.token import byte_layout, demands
+from capabilities.token.demands import AT_LEAST, AT_MOST, LESS, binary, integer_of, kind_of, odd, variable_of
 from capabilities.token.symbols import KNOWN, OWN, Texts
 from capabilities.token.wire import exactly
-from capabilities.values.errors import FaultCode, TokenError
 from capabilities.values.fast_dataclass import maker
 from capabilities.values.hashed_tuple import HashedTuple
-from capabilities.values.scope import Bound, OneOf, Range
+from capabilities.values.scope import Each, Stems
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Sequence
 
-_LESS, _AT_MOST, _AT_LEAST, _CONTAINS = 0, 2, 3, 5  # OpBinary.Kind
+    from capabilities.values.scope import Bound
 
 REMEMBERED: Final = 512
 """Checks whose content is remembered; the least recently used go first."""
@@ -30,7 +30,7 @@ REQUEST: Final = "req"
 CONTEXT: Final = "req_ctx"
 TIME: Final = "time"
 TIER: Final = "tier"
-_IN_ORDER: Final = ((TIME, _AT_LEAST), (TIME, _LESS), (TIER, _AT_MOST))
+_IN_ORDER: Final = ((TIME, AT_LEAST), (TIME, LESS), (TIER, AT_MOST))
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +59,23 @@ make_checks: Final = maker(Checks)
 def form(alternatives: tuple[Alternative, ...]) -> str:
     """Objects, operations and kinds of bounds, in order: the alternatives without their numbers."""
     # Names hold no blank, so no two forms have one text.
-    return " ".join(
-        " ".join((kept.object, kept.operation, *(type(bound).__name__ for bound in kept.bounds), ";"))
-        for kept in alternatives
-    )
+    return " ".join(" ".join((kept.object, kept.operation, *map(_form_of, kept.bounds), ";")) for kept in alternatives)
+
+
+def _form_of(bound: Bound | None) -> str:
+    match bound:
+        case Stems(_, divider):
+            return f"Stems{divider}"
+        case Each(element):
+            return f"Each[{_form_of(element)}]"
+        case _:
+            return type(bound).__name__
+
+
+@functools.lru_cache(maxsize=REMEMBERED)
+def needs_closures(alternatives: tuple[Alternative, ...]) -> bool:
+    """True where one of the alternatives makes a demand that Datalog has since version 3.3."""
+    return any(demands.needs_closures(kept.bounds) for kept in alternatives)
 
 
 def variable(position: int) -> str:
@@ -85,7 +98,7 @@ def read(symbols: tuple[str, ...], encoded: Sequence[bytes]) -> Checks:
     alternatives = _request(symbols, encoded[0]) if encoded else None
     rest = encoded if alternatives is None else encoded[1:]
     if len(rest) > 1:
-        raise _odd("a check too many")
+        raise odd("a check too many")
     if not rest:
         return make_checks(alternatives, None, None, None)
     stated = None if spelling is None else byte_layout.context(rest[0], spelling)
@@ -100,7 +113,7 @@ def _spelling(symbols: tuple[str, ...]) -> byte_layout.Demands | None:
         TokenError: `CHAIN_BROKEN` for a text that is there twice.
     """
     if len(set(symbols)) != len(symbols) or not set(symbols).isdisjoint(KNOWN):
-        raise _odd("a text twice")
+        raise odd("a text twice")
     numbers = {text: number for number, text in (*enumerate(KNOWN), *enumerate(symbols, OWN))}
     if CONTEXT not in numbers or TIER not in numbers:
         return None
@@ -126,44 +139,16 @@ def _request(symbols: tuple[str, ...], encoded: bytes) -> tuple[Alternative, ...
 
 def _alternative(query: Any, texts: Texts) -> Alternative:
     terms = _body(query)
-    if len(terms) < 2 or any(_kind(term) != "string" for term in terms[:2]):
-        raise _odd("an alternative without object and operation")
+    if len(terms) < 2 or any(kind_of(term) != "string" for term in terms[:2]):
+        raise odd("an alternative without object and operation")
     thing, operation = (texts[term.string] for term in terms[:2])
-    variables = [_variable(term, texts) for term in terms[2:]]
+    variables = [variable_of(term, texts) for term in terms[2:]]
     if variables != [variable(i) for i in range(len(variables))]:
-        raise _odd("a parameter that is no variable of its own")
-    stated = dict(_demands(query.expressions, texts))
+        raise odd("a parameter that is no variable of its own")
+    stated = dict(demands.read(query.expressions, texts))
     if list(stated) != [name for name in variables if name in stated]:
-        raise _odd("a demand of no parameter, or not in the order of the parameters")
+        raise odd("a demand of no parameter, or not in the order of the parameters")
     return Alternative(thing, operation, tuple(stated.get(name) for name in variables))
-
-
-def _demands(expressions: Iterable[Any], texts: Texts) -> Iterator[tuple[str, Bound]]:
-    """Each range or set with the variable that it bounds, in order; none twice."""
-    seen: set[str] = set()
-    rest = iter(expressions)
-    for expression in rest:
-        first, second, kind = _binary(expression)
-        if kind == _CONTAINS and _kind(first) == "set":
-            name = _variable(second, texts)
-            bound: Bound = _set(first)
-        else:
-            name, low = _comparison(expression, _AT_LEAST, texts)
-            again, high = _comparison(next(rest, None), _AT_MOST, texts)
-            if again != name:
-                raise _odd("a range of two parameters")
-            bound = Range(low, high)
-        if name in seen:
-            raise _odd("two demands of one parameter")
-        seen.add(name)
-        yield name, bound
-
-
-def _set(term: Any) -> OneOf:
-    values = [_integer(member) for member in term.set.set]
-    if not values or values != sorted(set(values)):
-        raise _odd("a set that is empty or not in order")
-    return OneOf(frozenset(values))
 
 
 # --- over its context ------------------------------------------------------------------------------------------------
@@ -185,9 +170,9 @@ def _taken_out(expression: Any) -> int:
     try:
         constant = expression.ops[1].value
     except IndexError:
-        raise _odd("not one operation on two terms") from None
+        raise odd("not one operation on two terms") from None
     if not constant.HasField("integer"):
-        raise _odd("not an integer")
+        raise odd("not an integer")
     number, constant.integer = int(constant.integer), 0
     return number
 
@@ -200,21 +185,21 @@ def _stated(symbols: tuple[str, ...], encoded: bytes) -> tuple[int, ...]:
     """
     queries = _message(encoded).queries
     if len(queries) != 1:
-        raise _odd("a check over no request and no context")
+        raise odd("a check over no request and no context")
     query, texts = queries[0], Texts(symbols)
     terms = _body(query)
-    if texts[query.body[0].name] != CONTEXT or [_variable(term, texts) for term in terms] != [TIME, TIER]:
-        raise _odd("not the context of a request")
+    if texts[query.body[0].name] != CONTEXT or [variable_of(term, texts) for term in terms] != [TIME, TIER]:
+        raise odd("not the context of a request")
     places: list[int] = []
     for expression in query.expressions:
         first, second, kind = _binary(expression)
-        demand = _variable(first, texts), kind
-        _integer(second)
+        demand = variable_of(first, texts), kind
+        integer_of(second)
         if demand not in _IN_ORDER or (places and _IN_ORDER.index(demand) <= places[-1]):
-            raise _odd("a demand of the context that is none of the three, twice, or out of order")
+            raise odd("a demand of the context that is none of the three, twice, or out of order")
         places.append(_IN_ORDER.index(demand))
     if not places:
-        raise _odd("a check that demands nothing")
+        raise odd("a check that demands nothing")
     return tuple(places)
 
 
@@ -225,56 +210,25 @@ def _message(encoded: bytes) -> Any:
     try:
         check = exactly("Check", encoded)
     except ValueError:
-        raise _odd("not a check in its one encoding") from None
+        raise odd("not a check in its one encoding") from None
     if check.HasField("kind") or not check.queries:
-        raise _odd("not a plain check")
+        raise odd("not a plain check")
     return check
 
 
 def _body(query: Any) -> Any:
     """The terms of the query's only predicate."""
     if query.head.name != KNOWN.index("query") or query.head.terms or query.scope or len(query.body) != 1:
-        raise _odd("not a query over one fact")
+        raise odd("not a query over one fact")
     return query.body[0].terms
-
-
-def _comparison(expression: Any, kind: int, texts: Texts) -> tuple[str, int]:
-    """Variable and constant of a comparison of this kind."""
-    first, second, found = _binary(expression)
-    if found != kind:
-        raise _odd("another comparison")
-    return _variable(first, texts), _integer(second)
 
 
 def _binary(expression: Any) -> tuple[Any, Any, int]:
     """The two terms and the kind of an expression of one binary operation."""
-    ops = [] if expression is None else list(expression.ops)
+    ops = list(expression.ops)
     if len(ops) != 3:
-        raise _odd("not one operation on two terms")
+        raise odd("not one operation on two terms")
     first, second, operation = ops
-    if not (first.HasField("value") and second.HasField("value") and operation.HasField("binary")):
-        raise _odd("not one operation on two terms")
-    if operation.binary.HasField("ffiName"):
-        raise _odd("an operation of the host's own")
-    return first.value, second.value, int(operation.binary.kind)
-
-
-def _kind(term: Any) -> str | None:
-    found: str | None = term.WhichOneof("content")
-    return found
-
-
-def _variable(term: Any, texts: Texts) -> str:
-    if _kind(term) != "variable":
-        raise _odd("not a variable")
-    return texts[term.variable]
-
-
-def _integer(term: Any) -> int:
-    if _kind(term) != "integer":
-        raise _odd("not an integer")
-    return int(term.integer)
-
-
-def _odd(what: str) -> TokenError:
-    return TokenError(FaultCode.CHAIN_BROKEN, what)
+    if not (first.HasField("value") and second.HasField("value")):
+        raise odd("not one operation on two terms")
+    return first.value, second.value, binary(operation)

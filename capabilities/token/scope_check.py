@@ -5,19 +5,22 @@ A refusal names the hop that set the bound.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from capabilities.token.biscuit import Answer, OpenedToken, Probe
 from capabilities.values import algebra
+from capabilities.values.arguments import is_of, measured
 from capabilities.values.chain import Chain, Hop, Refusal
 from capabilities.values.errors import Fault, FaultCode, TokenError
-from capabilities.values.scope import Bound, Grant, OneOf, Range, Scope, Tier
+from capabilities.values.scope import Bound, Each, Flags, Grant, OneOf, Range, Scope, Stems, Tier, Words
+from capabilities.values.units import Sort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from capabilities.values.arguments import Value
+    from capabilities.values.bounds import Measured
     from capabilities.values.caps import Caps
-    from capabilities.values.units import Quantity
 
 _NO_OPERATION: Final = "no operation has a name with spaces"
 """An operation that no scope can grant, since names hold no space."""
@@ -31,12 +34,12 @@ def refusal(
     *,
     object: str,  # noqa: A002 - the word of the profile
     operation: str,
-    values: tuple[Quantity, ...],
+    values: tuple[Value, ...],
     base_tier: Tier,
 ) -> Refusal | None:
     """Refusal of a request by the compiled scope, or None.
 
-    Closed world: exactly the parameters of the grant, in its order, with its units, each an integer inside its bound.
+    Closed world: exactly the parameters of the grant, in its order, of its kinds, each canonical and inside its bound.
     """
     grant = chain.scope.find(object, operation)
     if grant is None:
@@ -44,20 +47,19 @@ def refusal(
         return _refusal(chain, FaultCode.NOT_GRANTED, dropped_by)
     if len(values) != len(grant.limits):
         return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
-    for quantity, limit in zip(values, grant.limits, strict=True):
-        named = limit.parameter
-        if not (quantity.name == named.name and quantity.unit == named.unit and type(quantity.value) is int):
+    for value, limit in zip(values, grant.limits, strict=True):
+        if not (value.name == limit.parameter.name and is_of(limit.parameter.kind, value)):
             return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
-    for quantity, limit in zip(values, grant.limits, strict=True):
-        if not algebra.permits(limit.bound, quantity.value):
-            bound, hop = tightest(chain, object, operation, quantity.name, value=quantity.value)
+    for value, limit in zip(values, grant.limits, strict=True):
+        if not algebra.permits(limit.bound, given := measured(value)):
+            bound, hop = tightest(chain, object, operation, value.name, value=given)
             return Refusal(
                 code=FaultCode.LIMIT_EXCEEDED_BY_REQUEST,
-                parameter=quantity.name,
-                value=quantity.value,
-                unit=quantity.unit,
+                parameter=value.name,
+                value=given,
+                unit=limit.parameter.kind,
                 bound=bound,
-                nearest=algebra.nearest(bound, quantity.value),
+                nearest=None if limit.parameter.kind is Sort.FREE else algebra.nearest(bound, given),
                 hop=hop.index,
                 hop_id=hop.hop_id,
                 agent=hop.agent,
@@ -74,7 +76,7 @@ def tightest(
     operation: str,
     parameter: str,
     *,
-    value: int | None = None,
+    value: Measured | None = None,
 ) -> tuple[Bound, Hop]:
     """The bound that holds for a parameter, and the hop that set it.
 
@@ -104,7 +106,7 @@ def tightest(
     return held, chain.hops[index]
 
 
-def _side(bound: Bound, held: Bound, value: int | None) -> object:
+def _side(bound: Bound, held: Bound, value: Any) -> object:
     """Part of `bound` that stands against `value`: one end of a range, or the whole bound."""
     match bound, held:
         case Range(low, high), Range() if value is not None and not algebra.permits(held, value):
@@ -171,18 +173,51 @@ def outside(scope: Scope, grant: Grant) -> Iterator[Probe]:
     yield Probe(grant.object, _NO_OPERATION, values, time, tier)
 
 
-def _members(bound: Bound) -> list[int]:
+def _members(bound: Bound) -> list[Any]:
+    """Some values inside: each end, each member, and each stem with a word that goes on after it."""
     match bound:
         case Range(low, high):
             return [low, high]
-        case OneOf(values):
+        case OneOf(values) | Flags(values) | Words(values):
             return sorted(values)
+        case Stems(values, divider):
+            return [word for stem in sorted(values) for word in (stem, f"{stem}{divider}x")]
+        case Each(element, least, most):
+            members = [] if element is None else _members(element)
+            some = [(member,) * max(least, 1) for member in members]
+            return [(*members[:1],) * least, *some, (*members[-1:],) * most]
+        case _:
+            assert_never(bound)
 
 
-def _just_outside(bound: Bound) -> Iterator[int]:
+def _just_outside(bound: Bound) -> Iterator[Any]:
     match bound:
         case Range(low, high):
             yield low - 1
             yield high + 1
         case OneOf(values):
             yield from sorted({near for value in values for near in (value - 1, value + 1)} - values)
+        case Flags(values):
+            yield from sorted({False, True} - values)
+        case Words(values):
+            yield from sorted({near for word in values for near in (word[:-1], f"{word}x", f"{word}/x")} - values)
+        case Stems(values, divider):
+            beside = {near for stem in values for near in _beside(stem, divider)}
+            yield from sorted(near for near in beside if not algebra.permits(bound, near))
+        case Each(element, least, most):
+            member = 0 if element is None else _members(element)[0]
+            if least > 0:
+                yield (member,) * (least - 1)
+            yield (member,) * (most + 1)
+            for wrong in () if element is None else _just_outside(element):
+                yield (*(member,) * (max(least, 1) - 1), wrong)
+        case _:
+            assert_never(bound)
+
+
+def _beside(stem: str, divider: str) -> Iterator[str]:
+    """Words beside a stem: a character less, another last one, and one more where a divider has to follow."""
+    if stem:
+        yield stem[:-1]
+        yield stem[:-1] + chr(ord(stem[-1]) ^ 1)
+        yield stem + "x" if divider else stem[:-1]

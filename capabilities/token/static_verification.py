@@ -160,17 +160,26 @@ def _chain(
     """[TOK-6]: each block is one of the profile, and narrows the scope that the blocks before it leave."""
     first, *further = contents
     said = fact.authority_said(first)
-    demanded = [checks.read(first.symbols, first.checks)]
+    demanded = [_demanded(first)]
     authority = block.authority_of(said, demanded[0], caps)
     hops = [hop_rules.first_hop(authority, reserved=trust.all_keys, caps=caps)]
     for each in further:
         parent, more = hops[-1], fact.hop_said(each)
-        demanded.append(checks.read(each.symbols, each.checks))
+        demanded.append(_demanded(each))
         added = block.hop_of(
             more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
         )
         hops.append(hop_rules.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
     return authority, tuple(hops), "\n".join([_form(each) for each in demanded])
+
+
+def _demanded(content: Contents) -> checks.Checks:
+    """[TOK-6]: the checks of a block, whose version of Datalog is the one that they need."""
+    demanded = checks.read(content.symbols, content.checks)
+    needed = demanded.alternatives is not None and checks.needs_closures(demanded.alternatives)
+    if needed != (content.version == wire.CLOSURES):
+        raise TokenError(FaultCode.WRONG_PROFILE, "another version of Datalog than its checks need")
+    return demanded
 
 
 def _form(demanded: checks.Checks) -> str:

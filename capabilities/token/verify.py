@@ -22,10 +22,10 @@ if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.revocation import RevocationView
     from capabilities.token.static_verification import StaticVerification
+    from capabilities.values.arguments import Value
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain, Refusal
     from capabilities.values.scope import Tier
-    from capabilities.values.units import Quantity
 
 __all__ = ["Verifier", "inspect_token", "tightest", "token_from_text", "token_to_text", "verify"]
 
@@ -158,7 +158,7 @@ class Verifier:
         *,
         object: str,  # noqa: A002 - the word of the profile
         operation: str,
-        values: tuple[Quantity, ...],
+        values: tuple[Value, ...],
         base_tier: Tier,
         at: float,
     ) -> Refusal | Fault | None:

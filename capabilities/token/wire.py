@@ -25,6 +25,8 @@ REMEMBERED: Final = 512
 """Openings of blocks whose content is remembered; the least recently used go first."""
 THIRD_PARTY_SIGNATURE: Final = 1
 """Signature version that binds a third-party block to the signature of the block before it."""
+CLOSURES: Final = 6
+"""Version of Datalog in which a check may have functions (3.3), as the Biscuit library writes it."""
 
 _FIELD: Final = descriptor_pb2.FieldDescriptorProto
 _NUMBERS: Final = {
@@ -64,7 +66,9 @@ _SCHEMA: Final[Mapping[str, str]] = {
     ),
     "TermSet": "*set=1:Term",
     "Expression": "*ops=1:Op",
-    "Op": "|value=1:Term |unary=2:bytes |binary=3:OpBinary |closure=4:bytes",
+    "Op": "|value=1:Term |unary=2:OpUnary |binary=3:OpBinary |closure=4:OpClosure",
+    "OpUnary": "?kind=1:int32 ?ffiName=2:uint64",
+    "OpClosure": "*params=1:uint32 *ops=2:Op",
     "OpBinary": "?kind=1:int32 ?ffiName=2:uint64",
 }
 
@@ -145,7 +149,7 @@ def _signed(block: Any) -> SignedBlock:
 
 
 def contents(payload: bytes, *, version: int) -> Contents:
-    """Content of a block of this version of Datalog: one fact and checks, in the one encoding.
+    """Content of a block of this version of Datalog or `CLOSURES`: one fact and checks, in the one encoding.
 
     Fields stand in the order of their numbers: the part before the fact, which is alike in many tokens, is read apart.
 
@@ -153,7 +157,11 @@ def contents(payload: bytes, *, version: int) -> Contents:
         TokenError: `WRONG_PROFILE` when it is of another version, or holds a rule, a scope, a key, a context or
             anything unknown; `CHAIN_BROKEN` when it has not one fact of an integer and byte strings.
     """
-    return byte_layout.contents(payload, _opened, version) or _contents(payload, version)
+    return (
+        byte_layout.contents(payload, _opened, version)
+        or byte_layout.contents(payload, _opened, CLOSURES)
+        or _contents(payload, version)
+    )
 
 
 def _contents(payload: bytes, version: int) -> Contents:
@@ -163,7 +171,7 @@ def _contents(payload: bytes, version: int) -> Contents:
         symbols, stated = _opened(opening)
     except ValueError:
         raise TokenError(FaultCode.WRONG_PROFILE, "not a block in its one encoding") from None
-    if stated != version:
+    if stated not in {version, CLOSURES}:
         raise TokenError(FaultCode.WRONG_PROFILE, "a block of another version of Datalog")
     if len(body.facts) != 1:
         raise TokenError(FaultCode.CHAIN_BROKEN, "not one fact in a block")
@@ -174,7 +182,7 @@ def _contents(payload: bytes, version: int) -> Contents:
     raw = tuple([term.bytes for term in further])
     if not all(raw):  # a term of another type reads as empty, too
         raise TokenError(FaultCode.CHAIN_BROKEN, "a term that is no byte string")
-    return Contents(symbols, predicate.name, index.integer, raw, tuple(body.checks))
+    return Contents(symbols, predicate.name, index.integer, raw, tuple(body.checks), stated)
 
 
 def _parted(payload: bytes) -> tuple[Any, bytes]:

@@ -116,7 +116,7 @@ def _compare_limits(child: Grant, parent: Grant, widenings: list[Widening], stri
     for below, above in changed:
         if not within(below.bound, above.bound):
             widenings.append(_limit(f"{child.object}/{child.operation}", below, above))
-        elif size(below.bound) < size(above.bound):
+        elif not within(above.bound, below.bound):
             strict.add("limits")
 
 
@@ -143,7 +143,7 @@ def _limit(where: str, below: Limit, above: Limit) -> Widening:
         bound_to_json(above.bound),
         bound_to_json(below.bound),
         None if near is None else bound_to_json(near),
-        above.parameter.unit,
+        above.parameter.kind,
     )
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.scope import Bound, Grant, Limit, Range
-from capabilities.values.units import Parameter, Unit
+from capabilities.values.units import DeclaredUnit, Measure, Parameter, Unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,11 +33,11 @@ class VectorParameter:
     """
 
     name: str
-    unit: Unit
+    unit: Measure
     bounds: tuple[Bound, ...]
 
 
-def box(name: str, unit: Unit, lows: Sequence[int], highs: Sequence[int]) -> tuple[Limit, ...]:
+def box(name: str, unit: Measure, lows: Sequence[int], highs: Sequence[int]) -> tuple[Limit, ...]:
     """The limits of a vector parameter: axis i is named `name` and i, and reaches from ``lows[i]`` to ``highs[i]``.
 
     They stand in a grant in this order: ``Grant("ur3e", "move_joint", (*box("q", urad, lows, highs), speed))``.
@@ -64,21 +64,14 @@ def boxes_of(grant: Grant) -> tuple[VectorParameter, ...]:
     found: list[VectorParameter] = []
     run: VectorParameter | None = None
     for limit in grant.limits:
-        named, unit = _AXIS.fullmatch(limit.parameter.name), limit.parameter.unit
-        if (
-            named is not None
-            and run is not None
-            and (named[1], int(named[2]), unit)
-            == (
-                run.name,
-                len(run.bounds),
-                run.unit,
-            )
-        ):
+        named, unit = _AXIS.fullmatch(limit.parameter.name), limit.parameter.kind
+        if named is None or not isinstance(unit, (Unit, DeclaredUnit)):
+            run = None
+        elif run is not None and (named[1], int(named[2]), unit) == (run.name, len(run.bounds), run.unit):
             run = VectorParameter(run.name, run.unit, (*run.bounds, limit.bound))
             found[-1] = run
-            continue
-        run = VectorParameter(named[1], unit, (limit.bound,)) if named is not None and named[2] == "0" else None
-        if run is not None:
-            found.append(run)
+        else:
+            run = VectorParameter(named[1], unit, (limit.bound,)) if named[2] == "0" else None
+            if run is not None:
+                found.append(run)
     return tuple(run for run in found if len(run.bounds) > 1)

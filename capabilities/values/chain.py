@@ -9,7 +9,7 @@ from typing import Final
 from capabilities.values.errors import FaultCode  # noqa: TC001 - a dataclass field: its annotation must resolve
 from capabilities.values.fast_dataclass import maker
 from capabilities.values.scope import Bound, Scope  # noqa: TC001 - a dataclass field: its annotation must resolve
-from capabilities.values.units import Unit  # noqa: TC001 - a dataclass field: its annotation must resolve
+from capabilities.values.units import Kind  # noqa: TC001 - a dataclass field: its annotation must resolve
 
 
 class EvidenceKind(StrEnum):
@@ -149,8 +149,8 @@ class Refusal:
 
     Attributes:
         code: `NOT_GRANTED`, `PARAMETERS_WRONG`, `LIMIT_EXCEEDED_BY_REQUEST`, `ABOVE_CEILING` or an engine's fault.
-        parameter, value, unit, bound, nearest: of the parameter that is out of bounds; `nearest` is the permitted
-            integer nearest to `value`.
+        parameter, value, unit, bound, nearest: of the parameter that is out of bounds: `value` is its integer, truth
+            value, word or list, or a free value's size; `unit` its kind; `nearest` the permitted value nearest to it.
         hop: index of the hop that set the tightest bound, or None when no hop did (the robot's own limit).
         hop_id, agent, sponsor: that hop's id and holder, and the person behind the chain.
         detail: for the record.
@@ -158,10 +158,10 @@ class Refusal:
 
     code: FaultCode
     parameter: str | None = None
-    value: int | None = None
-    unit: Unit | None = None
+    value: int | bool | str | tuple[int | bool | str, ...] | None = None
+    unit: Kind | None = None
     bound: Bound | None = None
-    nearest: int | None = None
+    nearest: int | bool | str | tuple[int | bool | str, ...] | None = None
     hop: int | None = None
     hop_id: str | None = None
     agent: str | None = None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values import algebra
-from capabilities.values.bounds import size
+from capabilities.values.bounds import kind_to_json, size
 from capabilities.values.boxes import boxes_of
 from capabilities.values.scope import Grant, Restriction, Scope, Widening
 from capabilities.values.scope_json import restriction_to_json
@@ -127,8 +127,8 @@ def _place(place: Widening, axis: tuple[str, int] | None) -> dict[str, object]:
         "child": place.child,
         "nearest": place.nearest,
     }
-    if place.unit is not None:
-        told["unit"] = str(place.unit)
+    if place.kind is not None:
+        told |= kind_to_json(place.kind)
     if axis is not None:
         told["vector"], told["axis"] = axis
     return told
@@ -170,7 +170,7 @@ def _told(place: Widening, axis: tuple[str, int] | None) -> str:
             return "no depth is left for a further hop"
         case _:
             what = place.what if axis is None else f"{axis[0]}, axis {axis[1]}"
-            unit = "" if place.unit is None else f" {place.unit}"
+            unit = "" if place.kind is None else f" {place.kind}"
             shown = _span if place.dimension == "window" else _shown
             nearest = "" if place.nearest in (None, place.parent) else f", nearest {shown(place.nearest)}"
             return f"{what}: {shown(place.child)} asked, {shown(place.parent)} permitted{nearest}{unit}"
@@ -184,8 +184,18 @@ def _shown(value: object) -> str:
     match value:
         case {"low": low, "high": high}:
             return f"{low} to {high}" if low != high else f"{low}"
+        case {"starts_with": list(stems)} | {"under": list(stems)} if "" in stems:
+            return "any"
+        case {"starts_with": list(stems)}:
+            return f"what starts with {_shown(stems)}"
+        case {"under": list(stems)}:
+            return f"what is under {_shown(stems)}"
+        case {"each": None}:
+            return "the empty list"
+        case {"each": element, "least": least, "most": most}:
+            return f"{least} to {most} times {_shown(element)}"
         case {"one_of": list(members)} | list(members):
-            spelled = [str(member) for member in members[:NAMED]]
+            spelled = [_spelled(member) for member in members[:NAMED]]
             more = len(members) - len(spelled)
             return (", ".join(spelled) + (f" and {more} more" if more else "")) or "nobody"
         case int():
@@ -194,9 +204,19 @@ def _shown(value: object) -> str:
             return str(value)
 
 
+def _spelled(member: object) -> str:
+    """A member for people: a truth value as JSON spells it, the empty word by its marks."""
+    return str(member).lower() if isinstance(member, bool) else str(member) or '""'
+
+
 def _parameters(limits: object) -> str:
-    listed = [f"{limit['parameter']} ({limit['unit']})" for limit in limits] if isinstance(limits, list) else []
+    of = [(limit["parameter"], limit.get("unit") or limit.get("kind")) for limit in _listed(limits)]
+    listed = [f"{name} ({kind})" for name, kind in of]
     return _shown(listed) if listed else "no parameters"
+
+
+def _listed(limits: object) -> list[dict[str, object]]:
+    return limits if isinstance(limits, list) else []
 
 
 def _or(words: tuple[str, ...]) -> str:

@@ -1,17 +1,18 @@
 """Scope of a token as a value; the order and the meet are in `capabilities.values.algebra`.
 
 A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
-All numbers are integers (capabilities.values.units). One meaning has one value: docs/spec.md 1.2 says which.
+All numbers are integers (capabilities.values.units), all words canonical (capabilities.values.text). One meaning has
+one value: docs/spec.md 1.2 says which.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import Final
+from typing import Final, TypeAlias
 
 from capabilities.values.fast_dataclass import maker
-from capabilities.values.units import Parameter, Unit  # noqa: TC001 - dataclass fields: their annotations must resolve
+from capabilities.values.units import Kind, Parameter  # noqa: TC001 - dataclass fields: their annotations must resolve
 
 _set: Final = object.__setattr__
 """Setter that completes a frozen value, once."""
@@ -57,7 +58,49 @@ class OneOf:
     values: frozenset[int]
 
 
-Bound = Range | OneOf
+@dataclass(frozen=True, slots=True)
+class Flags:
+    """Exactly these truth values, of a flag: one, or both."""
+
+    values: frozenset[bool]
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """Exactly these texts, paths or URLs."""
+
+    values: frozenset[str]
+
+
+@dataclass(frozen=True, slots=True)
+class Stems:
+    """Every word that is one of these stems or goes on after it; no stem goes on after another.
+
+    The empty stem stands for all words.
+
+    Attributes:
+        values: texts, directories, or URLs: origins and what lies below them.
+        divider: what stands between a stem and the rest: nothing in a text, a slash in paths and URLs.
+    """
+
+    values: frozenset[str]
+    divider: str
+
+
+ScalarBound: TypeAlias = Range | OneOf | Flags | Words | Stems
+"""Bound of one value. That of a free value is a range of its size in bytes, from 1."""
+
+
+@dataclass(frozen=True, slots=True)
+class Each:
+    """Every list of `least` to `most` members, each inside `element`; without `element` the empty list alone."""
+
+    element: ScalarBound | None
+    least: int
+    most: int
+
+
+Bound: TypeAlias = Range | OneOf | Flags | Words | Stems | Each
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +201,7 @@ class Widening:
         parent, child: the two bounds as plain JSON values.
         nearest: the nearest allowed value in the same form: the meet of the two bounds, or, where they have
             nothing in common, the one permitted value nearest to the wanted one. None when nothing is permitted.
-        unit: of the integers of a limit.
+        kind: of the values of a limit.
     """
 
     dimension: str
@@ -166,4 +209,4 @@ class Widening:
     parent: object
     child: object
     nearest: object = None
-    unit: Unit | None = None
+    kind: Kind | None = None

@@ -10,10 +10,24 @@ from capabilities.values.bounds import limits_to_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.form import Form, FormError, read
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.values.units import Parameter, Unit
+from capabilities.values.scope import (
+    Each,
+    Flags,
+    Grant,
+    Limit,
+    OneOf,
+    Range,
+    Restriction,
+    ScalarBound,
+    Scope,
+    Stems,
+    Tier,
+    Words,
+)
+from capabilities.values.units import DeclaredUnit, Parameter, Unit, kind_of
 from capabilities.values.well_formed import well_formed, well_formed_restriction
 
+_UNSORTED: Final = "values not ascending, or one twice"
 _DIMENSIONS: Final = ("grants", "ceiling", "audiences", "delegates", "depth", "not_before", "not_after")
 
 
@@ -81,12 +95,23 @@ _WRITE: Final[dict[str, Any]] = {
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-class _Limit(Form, frozen=True):
-    parameter: str
-    unit: Unit
-    one_of: tuple[int, ...] | UnsetType = UNSET
+class _ScalarBound(Form, frozen=True, kw_only=True):
+    """Members of a bound of one value."""
+
+    one_of: tuple[int | bool | str, ...] | UnsetType = UNSET
     low: int | UnsetType = UNSET
     high: int | UnsetType = UNSET
+    starts_with: tuple[str, ...] | UnsetType = UNSET
+    under: tuple[str, ...] | UnsetType = UNSET
+
+
+class _Limit(_ScalarBound, frozen=True, kw_only=True):
+    parameter: str
+    unit: str | UnsetType = UNSET
+    kind: str | UnsetType = UNSET
+    each: _ScalarBound | UnsetType | None = UNSET
+    least: int | UnsetType = UNSET
+    most: int | UnsetType = UNSET
 
 
 class _Grant(Form, frozen=True):
@@ -135,14 +160,58 @@ def _dimension(dimension: str, value: object) -> Any:
 
 
 def _limit(stated: _Limit) -> Limit:
-    parameter = Parameter(stated.parameter, stated.unit)
-    match stated.one_of, stated.low, stated.high:
-        case tuple(values), UnsetType(), UnsetType():
-            return Limit(parameter, OneOf(_set(values, "values not ascending, or one twice")))
-        case UnsetType(), int(low), int(high):
-            return Limit(parameter, Range(low, high))
+    match stated.unit, stated.kind:
+        case str(spelled), UnsetType():
+            kind = kind_of(spelled)
+            named = isinstance(kind, (Unit, DeclaredUnit))
+        case UnsetType(), str(spelled):
+            kind = kind_of(spelled)
+            named = not isinstance(kind, (Unit, DeclaredUnit))
         case _:
-            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not exactly one_of, or low and high")
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not exactly one of unit and kind")
+    if not named:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a unit for a kind, or a kind for a unit")
+    parameter = Parameter(stated.parameter, kind)
+    lists = stated.each, stated.least, stated.most
+    match lists:
+        case UnsetType(), UnsetType(), UnsetType():
+            return Limit(parameter, _bound(stated))
+        case element, int(least), int(most) if not isinstance(element, UnsetType) and _empty(stated):
+            return Limit(parameter, Each(None if element is None else _bound(element), least, most))
+        case _:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not exactly each, least and most")
+
+
+def _empty(stated: _ScalarBound) -> bool:
+    """True where no bound of one value is stated."""
+    members = stated.one_of, stated.low, stated.high, stated.starts_with, stated.under
+    return all(isinstance(member, UnsetType) for member in members)
+
+
+def _bound(stated: _ScalarBound) -> ScalarBound:
+    match stated.one_of, stated.low, stated.high, stated.starts_with, stated.under:
+        case tuple(values), UnsetType(), UnsetType(), UnsetType(), UnsetType():
+            return _finite(values)
+        case UnsetType(), int(low), int(high), UnsetType(), UnsetType():
+            return Range(low, high)
+        case UnsetType(), UnsetType(), UnsetType(), tuple(stems), UnsetType():
+            return Stems(_set(stems, _UNSORTED), "")
+        case UnsetType(), UnsetType(), UnsetType(), UnsetType(), tuple(stems):
+            return Stems(_set(stems, _UNSORTED), "/")
+        case _:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not exactly one form of bound")
+
+
+def _finite(values: tuple[Any, ...]) -> ScalarBound:
+    """The set of these members, which are of one type."""
+    types = set(map(type, values))
+    if types == {bool}:
+        return Flags(_set(values, _UNSORTED))
+    if types == {str}:
+        return Words(_set(values, _UNSORTED))
+    if types <= {int}:
+        return OneOf(_set(values, _UNSORTED))
+    raise ScopeError(FaultCode.STATEMENT_MALFORMED, "members of different types")
 
 
 def _set(stated: tuple[Any, ...], wrong: str) -> frozenset[Any]:

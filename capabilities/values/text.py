@@ -10,14 +10,18 @@ from __future__ import annotations
 import functools
 import re
 import unicodedata
+from ipaddress import IPv4Address, IPv6Address
 from typing import TYPE_CHECKING, Final, cast
-from urllib.parse import urlsplit
+from urllib.parse import unquote_to_bytes, urlsplit
 
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.invisible import INVISIBLE
+from capabilities.values.units import Sort
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
+
+    from capabilities.values.units import Kind
 
 NAME: Final = re.compile(r"[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*", re.ASCII)
 REGISTERED: Final = r"^[a-z0-9][a-z0-9._-]{0,62}$"
@@ -28,6 +32,15 @@ _HOST: Final = re.compile(r"[a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\]", re.ASCII)
 _PATH: Final = re.compile(r"(/[A-Za-z0-9._~:@+=,%-]+)*", re.ASCII)
 _SCHEME: Final = re.compile(r"[a-z][a-z0-9+.-]*", re.ASCII)
 _DEFAULT_PORT: Final = {"http": 80, "https": 443}
+_OTHER_DEFAULT_PORT: Final = {"ws": 80, "wss": 443, "ftp": 21}
+_LABELS: Final = re.compile(r"[a-z0-9]([a-z0-9-]*[a-z0-9])?(\.[a-z0-9]([a-z0-9-]*[a-z0-9])?)*", re.ASCII)
+_NUMBER: Final = re.compile(r"[0-9]+|0x[0-9a-f]*", re.ASCII)
+"""Last label of a host that a reader takes for an IPv4 address (WHATWG URL, "ends in a number")."""
+_ESCAPE: Final = re.compile(r"%([0-9A-F]{2})", re.ASCII)
+_NEEDLESS: Final = re.compile(r"[A-Za-z0-9._~:@+=,/\\%-]", re.ASCII)
+"""What a URL's segment spells plainly, and slash, backslash and percent sign, of which no spelling is one alone."""
+_ESCAPED_PART: Final = re.compile(r"%(2[eEfF]|5[cC]|00)", re.ASCII)
+"""Spelling of a dot, slash, backslash or NUL for readers that decode a path."""
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
 """Unicode categories that no reader sees, beside `INVISIBLE`: controls, formats, private, unassigned, surrogates."""
 
@@ -156,3 +169,83 @@ def prose(value: object, *, most_bytes: int) -> str:
     if not unicodedata.is_normalized("NFC", value) or len(value.encode()) > most_bytes:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "text not in normal form C, or too long")
     return value
+
+
+def path(value: object, *, most_bytes: int) -> str:
+    """The value, an absolute path in its one spelling: a text whose components are none of "", `.` and `..`.
+
+    It begins with a slash and ends with none but for `/` itself; no backslash, no percent-encoded dot, slash,
+    backslash or NUL.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    spelled = prose(value, most_bytes=most_bytes)
+    first, *components = spelled.split("/")
+    if (
+        first
+        or not components
+        or (spelled != "/" and any(each in {"", ".", ".."} for each in components))
+        or "\\" in spelled
+        or _ESCAPED_PART.search(spelled)
+    ):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a canonical path")
+    return spelled
+
+
+def address(value: object, *, most_bytes: int) -> str:
+    """The value, a URL as of `url` that has no second spelling for any reader.
+
+    Its host is of labels, an IPv4 address of four decimals, or an IPv6 address of RFC 5952 without an IPv4 part; a
+    percent-encoding is upper-case, of a character that needs one, and decodes to canonical text.
+
+    Raises:
+        ScopeError: `STATEMENT_MALFORMED` otherwise.
+    """
+    spelled = url(value, most_bytes=most_bytes)
+    parts = urlsplit(spelled)
+    if (
+        not _is_host(parts.hostname or "")
+        or parts.port == _OTHER_DEFAULT_PORT.get(parts.scheme, 0)
+        or ("%" in parts.path and not _is_escaped(parts.path, most_bytes))
+    ):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a canonical URL of a parameter")
+    return spelled
+
+
+def _is_host(host: str) -> bool:
+    if ":" in host:
+        at = IPv6Address(host)
+        return at.ipv4_mapped is None and host == _compressed(at)
+    if _NUMBER.fullmatch(host.rpartition(".")[2]):
+        try:
+            return str(IPv4Address(host)) == host
+        except ValueError:
+            return False
+    return _LABELS.fullmatch(host) is not None
+
+
+def _compressed(at: IPv6Address) -> str:
+    """RFC 5952, in hexadecimal alone: the first of the longest runs of two or more zeros is left out."""
+    groups = [f"{int.from_bytes(at.packed[i : i + 2], 'big'):x}" for i in range(0, 16, 2)]
+    spelled = ":".join(groups)
+    for length in range(8, 1, -1):
+        found = re.search(rf"(^|:)0(:0){{{length - 1}}}(:|$)", spelled)
+        if found is not None:
+            return f"{spelled[: found.start()]}::{spelled[found.end() :]}"
+    return spelled
+
+
+def _is_escaped(spelled: str, most_bytes: int) -> bool:
+    escapes = _ESCAPE.findall(spelled)
+    if len(escapes) != spelled.count("%") or any(_NEEDLESS.fullmatch(chr(int(each, 16))) for each in escapes):
+        return False
+    try:
+        prose(unquote_to_bytes(spelled).decode(), most_bytes=most_bytes)
+    except (UnicodeDecodeError, ScopeError):
+        return False
+    return True
+
+
+WORD: Final[dict[Kind, Callable[..., str]]] = {Sort.TEXT: prose, Sort.PATH: path, Sort.URL: address}
+"""Grammar of the words of each kind that has words."""

@@ -9,8 +9,20 @@ from capabilities.values import text
 from capabilities.values.bounds import canonical
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.hashed_tuple import HashedTuple
-from capabilities.values.scope import Bound, Grant, OneOf, Range, Restriction, Scope, Tier
-from capabilities.values.units import INT_LIMIT
+from capabilities.values.scope import (
+    Bound,
+    Each,
+    Flags,
+    Grant,
+    OneOf,
+    Range,
+    Restriction,
+    Scope,
+    Stems,
+    Tier,
+    Words,
+)
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, Kind, ListOf, Sort, Unit
 
 if TYPE_CHECKING:
     from capabilities.values.caps import Caps
@@ -22,6 +34,8 @@ REMEMBERED: Final = 512
 TIME_LIMIT: Final = 253_402_300_800
 """First second of the year 10000: no time in a token reaches it."""
 _HIGHEST: Final = max(Tier)
+LIST_LENGTH: Final = 256
+"""Most members of a list in a request."""
 
 
 def well_formed(scope: Scope, caps: Caps) -> Scope:
@@ -111,23 +125,68 @@ def _check_each(grants: tuple[Grant, ...], most: int, parameters: int, one_of: i
             raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a parameter twice")
         for limit in grant.limits:
             text.name(limit.parameter.name, most_bytes=text_bytes)
-            _check_bound(limit.bound, one_of)
+            _check_bound(limit.parameter.kind, limit.bound, one_of, text_bytes)
 
 
-def _check_bound(bound: Bound, one_of: int) -> None:
+def _check_bound(kind: Kind, bound: Bound, one_of: int, text_bytes: int) -> None:
+    """Checks that a bound is one of this kind, in its one form."""
+    if not _fits(kind, bound):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a bound of another kind than its parameter")
     match bound:
         case Range(low, high):
             _integer(low, -INT_LIMIT, INT_LIMIT, "low")
             _integer(high, low, INT_LIMIT, "high")
-        case OneOf(values):
+        case OneOf(values) | Flags(values) | Words(values) | Stems(values):
             if not 1 <= len(values) <= one_of:
                 raise ScopeError(FaultCode.OUT_OF_RANGE, f"a set of none or more than {one_of} values")
             for value in values:
-                _integer(value, -INT_LIMIT, INT_LIMIT, "value")
+                _check_member(kind, bound, value, text_bytes)
             if canonical(bound) != bound:
-                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "consecutive values are a range")
+                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a set of values in another form than its one")
+        case Each(element, least, most):
+            _integer(least, 0, LIST_LENGTH, "least")
+            _integer(most, least, LIST_LENGTH, "most")
+            if element is not None and isinstance(kind, ListOf):
+                _check_bound(kind.element, element, one_of, text_bytes)
+            if canonical(bound) != bound:
+                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "a bound of members where there are none")
         case _:
             assert_never(bound)
+
+
+def _fits(kind: Kind, bound: Bound) -> bool:
+    """True where a bound has the form of this kind's."""
+    match kind:
+        case Unit() | DeclaredUnit():
+            return isinstance(bound, (Range, OneOf))
+        case Sort.FREE:
+            return isinstance(bound, Range) and bound.low == 1  # the size of any JSON value
+        case Sort.FLAG:
+            return isinstance(bound, Flags)
+        case Sort.TEXT:
+            return isinstance(bound, Words) or (isinstance(bound, Stems) and bound.divider == "")
+        case Sort.PATH | Sort.URL:
+            return isinstance(bound, Words) or (isinstance(bound, Stems) and bound.divider == "/")
+        case ListOf():
+            return isinstance(bound, Each)
+        case _:
+            assert_never(kind)
+
+
+def _check_member(kind: Kind, bound: Bound, value: object, text_bytes: int) -> None:
+    """Checks a member of a set, or a stem; the empty stem stands for all words, and so for that of all paths."""
+    match bound:
+        case OneOf():
+            _integer(value, -INT_LIMIT, INT_LIMIT, "value")
+        case Flags():
+            if not isinstance(value, bool):
+                raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a truth value")
+        case Stems() if value == "":
+            return
+        case Stems() if value == "/" and kind is Sort.PATH:
+            raise ScopeError(FaultCode.STATEMENT_MALFORMED, "all paths have the empty stem")
+        case _:
+            text.WORD[kind](value, most_bytes=text_bytes)
 
 
 @functools.lru_cache(maxsize=REMEMBERED)  # likewise

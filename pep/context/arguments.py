@@ -133,7 +133,7 @@ def _quantity(quantity: Quantity) -> _Test:
         unit = _unit(values.named(pointer))
         if unit == str(quantity.unit):
             return type(stated) is int and stated == quantity.value
-        if unit != _SI[quantity.unit]:
+        if not isinstance(quantity.unit, Unit) or unit != _SI.get(quantity.unit):
             return False
         try:
             return parse(stated, quantity.unit) == quantity.value

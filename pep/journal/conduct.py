@@ -12,7 +12,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.chain import Chain
-from capabilities.values.scope import OneOf, Range
+from capabilities.values.scope import Each, Flags, OneOf, Range, Stems, Words
 from policies.conduct import behaviour, journal_reports, trust
 from policies.conduct.behaviour import NOTHING_KNOWN, RestoreError
 from policies.conduct.trust import NOTHING_REPORTED, chain_trust
@@ -193,5 +193,5 @@ def _near(value: int, bound: Bound) -> int | None:
             end = high if value > 0 else low
             # A bound at zero, or on the other side of it, is none that a value grows towards.
             return min(1_000, 1_000 * abs(value) // abs(end)) if value * end > 0 else 0
-        case OneOf():
+        case OneOf() | Flags() | Words() | Stems() | Each():
             return None

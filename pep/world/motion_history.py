@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.units import Measure, Quantity, Unit
 from pep.base.operation_row import Moves
 from pep.base.operations import JOINTS, MOVE_JOINT, operation_of, targets_of
 
@@ -46,7 +46,7 @@ class Act:
 
     agent: str
     operation: tuple[str, str]
-    values: tuple[tuple[str, Unit, int], ...]
+    values: tuple[tuple[str, Measure, int], ...]
     at_ms: int
     start_urad: Angles = ()
     points: tuple[Angles, ...] = ()

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias, Union, get_args, get_or
 
 from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
 from capabilities.values.errors import Fault, FaultCode
-from capabilities.values.scope import OneOf, Range, Scope, Tier
+from capabilities.values.scope import Bound, OneOf, Range, Scope, Tier
 from capabilities.values.units import Quantity, Unit
 from policies.evidence import conduct_readings, content_readings, evidence
 from policies.evidence.model import Point, Request
@@ -38,7 +38,7 @@ NAMES: Final[dict[str, Any]] = {
     **vars(evidence),
     **{kind.__name__: kind for kind in (Attestation, Chain, EvidenceKind, Fault, FaultCode, Hop, Refusal, Sponsor)},
     **{kind.__name__: kind for kind in (OneOf, Point, Quantity, Range, Scope, Tier, Unit)},
-    "Bound": Range | OneOf,
+    "Bound": Bound,
 }
 """Types that the annotations of readings name; most of their imports are for the type checker alone."""
 

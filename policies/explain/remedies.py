@@ -270,7 +270,7 @@ def _inside(request: Request, evidence: Evidence) -> Iterator[_Change]:
         fault = faults.pop()
         if not isinstance(fault, Refusal) or fault.code is not FaultCode.LIMIT_EXCEEDED_BY_REQUEST:
             continue
-        if fault.parameter is None or fault.nearest is None or fault.parameter in nearest:
+        if fault.parameter is None or type(fault.nearest) is not int or fault.parameter in nearest:
             return
         nearest[fault.parameter] = fault.nearest
         faults.append(counterfactuals.refused(counterfactuals.valued(request, nearest), evidence))

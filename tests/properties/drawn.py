@@ -3,10 +3,23 @@
 from __future__ import annotations
 
 from capabilities.values.algebra import stated
-from capabilities.values.bounds import one_of, permits, within
+from capabilities.values.bounds import canonical, meet, one_of, permits, within
 from capabilities.values.caps import DEFAULT
-from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.values.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.scope import (
+    Bound,
+    Each,
+    Flags,
+    Grant,
+    Limit,
+    OneOf,
+    Range,
+    Restriction,
+    Scope,
+    Stems,
+    Tier,
+    Words,
+)
+from capabilities.values.units import INT_LIMIT, Kind, ListOf, Parameter, Sort, Unit
 from evaluation.tokens.campaigns.laws import Request
 from hypothesis import strategies as st
 from tests.capabilities.world import CELL, OTHER_CELL
@@ -21,9 +34,114 @@ loose_bounds = bounds | st.builds(Range, numbers, numbers) | st.frozensets(numbe
 """Empty bounds and sets of consecutive integers as well: what no scope may hold, and no function may stumble over."""
 UNIVERSE = range(-10, 11)
 PARAMETERS = tuple(Parameter(f"p{i}", Unit.COUNT) for i in range(3))
-OPERATIONS = {"a": 0, "b": 1, "c": 2, "d": 3}
+OTHERS = (
+    Parameter("flag", Sort.FLAG),
+    Parameter("text", Sort.TEXT),
+    Parameter("path", Sort.PATH),
+    Parameter("url", Sort.URL),
+    Parameter("free", Sort.FREE),
+    Parameter("files", ListOf(Sort.PATH)),
+    Parameter("counts", ListOf(Unit.COUNT)),
+)
+OPERATIONS = {
+    "a": (),
+    "b": PARAMETERS[:1],
+    "c": PARAMETERS[:2],
+    "d": PARAMETERS,
+    **{f"{each.name}": (each,) for each in OTHERS},
+}
 AUDIENCES = (CELL, OTHER_CELL, "http://127.0.0.1:9002/mcp")
 DELEGATES = ("x", "y", "role:z")
+
+
+# --- kinds beside integers -----------------------------------------------------------------------------------------
+
+_COMPONENTS = st.lists(st.sampled_from(["a", "b", "ab"]), min_size=1, max_size=3)
+WORDS = {
+    Sort.TEXT: st.text(alphabet="ab/é", min_size=1, max_size=3),
+    Sort.PATH: _COMPONENTS.map(lambda some: "/" + "/".join(some)),
+    Sort.URL: st.tuples(st.sampled_from(["https://a", "https://a:1", "https://ab"]), _COMPONENTS).map(
+        lambda two: "/".join((two[0], *two[1][1:]))
+    ),
+}
+"""Words of few components, so that two of them often touch."""
+
+
+def divider_of(kind: Kind) -> str:
+    return "" if kind is Sort.TEXT else "/"
+
+
+def word_bounds(kind: Sort) -> st.SearchStrategy[Bound]:
+    stems = st.frozensets(WORDS[kind], min_size=1, max_size=3) | st.just(frozenset({""}))
+    return st.frozensets(WORDS[kind], min_size=1, max_size=4).map(Words) | stems.map(
+        lambda values: canonical(Stems(values, divider_of(kind)))
+    )
+
+
+def bounds_of(kind: Kind) -> st.SearchStrategy[Bound]:
+    """Bounds of this kind, in their one form."""
+    match kind:
+        case Sort.FLAG:
+            return st.frozensets(st.booleans(), min_size=1).map(Flags)
+        case Sort.FREE:
+            return st.integers(1, 4).map(lambda most: Range(1, most))
+        case Sort():
+            return word_bounds(kind)
+        case ListOf(element):
+            ends = st.tuples(st.integers(0, 2), st.integers(0, 2))
+            return st.tuples(bounds_of(element), ends).map(
+                lambda two: canonical(Each(two[0], min(two[1]), max(two[1])))
+            )
+        case _:
+            return bounds
+
+
+def kind_edges(kind: Kind, bound: Bound) -> list[object]:
+    """Values at the lines of a bound of this kind, inside and out."""
+    match bound:
+        case Range() | OneOf():
+            return edges(bound)
+        case Flags():
+            return [False, True]
+        case Words(values):
+            return sorted({near for word in values for near in (word, f"{word}a", word[:-1])})
+        case Stems(values, divider):
+            return sorted({near for stem in values for near in (stem, f"{stem}a", stem[:-1], f"{stem}{divider}a")})
+        case Each(element, least, most):
+            lengths = {max(least - 1, 0), least, most, most + 1}
+            members = kind_edges(kind.element, element) if element is not None else [0]
+            return [(member,) * length for length in sorted(lengths) for member in members]
+
+
+@st.composite
+def bounds_of_near(draw: st.DrawFn, kind: Kind, bound: Bound) -> Bound:
+    """The bound itself, or one of its kind that touches it."""
+    if isinstance(bound, (Range, OneOf)) and kind is not Sort.FREE:
+        return draw(bounds_near(bound))
+    other = draw(bounds_of(kind))
+    ways = [bound, other, meet(bound, other) or other]
+    match bound:
+        case Words(values):
+            ways.append(Words(draw(st.frozensets(st.sampled_from(sorted(values)), min_size=1)) | {draw(WORDS[kind])}))
+        case Stems(values, divider):
+            stem = draw(st.sampled_from(sorted(values)))
+            below = f"{stem}{divider}a" if stem else draw(WORDS[kind])
+            ways += [Words(frozenset({below})), canonical(Stems(values - {stem} | {below}, divider))]
+        case Each(element, least, most) if element is not None:
+            ways.append(canonical(Each(draw(bounds_of_near(kind.element, element)), least, most)))
+    return draw(st.sampled_from(ways))
+
+
+@st.composite
+def bounds_of_inside(draw: st.DrawFn, kind: Kind, bound: Bound) -> Bound:
+    """A bound of its kind within this one."""
+    if isinstance(bound, (Range, OneOf)) and kind is not Sort.FREE:
+        return draw(bounds_inside(bound))
+    near = draw(bounds_of_near(kind, bound))
+    return near if within(near, bound) else meet(near, bound) or bound
+
+
+# --- integers --------------------------------------------------------------------------------------------------------
 
 
 def edges(bound: Bound) -> list[int]:
@@ -48,9 +166,10 @@ def bounds_near(draw: st.DrawFn, bound: Bound) -> Bound:
 
 @st.composite
 def scopes(draw: st.DrawFn) -> Scope:
-    names = sorted(draw(st.sets(st.sampled_from(sorted(OPERATIONS)), min_size=1)))
+    names = sorted(draw(st.sets(st.sampled_from(sorted(OPERATIONS)), min_size=1, max_size=4)))
     grants = tuple(
-        Grant("arm", name, tuple(Limit(PARAMETERS[i], draw(bounds)) for i in range(OPERATIONS[name]))) for name in names
+        Grant("arm", name, tuple(Limit(each, draw(bounds_of(each.kind))) for each in OPERATIONS[name]))
+        for name in names
     )
     start = draw(st.integers(0, 20))
     return Scope(
@@ -103,12 +222,16 @@ def restrictions_near(draw: st.DrawFn, parent: Scope) -> Restriction:
         more = few | {draw(st.sampled_from(all_))} if rarely() else few
         return more if len(more) >= least else held
 
-    near = bounds_near if greedy else bounds_inside
+    near = bounds_of_near if greedy else bounds_of_inside
     grants = []
     for grant in parent.grants:
         if len(parent.grants) > 1 and draw(st.integers(0, 3)) == 0:
             continue
-        limits = [Limit(limit.parameter, draw(near(limit.bound))) for limit in grant.limits if draw(st.booleans())]
+        limits = [
+            Limit(limit.parameter, draw(near(limit.parameter.kind, limit.bound)))
+            for limit in grant.limits
+            if draw(st.booleans())
+        ]
         if rarely():
             limits.append(Limit(Parameter("other", Unit.GRAM), draw(bounds)))
         grants.append(Grant(grant.object, grant.operation, tuple(limits)))
@@ -143,7 +266,7 @@ def requests(draw: st.DrawFn, *scopes_: Scope) -> Request:
     """A request at the edges of what these scopes permit."""
     scope = draw(st.sampled_from(scopes_))
     grant = draw(st.sampled_from(scope.grants))
-    values = tuple(draw(st.sampled_from(edges(limit.bound)) | small) for limit in grant.limits)
+    values = tuple(draw(st.sampled_from(kind_edges(limit.parameter.kind, limit.bound))) for limit in grant.limits)
     if draw(st.integers(0, 19)) == 0:
         values = (*values, 0)
     at = draw(st.sampled_from([scope.not_before - 1, scope.not_before, scope.not_after - 1, scope.not_after]))

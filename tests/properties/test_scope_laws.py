@@ -11,18 +11,22 @@ from capabilities.values.algebra import COUNTED, apply, hop, meet, narrows, stat
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.explanation import difference, explain, explanation_to_json, narrowable, repair
-from capabilities.values.scope import OneOf, Range, Scope
+from capabilities.values.scope import Each, Flags, OneOf, Range, Scope, Stems, Words
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.values.well_formed import well_formed, well_formed_restriction
 from evaluation.tokens.campaigns import hop_laws, laws
 from hypothesis import given, seed, settings
 from hypothesis import strategies as st
 from tests.properties.drawn import (
+    OTHERS,
     UNIVERSE,
     bounds_near,
+    bounds_of,
+    bounds_of_near,
     edges,
     families,
     hops,
+    kind_edges,
     loose_bounds,
     numbers,
     requests,
@@ -62,6 +66,42 @@ def test_bounds(three, data):
     assert laws.less_is_left_out(a, b)
     assert laws.nearest_is_nearest(a, value, other)
     assert laws.nearest_bound_is_nearest(a, b, value, other)
+
+
+@st.composite
+def touching_of_a_kind(draw):
+    """Three bounds of one kind, at the edges of one another, and two values there."""
+    kind = draw(st.sampled_from([parameter.kind for parameter in OTHERS]))
+    found = [draw(bounds_of(kind))]
+    while len(found) < 3:
+        found.append(draw(bounds_of_near(kind, found[-1])))
+    at = st.sampled_from([value for bound in found for value in kind_edges(kind, bound)])
+    return (*draw(st.permutations(found)), draw(at))
+
+
+@pytest.mark.clause("VAL-18")
+@given(touching_of_a_kind())
+def test_bounds_of_every_kind(drawn):
+    a, b, c, value = drawn
+    assert laws.meet_is_the_intersection(a, b, value)
+    assert laws.meet_is_the_greatest_below_both(a, b, c)
+    assert laws.meet_commutes(a, b)
+    assert laws.meet_associates(a, b, c)
+    assert laws.meet_is_monotone(a, b, c)
+    assert laws.within_is_subset(a, b, value)
+    assert laws.within_is_antisymmetric(a, b)
+    assert laws.within_is_transitive(a, b, c)
+    assert laws.less_is_left_out(a, b)
+    assert laws.every_nearest_is_inside(a, b, value)
+
+
+@given(st.lists(st.sampled_from([parameter.kind for parameter in OTHERS]), min_size=2, max_size=2), st.data())
+def test_bounds_of_two_kinds_have_nothing_in_common(kinds, data):
+    a, b = (data.draw(bounds_of(kind)) for kind in kinds)
+    if type(a) is not type(b) and {type(a), type(b)} != {Words, Stems} and not {type(a), type(b)} <= {Range, OneOf}:
+        assert bounds.meet(a, b) is None
+        assert not bounds.within(a, b)
+        assert bounds.nearest_bound(a, b) is None
 
 
 @pytest.mark.clause("VAL-8")
@@ -165,6 +205,17 @@ def test_what_could_be_narrowed_can_be(scope):
     """Some child with less in just that dimension exists, and none in the others."""
     from dataclasses import replace
 
+    def just(value):
+        match value:
+            case bool():
+                return Flags(frozenset({value}))
+            case int():
+                return Range(value, value)
+            case str():
+                return Words(frozenset({value}))
+            case tuple():
+                return bounds.canonical(Each(just(value[0]) if value else None, len(value), len(value)))
+
     def smaller(dimension):
         match dimension:
             case "grants":
@@ -180,11 +231,9 @@ def test_what_could_be_narrowed_can_be(scope):
                     replace(scope, grants=(*scope.grants[:g], replace(grant, limits=limits), *scope.grants[g + 1 :]))
                     for g, grant in enumerate(scope.grants)
                     for i, limit in enumerate(grant.limits)
-                    for value in edges(limit.bound)
-                    if bounds.permits(limit.bound, value)
-                    for limits in [
-                        (*grant.limits[:i], replace(limit, bound=Range(value, value)), *grant.limits[i + 1 :])
-                    ]
+                    for value in kind_edges(limit.parameter.kind, limit.bound)
+                    if bounds.permits(limit.bound, value) and value != ""
+                    for limits in [(*grant.limits[:i], replace(limit, bound=just(value)), *grant.limits[i + 1 :])]
                 ]
 
     for dimension in COUNTED:

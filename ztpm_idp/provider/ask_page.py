@@ -21,7 +21,7 @@ import jinja2
 from capabilities.statements.ask import NO_ROBOT
 from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
 from ztpm_idp.domain.asks import Answer, AskState
 
@@ -87,6 +87,14 @@ _DECIMAL: Final[dict[Unit, tuple[int, str]]] = {
     Unit.MILLISECOND: (3, "s"),
     Unit.PERMILLE: (1, "%"),
     Unit.COUNT: (0, ""),
+    Unit.MILLIDEGREE_CELSIUS: (3, "°C"),
+    Unit.MILLIKELVIN: (3, "K"),
+    Unit.MILLIVOLT: (3, "V"),
+    Unit.MILLIAMPERE: (3, "A"),
+    Unit.MILLIWATT: (3, "W"),
+    Unit.MILLILITRE: (3, "L"),
+    Unit.PASCAL: (0, "Pa"),
+    Unit.HERTZ: (0, "Hz"),
 }
 """Units whose readable figure is the same number with the point moved: by how many places, and its unit."""
 _ANGULAR: Final = {
@@ -96,8 +104,10 @@ _ANGULAR: Final = {
 }
 
 
-def readable(value: int, unit: Unit) -> str:
+def readable(value: int, unit: Measure) -> str:
     """The figure for people: exact where the unit allows it, an angle in degrees to two places, with `≈`."""
+    if isinstance(unit, DeclaredUnit):
+        return f"{value} {unit}"
     if unit in _ANGULAR:
         return f"≈ {math.degrees(value / unit.per_si):z.2f}{_ANGULAR[unit]}"
     places, word = _DECIMAL[unit]
@@ -163,7 +173,7 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
     )
 
 
-def _figure(name: str, value: int, unit: Unit) -> _Figure:
+def _figure(name: str, value: int, unit: Measure) -> _Figure:
     quantity = Quantity(name, unit, value)
     return _Figure(quantity.name, readable(quantity.value, quantity.unit), f"{quantity.value} {quantity.unit}")
 

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.token import biscuit, block, hop_rules
 from capabilities.token.biscuit import Answer, Probe
+from capabilities.values.arguments import is_of, measured
 from capabilities.values.caps import DEFAULT
 from capabilities.values.chain import Chain
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
@@ -143,7 +144,7 @@ def does_lend(issuer: Issuer, token: bytes, chain: Chain, lend: Lend) -> bool | 
 def biscuit_says(issuer: Issuer, token: bytes, act: Act) -> bool:
     """True where Biscuit's own authorizer permits the act: all but the audience."""
     opened = biscuit.open_token(token, issuer.trust.roots[issuer.root_key_id])
-    probe = Probe(act.object, act.operation, tuple(each.value for each in act.values), act.at, int(act.base_tier))
+    probe = Probe(act.object, act.operation, tuple(measured(each) for each in act.values), act.at, int(act.base_tier))
     return opened.decide(probe, DEFAULT) is Answer.ALLOWED
 
 
@@ -195,9 +196,10 @@ def _pair_of_act(asked: _Asked, dimension: str, turn: int) -> None:
 
 
 def _plain(of: Family, act: Act) -> bool:
-    """True where the parameters are the operation's own: Biscuit knows no names and units, only places."""
-    return all(type(each.value) is int for each in act.values) and any(
-        [(each.name, each.unit) for each in act.values] == [(x.parameter.name, x.parameter.unit) for x in grant.limits]
+    """True where the parameters are the operation's own: Biscuit knows no names and kinds, only places."""
+    return any(
+        [each.name for each in act.values] == [limit.parameter.name for limit in grant.limits]
+        and all(is_of(limit.parameter.kind, each) for limit, each in zip(grant.limits, act.values, strict=True))
         for grant in of.blocks[0].grants or ()
         if (grant.object, grant.operation) == (act.object, act.operation)
     )

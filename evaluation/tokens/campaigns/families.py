@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.errors import FaultCode, TokenError
 from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import INT_LIMIT, Parameter, Unit
-from evaluation.tokens.campaigns import twin
+from evaluation.tokens.campaigns import kinds, twin
 from evaluation.tokens.campaigns.issuer import ATTESTED_AT, CELLS, SPONSOR, chain_of
 
 if TYPE_CHECKING:
@@ -23,6 +23,8 @@ HOPS: Final = 8
 AGENTS: Final = tuple(f"a{n}" for n in range(HOPS + 1))
 ROLE: Final = "planner"
 ARM: Final = "arm"
+KEPT: Final = ((ARM, "z"), (ARM, "y"))
+"""Operations that every chain keeps: one with a range and a set, one with a parameter of each other kind."""
 RANGE: Final = Parameter("low_high", Unit.MICROMETRE)
 SET: Final = Parameter("one_of", Unit.COUNT)
 _WORDS: Final = ("a", "b", "c", "read", "right", "query")
@@ -67,7 +69,9 @@ def _set(chance: Random) -> Bound:
 
 
 def inner(bound: Bound, chance: Random) -> Bound:
-    """A bound inside `bound`, often with an end in common."""
+    """A bound of integers inside `bound`, often with an end in common."""
+    if not isinstance(bound, (Range, OneOf)):
+        raise TypeError("not a bound of integers")
     if isinstance(bound, OneOf):
         kept = {value for value in bound.values if chance.random() < 0.7}
         return integers(kept or {min(bound.values)})
@@ -77,6 +81,13 @@ def inner(bound: Bound, chance: Random) -> Bound:
     if chance.random() < 0.2:
         return integers(set(ends))
     return Range(*ends)
+
+
+def within_limit(limit: Limit, chance: Random) -> Bound:
+    """A bound inside the limit's."""
+    if limit.parameter in kinds.DIMENSIONS.values():
+        return kinds.inner(limit.parameter.kind, limit.bound, chance)
+    return inner(limit.bound, chance)
 
 
 # --- chains ----------------------------------------------------------------------------------------------------------
@@ -91,7 +102,8 @@ def _first(chance: Random) -> Scope:
                 bound = _range(chance) if chance.random() < 0.5 else _set(chance)
                 limits.append(Limit(Parameter(f"p{n}", chance.choice(_UNITS)), bound))
             grants.append(Grant(thing, operation, tuple(limits)))
-    grants.append(Grant(ARM, "z", (Limit(RANGE, _range(chance)), Limit(SET, _set(chance)))))
+    grants.append(Grant(*KEPT[0], (Limit(RANGE, _range(chance)), Limit(SET, _set(chance)))))
+    grants.append(Grant(*KEPT[1], kinds.limits(chance)))
     return Scope(
         grants=tuple(sorted(grants, key=lambda grant: (grant.object, grant.operation))),
         ceiling=Tier(chance.randint(1, 3)),
@@ -107,12 +119,12 @@ def narrower(held: Scope, further: tuple[str, ...], chance: Random) -> Restricti
     """A restriction of `held` that leaves enough for further hops to these agents."""
     grants = None
     if chance.random() < 0.8:
-        kept = [g for g in held.grants if (g.object, g.operation) == (ARM, "z") or chance.random() < 0.85]
+        kept = [g for g in held.grants if (g.object, g.operation) in KEPT or chance.random() < 0.85]
         grants = tuple(
             Grant(
                 g.object,
                 g.operation,
-                tuple(Limit(x.parameter, inner(x.bound, chance)) for x in g.limits if chance.random() < 0.4),
+                tuple(Limit(x.parameter, within_limit(x, chance)) for x in g.limits if chance.random() < 0.4),
             )
             for g in kept
         )
@@ -197,7 +209,10 @@ def whole(scope: Scope) -> Restriction:
 
 # --- forged hops -----------------------------------------------------------------------------------------------------
 
-FORGED: Final = ("grants", "ranges", "sets", "ceiling", "audience", "delegates", "depth", "window", "idle", "stranger")
+FORGED: Final = (
+    *("grants", "ranges", "sets", *kinds.DIMENSIONS),
+    *("ceiling", "audience", "delegates", "depth", "window", "idle", "stranger"),
+)
 """Excess of a forged hop; "idle" narrows nothing, and no block names the agent of "stranger"."""
 
 
@@ -211,6 +226,8 @@ def too_much(what: str, held: Scope, chance: Random) -> Restriction:
             return replace(fair, grants=(*held.grants[:1], extra))
         case "ranges" | "sets":
             return replace(fair, grants=(_loosened(held, RANGE if what == "ranges" else SET, chance),))
+        case _ if what in kinds.DIMENSIONS:
+            return replace(fair, grants=(_of_a_kind(held, kinds.DIMENSIONS[what], chance),))
         case "ceiling":
             return replace(fair, ceiling=Tier(min(held.ceiling + 1, Tier.SAFETY_CRITICAL)))
         case "audience":
@@ -235,11 +252,25 @@ def too_much(what: str, held: Scope, chance: Random) -> Restriction:
 
 def _loosened(held: Scope, parameter: Parameter, chance: Random) -> Grant:
     """The grant that every chain keeps, with one integer more for this parameter."""
-    grant = next(each for each in held.grants if (each.object, each.operation) == (ARM, "z"))
+    grant = _grant(held, KEPT[0])
     (bound,) = (limit.bound for limit in grant.limits if limit.parameter == parameter)
+    if not isinstance(bound, (Range, OneOf)):
+        raise TypeError("not a bound of integers")
     if isinstance(bound, Range) and bound.low < bound.high:
         more: Bound = Range(bound.low - 1, bound.high) if chance.random() < 0.5 else Range(bound.low, bound.high + 1)
     else:
         members = {bound.low} if isinstance(bound, Range) else set(bound.values)
         more = integers(members | {chance.choice([p for p in twin.points(bound) if p not in members])})
-    return Grant(ARM, "z", (Limit(parameter, more),))
+    return Grant(*KEPT[0], (Limit(parameter, more),))
+
+
+def _of_a_kind(held: Scope, parameter: Parameter, chance: Random) -> Grant:
+    """The grant that every chain keeps, with a value more for this parameter."""
+    (bound,) = (limit.bound for limit in _grant(held, KEPT[1]).limits if limit.parameter == parameter)
+    more = kinds.more(bound, chance)
+    # Of what has every value there is no more, but of a range there is.
+    return _loosened(held, RANGE, chance) if more == bound else Grant(*KEPT[1], (Limit(parameter, more),))
+
+
+def _grant(held: Scope, pair: tuple[str, str]) -> Grant:
+    return next(each for each in held.grants if (each.object, each.operation) == pair)

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values import algebra, bounds, explanation
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope
+from capabilities.values.scope import Each, Flags, Grant, Limit, OneOf, Range, Restriction, Scope, Stems, Words
 
 if TYPE_CHECKING:
     from capabilities.values.scope import Bound, Widening
@@ -111,4 +111,19 @@ def _with(parent: Scope, grant: Grant, place: Widening) -> Grant:
 
 def bound_of(told: Any) -> Bound:
     """The bound that plain JSON tells."""
-    return OneOf(frozenset(told["one_of"])) if "one_of" in told else Range(told["low"], told["high"])
+    match told:
+        case {"each": element, "least": least, "most": most}:
+            inside: Any = None if element is None else bound_of(element)
+            return Each(inside, least, most)
+        case {"one_of": [bool(), *_] as values}:
+            return Flags(frozenset(values))
+        case {"one_of": [str(), *_] as values}:
+            return Words(frozenset(values))
+        case {"one_of": values}:
+            return OneOf(frozenset(values))
+        case {"starts_with": values}:
+            return Stems(frozenset(values), "")
+        case {"under": values}:
+            return Stems(frozenset(values), "/")
+        case _:
+            return Range(told["low"], told["high"])

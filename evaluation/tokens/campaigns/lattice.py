@@ -7,18 +7,21 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
-from itertools import pairwise, product
+from itertools import pairwise, permutations, product
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+import z3
+
+from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Stems, Tier, Words
 from capabilities.values.units import Parameter, Unit
 from evaluation.tokens.campaigns import hop_laws, laws
-from evaluation.tokens.campaigns.symbolic import UndecidedError, ways
+from evaluation.tokens.campaigns.symbolic import INTEGERS, TEXTS, UndecidedError, ways
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from capabilities.values.scope import Bound
+    from capabilities.values.stems import WordBound
     from evaluation.tokens.campaigns.symbolic import Run, Symbol
 
 PROVEN: Final = "proven"
@@ -55,6 +58,24 @@ BOUNDS: Final = (
     Claim(laws.less_is_left_out, _all(2, 0, 2, 3, 4)),
     Claim(laws.nearest_is_nearest, _all(1, 0, 2, 3, 4), 2),
     Claim(laws.nearest_bound_is_nearest, (*_all(2, 0, 2), (0, 3), (3, 0)), 2),
+    Claim(laws.every_nearest_is_inside, _all(2, 0, 2), 1),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class WordClaim:
+    """Law of words and stems with the shapes that it is proven for: members of each bound, less than 0 for stems."""
+
+    law: Callable[..., bool]
+    shapes: tuple[tuple[int, ...], ...]
+    values: int = 0
+
+
+WORDS: Final = (
+    WordClaim(laws.words_meet_in_the_intersection, _all(2, 1, -1), 1),
+    WordClaim(laws.words_meet_in_the_greatest, ((-1, -1, -1), (1, -1, -1), (-1, -1, 1))),
+    WordClaim(laws.words_meet_in_any_order, ((-1, -1, -1), (1, -1, -1))),
+    WordClaim(laws.words_narrow_in_an_order, ((-1, -1, -1), (1, -1, -1), (1, 1, -1))),
 )
 
 
@@ -85,20 +106,22 @@ SCOPES: Final = (
 
 def prove() -> list[Law]:
     """Every law with its verdict and the seconds that it took."""
-    return [prove_one(claim) for claim in (*BOUNDS, *SCOPES)]
+    return [prove_one(claim) for claim in (*BOUNDS, *WORDS, *SCOPES)]
 
 
-def prove_one(claim: Claim | ScopeClaim) -> Law:
+def prove_one(claim: Claim | WordClaim | ScopeClaim) -> Law:
     """One law, with its verdict and the seconds that it took."""
+    if isinstance(claim, WordClaim):
+        return verdict(claim.law, word_cases(claim), TEXTS)
     return verdict(claim.law, bound_cases(claim) if isinstance(claim, Claim) else scope_cases(claim))
 
 
-def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]]) -> Law:
+def verdict(law: Callable[..., bool], cases: Iterator[Callable[[Run], bool]], logic: str = INTEGERS) -> Law:
     """Result of a law over every case: it must hold on every way through each."""
     began = time.perf_counter()
     try:
         # A law that no way goes through would hold of nothing.
-        answers = [all(way.answer for way in ways(case)) for case in cases]
+        answers = [all(way.answer for way in ways(case, logic)) for case in cases]
     except UndecidedError:
         return law.__name__, UNDECIDED, time.perf_counter() - began
     return law.__name__, PROVEN if answers and all(answers) else REFUTED, time.perf_counter() - began
@@ -132,6 +155,31 @@ def bound_cases(claim: Claim) -> Iterator[Callable[[Run], bool]]:
         def case(run: Run, shape: tuple[int, ...] = shape) -> bool:
             named = [symbolic_bound(run, f"b{place}", members) for place, members in enumerate(shape)]
             return claim.law(*named, *(_int(run.symbol(f"v{place}")) for place in range(claim.values)))
+
+        yield case
+
+
+# --- symbolic words --------------------------------------------------------------------------------------------------
+
+
+def symbolic_words(run: Run, name: str, members: int, divider: Any) -> WordBound:
+    """Symbolic bound: any set of so many words, or of so many stems of which none is inside another."""
+    symbols = [run.text(f"{name}_{place}") for place in range(abs(members))]
+    for one, other in permutations(symbols, 2):
+        below = z3.PrefixOf(z3.Concat(one.term, z3.StringVal(divider)), other.term)
+        inside = z3.Or(one.term == z3.StringVal(""), one.term == other.term, below)
+        run.assume(z3.Not(inside) if members < 0 else one.term != other.term)
+    values: Any = frozenset(symbols)
+    return Words(values) if members > 0 else Stems(values, divider)
+
+
+def word_cases(claim: WordClaim) -> Iterator[Callable[[Run], bool]]:
+    """The law, asked of symbolic words and stems of each shape, of texts and of paths."""
+    for shape, divider in product(claim.shapes, ("", "/")):
+
+        def case(run: Run, shape: tuple[int, ...] = shape, divider: str = divider) -> bool:
+            named = [symbolic_words(run, f"b{place}", members, divider) for place, members in enumerate(shape)]
+            return claim.law(*named, *(run.text(f"v{place}") for place in range(claim.values)))
 
         yield case
 

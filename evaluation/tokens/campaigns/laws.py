@@ -7,16 +7,20 @@ empty and in their one form; scopes are well formed.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.values import algebra, bounds
-from capabilities.values.bounds import permits, size, within
-from capabilities.values.scope import OneOf, Scope
+from capabilities.values import algebra, bounds, stems
+from capabilities.values.bounds import MANY, permits, size, within
+from capabilities.values.scope import Each, Flags, OneOf, Range, Scope, Stems, Words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from capabilities.values.scope import Bound, Grant
+    from capabilities.values.stems import WordBound
+
+_LONG: Final = "~" * 300
+"""Longer than any word in a bound."""
 
 # --- bounds ----------------------------------------------------------------------------------------------------------
 
@@ -70,8 +74,14 @@ def within_is_transitive(a: Bound, b: Bound, c: Bound) -> bool:
 
 
 def less_is_left_out(a: Bound, b: Bound) -> bool:
-    """Of two bounds, one within the other, the smaller leaves out a value, and the equal none."""
-    return not within(a, b) or (size(a) < size(b)) == (left_out(a, b) is not None)
+    """Of two bounds, one within the other, the smaller leaves out a value, and the equal none; only that has its size.
+
+    More values than can be counted are of one size.
+    """
+    if not within(a, b):
+        return True
+    less = left_out(a, b) is not None
+    return less == (a != b) and (size(a) < size(b)) == (less and size(a) != MANY)
 
 
 def nearest_is_nearest(a: Bound, value: int, other: int) -> bool:
@@ -100,28 +110,81 @@ def nearest_bound_is_nearest(parent: Bound, wanted: Bound, inner: int, asked: in
     return near is not None and abs(value - near) <= abs(inner - asked)
 
 
-def inside(bound: Bound | None, value: int) -> bool:
+def words_meet_in_the_intersection(a: WordBound, b: WordBound, word: str) -> bool:
+    """A word is inside the meet exactly when it is inside both."""
+    both = stems.meet(a, b)
+    return (both is not None and stems.permits(both, word)) == (stems.permits(a, word) and stems.permits(b, word))
+
+
+def words_meet_in_the_greatest(a: WordBound, b: WordBound, c: WordBound) -> bool:
+    """The meet of words is within both, and any bound within both is within it."""
+    both, lower = stems.meet(a, b), stems.within(c, a) and stems.within(c, b)
+    if both is None:
+        return not lower
+    return stems.within(both, a) and stems.within(both, b) and (not lower or stems.within(c, both))
+
+
+def words_meet_in_any_order(a: WordBound, b: WordBound, c: WordBound) -> bool:
+    """The meet of words is commutative, associative and idempotent."""
+    ab, bc = stems.meet(a, b), stems.meet(b, c)
+    left = None if ab is None else stems.meet(ab, c)
+    right = None if bc is None else stems.meet(a, bc)
+    return ab == stems.meet(b, a) and left == right and stems.meet(a, a) == a
+
+
+def words_narrow_in_an_order(a: WordBound, b: WordBound, c: WordBound) -> bool:
+    """The order of words is reflexive, antisymmetric and transitive."""
+    onward = stems.within(a, b) and stems.within(b, c)
+    same = stems.within(a, b) and stems.within(b, a)
+    return stems.within(a, a) and (not same or a == b) and (not onward or stems.within(a, c))
+
+
+def every_nearest_is_inside(parent: Bound, wanted: Bound, value: Any) -> bool:
+    """A nearest value is inside, and the value itself where that is; a nearest bound is within, and the meet."""
+    found, near, both = bounds.nearest(parent, value), bounds.nearest_bound(parent, wanted), bounds.meet(parent, wanted)
+    return (
+        (found is None or permits(parent, found))
+        and (not permits(parent, value) or found == value)
+        and (near is None or within(near, parent))
+        and (both is None or near == both)
+    )
+
+
+def inside(bound: Bound | None, value: Any) -> bool:
     """True where the value is inside a bound that may be None."""
     return bound is not None and permits(bound, value)
 
 
-def left_out(child: Bound, parent: Bound) -> int | None:
+def left_out(child: Bound, parent: Bound) -> Any:
     """A value of `parent` that is not inside `child`, or None when there is none."""
     return next(
         (value for value in _candidates(child, parent) if permits(parent, value) and not permits(child, value)), None
     )
 
 
-def _candidates(child: Bound, parent: Bound) -> Iterator[int]:
+def _candidates(child: Bound, parent: Bound) -> Iterator[Any]:
     """Values of which one is left out, if any value of `parent` is."""
-    if isinstance(parent, OneOf):
-        yield from parent.values
-        return
-    yield parent.low
-    yield parent.high
-    if isinstance(child, OneOf):
-        # A range whose low end is in the set leaves it after some member for the first time.
-        yield from (value + 1 for value in child.values)
+    match parent:
+        case Range(low, high):
+            yield low
+            yield high
+            if isinstance(child, OneOf):
+                # A range whose low end is in the set leaves it after some member for the first time.
+                yield from (value + 1 for value in child.values)
+        case OneOf(values) | Flags(values) | Words(values):
+            yield from values
+        case Stems(values, divider):
+            # A stem is left out, or one of the child's leads to it; a set has some words after it, and not the longest.
+            for stem in values:
+                yield from (stem, f"{stem}{divider}{_LONG}")
+        case Each(element, least, most):
+            yield () if element is None else (_a_member(element),) * least
+            if element is not None:
+                yield (_a_member(element),) * most
+                other = child.element if isinstance(child, Each) else None
+                missing = _a_member(element) if other is None else left_out(other, element)
+                if missing is not None:
+                    yield (missing,) * max(least, 1)
 
 
 def _both(a: Bound | None, b: Bound | None) -> Bound | None:
@@ -241,5 +304,11 @@ def _values(values: tuple[int, ...], below: Grant | None, grant: Grant) -> Itera
             yield (*values[:place], missing, *values[place + 1 :])
 
 
-def _a_member(bound: Bound) -> int:
-    return next(iter(bound.values)) if isinstance(bound, OneOf) else bound.low
+def _a_member(bound: Bound) -> Any:
+    match bound:
+        case Range(low):
+            return low
+        case OneOf(values) | Flags(values) | Words(values) | Stems(values):
+            return next(iter(values))
+        case Each(element, least):
+            return () if element is None else (_a_member(element),) * least

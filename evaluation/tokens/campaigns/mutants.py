@@ -1,4 +1,4 @@
-"""Campaign A1: bytes that nobody issued, made from twenty shapes of tokens, put before the whole of `verify`.
+"""Campaign A1: bytes that nobody issued, made from 22 shapes of tokens, put before the whole of `verify`.
 
 None may be accepted, none may raise, none may take 50 ms, and memory may not grow by 64 MiB.
 """

@@ -45,7 +45,7 @@ class Pool:
 
 
 def pool(issuer: Issuer) -> Pool:
-    """The twenty shapes of this issuer, and those of another."""
+    """The shapes of this issuer, and those of another."""
     mine = issue(issuer)
     others = issue(Issuer(f"not {issuer.seed}", issuer.root_key_id))
     return Pool(tuple(mine.shapes.values()), tuple(others.shapes.values()), mine.all)

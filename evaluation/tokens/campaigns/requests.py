@@ -5,20 +5,24 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.values.arguments import is_of
 from capabilities.values.scope import Tier
-from capabilities.values.units import Quantity, Unit
-from evaluation.tokens.campaigns import twin
-from evaluation.tokens.campaigns.families import ARM, RANGE, ROLE, SET, lay_over, narrower, too_much
+from capabilities.values.units import Parameter, Quantity, Unit
+from evaluation.tokens.campaigns import kinds, twin
+from evaluation.tokens.campaigns.families import KEPT, RANGE, ROLE, SET, lay_over, narrower, too_much
 from evaluation.tokens.campaigns.issuer import CELLS
+from evaluation.tokens.campaigns.kinds import given
 from evaluation.tokens.campaigns.twin import Act, Lend
 
 if TYPE_CHECKING:
     from random import Random
 
+    from capabilities.values.arguments import Value
     from capabilities.values.scope import Limit
     from evaluation.tokens.campaigns.families import Family
 
-ACTING: Final = ("grants", "ranges", "sets", "ceiling", "audience", "window")
+_BOUNDS: Final = ("ranges", "sets", *kinds.DIMENSIONS)
+ACTING: Final = ("grants", *_BOUNDS, "ceiling", "audience", "window")
 LENDING: Final = ("delegates", "depth")
 DIMENSIONS: Final = (*ACTING, *LENDING)
 _ODD: Final = 0.05
@@ -29,11 +33,11 @@ def act(of: Family, dimension: str, chance: Random) -> Act:
     """A request to act that is inside one of the chains but, perhaps, for this dimension."""
     blocks = of.blocks[: chance.randint(1, len(of.blocks))]
     grants = list(blocks[0].grants or ())
-    if dimension in {"ranges", "sets"}:
-        grants = [each for each in grants if (each.object, each.operation) == (ARM, "z")]
+    if dimension in _BOUNDS:
+        grants = [each for each in grants if (each.object, each.operation) == KEPT[dimension in kinds.DIMENSIONS]]
     grant = chance.choice(grants)
     pair = grant.object, grant.operation
-    values = [Quantity(x.parameter.name, x.parameter.unit, _within(blocks, pair, x, chance)) for x in grant.limits]
+    values = [given(x.parameter, _within(blocks, pair, x, chance)) for x in grant.limits]
     held = of.chains[len(blocks) - 1].scope
     fair = Act(
         *pair,
@@ -47,10 +51,11 @@ def act(of: Family, dimension: str, chance: Random) -> Act:
     return _at_boundary(of, dimension, fair, chance)
 
 
-def _within(blocks: Any, pair: tuple[str, str], limit: Limit, chance: Random) -> int:
+def _within(blocks: Any, pair: tuple[str, str], limit: Limit, chance: Random) -> Any:
     """A value that all the blocks allow, at an end of one of them; where none does, any end."""
     bounds = twin.stated(blocks, pair, limit.parameter)
-    ends = sorted(set(twin.points(*bounds)))
+    found = sorted(set(twin.points(*bounds)))
+    ends = [end for end in found if is_of(limit.parameter.kind, given(limit.parameter, end))] or found
     allowed = [end for end in ends if all(twin.inside(bound, end) for bound in bounds)]
     return chance.choice(allowed or ends)
 
@@ -76,10 +81,9 @@ def _at_boundary(of: Family, dimension: str, fair: Act, chance: Random) -> Act:
             return replace(fair, object=pair[0], operation=pair[1])
         case "ranges" | "sets":
             wanted = RANGE if dimension == "ranges" else SET
-            bounds = twin.stated(of.blocks, (ARM, "z"), wanted)
-            value = chance.choice(list(twin.points(chance.choice(bounds))))
-            changed = [replace(each, value=value) if each.name == wanted.name else each for each in fair.values]
-            return replace(fair, values=tuple(changed))
+            return _with(of, KEPT[0], wanted, fair, chance)
+        case _ if dimension in kinds.DIMENSIONS:
+            return _with(of, KEPT[1], kinds.DIMENSIONS[dimension], fair, chance)
         case "ceiling":
             return replace(fair, base_tier=Tier((block.ceiling or 0) + chance.choice((0, 1))))
         case "audience":
@@ -92,6 +96,13 @@ def _at_boundary(of: Family, dimension: str, fair: Act, chance: Random) -> Act:
             raise ValueError(dimension)
 
 
+def _with(of: Family, pair: tuple[str, str], wanted: Parameter, fair: Act, chance: Random) -> Act:
+    """The request with a value of this parameter at a line that some block drew."""
+    bounds = twin.stated(of.blocks, pair, wanted)
+    value = given(wanted, chance.choice(twin.points(chance.choice(bounds))))
+    return replace(fair, values=tuple(value if each.name == wanted.name else each for each in fair.values))
+
+
 def _states(block: Any, dimension: str) -> bool:
     match dimension:
         case "ceiling":
@@ -102,21 +113,21 @@ def _states(block: Any, dimension: str) -> bool:
             return True
 
 
-def _odd(values: list[Quantity], chance: Random) -> tuple[Quantity, ...]:
-    """Other parameters: one less, one more, another order, another unit, a number that is no integer."""
+def _odd(values: list[Value], chance: Random) -> tuple[Value, ...]:
+    """Other parameters: one less, one more, another order, another kind, a value of another type or spelling."""
     if not values:
         return (Quantity("p0", Unit.COUNT, 0),)
     at = chance.randrange(len(values))
     one = values[at]
     rest = [*values[:at], *values[at + 1 :]]
-    strange: Any = chance.choice((True, 1.0, "1", float("nan"), None))
+    strange: Any = chance.choice((None, 1.0, float("nan"), b"/a", ["/a"], "/a/", "/a/../b", "https://A.example", -0.0))
     return tuple(
         chance.choice(
             (
                 rest,
                 [*values, one],
                 [*reversed(values), *(() if len(values) > 1 else (one,))],
-                [*values[:at], replace(one, unit=Unit.GRAM), *values[at + 1 :]],
+                [*values[:at], given(Parameter(one.name, Unit.GRAM), one.value), *values[at + 1 :]],
                 [*values[:at], replace(one, name="other"), *values[at + 1 :]],
                 [*values[:at], replace(one, value=strange), *values[at + 1 :]],
             )
@@ -142,7 +153,7 @@ def lend(of: Family, dimension: str, chance: Random) -> Lend:
         if chance.random() < 0.3:
             scope = replace(scope, delegates=scope.delegates | {chance.choice(names)})
     if chance.random() < 0.25:
-        what = chance.choice(("ranges", "sets", "ceiling", "audience", "window", "grants"))
+        what = chance.choice((*_BOUNDS, "ceiling", "audience", "window", "grants"))
         scope = lay_over(held, too_much(what, held, chance))
     return Lend(agent, role, scope)
 

@@ -1,4 +1,4 @@
-"""Twenty shapes of valid tokens, from the smallest to those at the bounds of the profile."""
+"""Shapes of valid tokens, from the smallest to those at the bounds of the profile and of every kind of parameter."""
 
 from __future__ import annotations
 
@@ -6,8 +6,20 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import EvidenceKind
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
-from capabilities.values.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.scope import (
+    Each,
+    Flags,
+    Grant,
+    Limit,
+    OneOf,
+    Range,
+    Restriction,
+    Scope,
+    Stems,
+    Tier,
+    Words,
+)
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Parameter, Sort, Unit
 from evaluation.tokens.campaigns.issuer import AT, ATTESTED_AT, CELLS, SPONSOR, chain_of
 
 if TYPE_CHECKING:
@@ -56,6 +68,36 @@ def _set(size: int) -> OneOf:
     return OneOf(frozenset(7 * n - 200 for n in range(size)))
 
 
+OF_EVERY_KIND: Final = (
+    Limit(Parameter("flag", Sort.FLAG), Flags(frozenset({False, True}))),
+    Limit(Parameter("title", Sort.TEXT), Stems(frozenset({"ab", "é"}), "")),
+    Limit(Parameter("name", Sort.TEXT), Words(frozenset({"read", "write"}))),
+    Limit(Parameter("file", Sort.PATH), Stems(frozenset({"/srv", "/home/x"}), "/")),
+    Limit(Parameter("page", Sort.URL), Stems(frozenset({"https://a.example"}), "/")),
+    Limit(Parameter("body", Sort.FREE), Range(1, 4_096)),
+    Limit(Parameter("pressure", DeclaredUnit("x-bar", 1_000)), Range(0, 900)),
+    Limit(Parameter("files", ListOf(Sort.PATH)), Each(Stems(frozenset({"/srv"}), "/"), 0, 9)),
+    Limit(Parameter("counts", ListOf(Unit.COUNT)), Each(OneOf(frozenset({1, 5})), 1, 2)),
+)
+_KINDS: Final = replace(
+    SMALL, grants=(Grant("r", "s", OF_EVERY_KIND), STOP), delegates=frozenset({_AGENTS[1]}), depth=1
+)
+LESS_OF_EVERY_KIND: Final = Restriction(
+    grants=(
+        Grant(
+            "r",
+            "s",
+            (
+                Limit(Parameter("flag", Sort.FLAG), Flags(frozenset({False}))),
+                Limit(Parameter("title", Sort.TEXT), Words(frozenset({"abc"}))),
+                Limit(Parameter("file", Sort.PATH), Stems(frozenset({"/srv/a"}), "/")),
+                Limit(Parameter("files", ListOf(Sort.PATH)), Each(Stems(frozenset({"/srv/a"}), "/"), 1, 5)),
+            ),
+        ),
+    )
+)
+
+
 def _limited(*bounds: Range | OneOf) -> Scope:
     limits = tuple(Limit(Parameter(f"p{i}", Unit.COUNT), bound) for i, bound in enumerate(bounds))
     return replace(SMALL, grants=(Grant("r", "s", limits),))
@@ -71,6 +113,7 @@ _FIRST: Final = {
     "a set of 64": _limited(_set(64)),
     "largest integers": _limited(Range(-INT_LIMIT, INT_LIMIT), OneOf(frozenset({-INT_LIMIT, INT_LIMIT}))),
     "64 delegates": replace(WIDE, delegates=frozenset(f"agent-{n}" for n in range(64))),
+    "every kind": _KINDS,
     "longest names": replace(
         SMALL,
         grants=(Grant("o" * 256, "p" * 256),),
@@ -90,7 +133,7 @@ class Issued:
 
 
 def issue(issuer: Issuer) -> Issued:
-    """The twenty shapes, each of which verifies."""
+    """Every shape, each of which verifies."""
     shapes: dict[str, bytes] = {}
     everything: set[bytes] = set()
     for name, family in _families(issuer):
@@ -109,6 +152,7 @@ def _families(issuer: Issuer) -> Iterator[tuple[str, list[bytes]]]:
     jwt = issuer.holder("first", person, kind=EvidenceKind.JWT)
     yield "a platform's word", [issuer.mint(replace(SMALL, ceiling=Tier.SAFETY_CRITICAL), jwt)]
     yield "a hop that drops an audience", descend(issuer, [Restriction(audiences=frozenset(CELLS[:2]))])
+    yield "a hop in every kind", descend(issuer, [LESS_OF_EVERY_KIND], first=_KINDS)
     yield "a hop by role", descend(issuer, [Restriction(ceiling=Tier.REVERSIBLE)], role="planner")
     for depth in (1, 2, 3, 4, 6, 8):
         yield f"{depth} hops", descend(issuer, [tighter(n) for n in range(1, depth + 1)])
@@ -128,9 +172,9 @@ def tighter(hop: int) -> Restriction:
     )
 
 
-def descend(issuer: Issuer, restrictions: list[Restriction], *, role: str = "") -> list[bytes]:
-    """The widest token and one more for each restriction, each a hop below the one before."""
-    verifier, family = issuer.verifier(), [issuer.mint(WIDE)]
+def descend(issuer: Issuer, restrictions: list[Restriction], *, role: str = "", first: Scope = WIDE) -> list[bytes]:
+    """The first token, by default the widest, and one more for each restriction, each a hop below the one before."""
+    verifier, family = issuer.verifier(), [issuer.mint(first)]
     for n, restriction in enumerate(restrictions, 1):
         chain = chain_of(verifier, family[-1])
         agent = f"of-a-role-{n}" if role else _AGENTS[n]

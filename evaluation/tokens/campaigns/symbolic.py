@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import operator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 import z3
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 T = TypeVar("T")
+INTEGERS: Final = "QF_LIA"
+TEXTS: Final = "QF_SLIA"
 
 
 class UndecidedError(Exception):
@@ -59,6 +61,31 @@ class Symbol:
 
     def __abs__(self) -> Symbol:
         return self if self >= 0 else Symbol(-self.term, self._run)
+
+
+class Text:
+    """A text that can be any. All of them hash alike, so that sets compare their members."""
+
+    __slots__ = ("_run", "term")
+
+    def __init__(self, term: z3.SeqRef, run: Run) -> None:
+        self.term, self._run = term, run
+
+    def __hash__(self) -> int:
+        return 0
+
+    def __bool__(self) -> bool:
+        return not self._run.says(operator.eq, self.term, z3.StringVal(""))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Text) and (other is self or self._run.says(operator.eq, self.term, other.term))
+
+    def __add__(self, other: str) -> Text:
+        return Text(z3.Concat(self.term, z3.StringVal(other)) if other else self.term, self._run)
+
+    def startswith(self, other: Text) -> bool:
+        """True where this begins with the other."""
+        return self._run.says(z3.PrefixOf, other.term, self.term)
 
 
 def _term(value: Symbol | int) -> z3.ArithRef | int:
@@ -110,6 +137,14 @@ class Run:
         """Assumes these conditions of all integers. To be called before the first comparison."""
         self.solver.add(*conditions)
 
+    def text(self, name: str) -> Text:
+        """Symbol for any text; the same one for the same name."""
+        return Text(z3.String(name), self)
+
+    def says(self, compare: Callable[[Any, Any], Any], one: Any, other: Any) -> bool:
+        """True where a comparison of texts holds."""
+        return self._answer(compare, one, other)
+
     def less(self, one: Symbol | int, other: Symbol | int) -> bool:
         """True where `one` is less than `other`."""
         names = _name(one), _name(other)
@@ -132,7 +167,7 @@ class Run:
                 self._known[False, *names] = self._known[False, names[1], names[0]] = False
         return found
 
-    def _answer(self, compare: Callable[[Any, Any], Any], one: z3.ArithRef | int, other: z3.ArithRef | int) -> bool:
+    def _answer(self, compare: Callable[[Any, Any], Any], one: Any, other: Any) -> bool:
         """The answer to a comparison: the only possible one, or, where both are, one now and the other later."""
         at = len(self.answers)
         if at < len(self.replayed):
@@ -173,14 +208,18 @@ class Way(Generic[T]):
     conditions: tuple[z3.BoolRef, ...]
 
 
-def ways(code: Callable[[Run], T]) -> Iterator[Way[T]]:
+def ways(code: Callable[[Run], T], logic: str = INTEGERS) -> Iterator[Way[T]]:
     """Every way through `code`, which makes its symbols from the run that it is given.
 
     The conditions of the ways exclude each other, and together cover all assumed cases.
+
+    Args:
+        code: that is run.
+        logic: of the solver, `INTEGERS` or `TEXTS`.
     """
     waiting: list[Answers] = [()]
     while waiting:
-        run = Run(z3.SolverFor("QF_LIA"), waiting.pop())
+        run = Run(z3.SolverFor(logic), waiting.pop())
         answer = code(run)
         waiting.extend(run.open_)
         yield Way(answer, tuple(run.conditions))

@@ -2,21 +2,24 @@
 
 It is a second opinion on the algebra of scopes and uses none of it: no order, no meet, no scope laid over another.
 Inclusion of one set of integers in another is tested at points: both are unions of few ranges, so one that sticks out
-does so at an end of its own, or just beside a member or an end of the other.
+does so at an end of its own, or just beside a member or an end of the other. Of words it does so at a word or stem of
+its own, or after a stem.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from capabilities.values.scope import Grant, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.arguments import is_of, measured
+from capabilities.values.scope import Each, Flags, Grant, OneOf, Range, Restriction, Scope, Stems, Tier, Words
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from capabilities.values.arguments import Value
     from capabilities.values.scope import Bound
-    from capabilities.values.units import Parameter, Quantity
+    from capabilities.values.units import Parameter
 
 Blocks = tuple[Restriction, ...]
 """Statements of the blocks of a token, in order. The first one states everything."""
@@ -28,7 +31,7 @@ class Act:
 
     object: str
     operation: str
-    values: tuple[Quantity, ...]
+    values: tuple[Value, ...]
     base_tier: Tier
     at: int
     audience: str
@@ -55,12 +58,13 @@ def acts(blocks: Blocks, act: Act) -> list[bool]:
 
 
 def _shaped(first: Restriction, act: Act) -> bool:
-    """Exactly the parameters that the first block lists for the operation, in order, with their units, as integers."""
+    """Exactly the parameters that the first block lists for the operation, in order, each of its kind."""
     for grant in first.grants or ():
         if (grant.object, grant.operation) == (act.object, act.operation):
-            listed = [(limit.parameter.name, limit.parameter.unit) for limit in grant.limits]
-            given = [(value.name, value.unit) for value in act.values]
-            return listed == given and all(type(value.value) is int for value in act.values)
+            listed = [limit.parameter for limit in grant.limits]
+            return [each.name for each in listed] == [value.name for value in act.values] and all(
+                is_of(parameter.kind, value) for parameter, value in zip(listed, act.values, strict=True)
+            )
     return False
 
 
@@ -71,7 +75,7 @@ def _allows(block: Restriction, act: Act) -> bool:
             return False
         for limit in same[0].limits:
             for value in act.values:
-                if value.name == limit.parameter.name and not inside(limit.bound, value.value):
+                if value.name == limit.parameter.name and not inside(limit.bound, measured(value)):
                     return False
     if block.ceiling is not None and act.base_tier > block.ceiling:
         return False
@@ -82,9 +86,24 @@ def _allows(block: Restriction, act: Act) -> bool:
     return not (block.not_after is not None and act.at >= block.not_after)
 
 
-def inside(bound: Bound, value: int) -> bool:
-    """True where an integer is in a bound."""
-    return value in bound.values if isinstance(bound, OneOf) else bound.low <= value <= bound.high
+def inside(bound: Bound, value: Any) -> bool:
+    """True where a value is in a bound: a path and a URL by their components, a text by its characters."""
+    match bound:
+        case Range(low, high):
+            return bool(low <= value <= high)
+        case OneOf(values) | Flags(values) | Words(values):
+            return value in values
+        case Stems(values, divider):
+            return any(not stem or _leading(stem, value, divider) for stem in values)
+        case Each(element, least, most):
+            return least <= len(value) <= most and not any(
+                element is None or not inside(element, member) for member in value
+            )
+
+
+def _leading(stem: str, word: str, divider: str) -> bool:
+    parts, others = (stem.split("/"), word.split("/")) if divider else (list(stem), list(word))
+    return others[: len(parts)] == parts
 
 
 # --- lending ---------------------------------------------------------------------------------------------------------
@@ -188,8 +207,26 @@ def stated(blocks: Sequence[Restriction], pair: tuple[str, str], parameter: Para
     ]
 
 
-def points(*bounds: Bound) -> Iterator[int]:
-    """Every end and member of the bounds, and the integers beside them."""
-    for bound in bounds:
-        for end in (bound.low, bound.high) if isinstance(bound, Range) else bound.values:
-            yield from (end - 1, end, end + 1)
+def points(*bounds: Bound) -> list[Any]:
+    """Every end and member of the bounds, and what lies just beside them; of stems what goes on after them, too."""
+    some = [point for bound in bounds if not isinstance(bound, Each) for point in _points(bound)]
+    lists = [bound for bound in bounds if isinstance(bound, Each)]
+    elements = [bound.element for bound in lists if bound.element is not None]
+    lengths = {near for each in lists for end in (each.least, each.most) for near in (end - 1, end, end + 1)}
+    members = points(*elements) if elements else [0]
+    return some + [(member,) * length for length in sorted(lengths) if length >= 0 for member in members]
+
+
+def _points(bound: Range | OneOf | Flags | Words | Stems) -> Iterator[Any]:
+    match bound:
+        case Range(low, high):
+            yield from (low - 1, low, low + 1, high - 1, high, high + 1)
+        case OneOf(values):
+            yield from (near for value in sorted(values) for near in (value - 1, value, value + 1))
+        case Flags():
+            yield from (False, True)
+        case Words(values):
+            yield from (near for word in sorted(values) for near in (word, f"{word}x", word[:-1]))
+        case Stems(values, divider):
+            for stem in sorted(values):
+                yield from (stem, f"{stem}x", stem[:-1], f"{stem}{divider}x", f"{stem}{divider}~~")

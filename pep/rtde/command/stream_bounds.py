@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING, assert_never
 
-from capabilities.values.scope import OneOf, Range
+from capabilities.values.scope import Each, Flags, OneOf, Range, Stems, Words
 from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
@@ -55,6 +55,8 @@ class StreamBounds:
                     inside = granted.low <= scaled <= granted.high
                 case OneOf():
                     inside = scaled in granted.values
+                case Flags() | Words() | Stems() | Each():
+                    inside = False  # no bound of a number
                 case _:
                     assert_never(granted)
             if not inside:

@@ -77,7 +77,7 @@ def test_an_external_signature_of_another_version_does_not_count(version):
 @pytest.mark.clause("BLK-3")
 def test_the_contents_of_a_block():
     payload = field(1, b"one") + field(1, b"two") + VERSION + FACT + field(6, b"first") + field(6, b"second")
-    assert wire.contents(payload, version=3) == wire.Contents(("one", "two"), 5, 0, (b"abc",), (b"first", b"second"))
+    assert wire.contents(payload, version=3) == wire.Contents(("one", "two"), 5, 0, (b"abc",), (b"first", b"second"), 3)
 
 
 @pytest.mark.clause("TOK-6.1", "BLK-3", "BLK-4")

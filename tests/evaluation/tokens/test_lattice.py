@@ -21,7 +21,9 @@ SETS = [OneOf(frozenset(values)) for values in product(DOMAIN, repeat=2) if valu
 
 
 @pytest.mark.campaign
-@pytest.mark.parametrize("claim", (*lattice.BOUNDS, *lattice.SCOPES), ids=lambda claim: claim.law.__name__)
+@pytest.mark.parametrize(
+    "claim", (*lattice.BOUNDS, *lattice.WORDS, *lattice.SCOPES), ids=lambda claim: claim.law.__name__
+)
 def test_each_law_is_proven(claim):
     name, verdict, seconds = lattice.prove_one(claim)
     assert (name, verdict) == (claim.law.__name__, PROVEN)
@@ -66,7 +68,7 @@ def test_each_law_is_proven_of_one_dimension_at_a_time(claim, monkeypatch):
 
 def test_all_laws_are_told(monkeypatch):
     """No law of the two modules is left out, and `prove` tells each claim once, also one that is false."""
-    claimed = [claim.law for claim in (*lattice.BOUNDS, *lattice.SCOPES)]
+    claimed = [claim.law for claim in (*lattice.BOUNDS, *lattice.WORDS, *lattice.SCOPES)]
     assert len(set(claimed)) == len(claimed)
     written = {name for module in (laws, hop_laws) for name in vars(module) if "_is_" in name or "_meet_" in name}
     assert written <= {law.__name__ for law in claimed}
@@ -75,6 +77,7 @@ def test_all_laws_are_told(monkeypatch):
         return False
 
     monkeypatch.setattr(lattice, "BOUNDS", (lattice.BOUNDS[7], lattice.Claim(never, ((0,),))))
+    monkeypatch.setattr(lattice, "WORDS", ())
     monkeypatch.setattr(lattice, "SCOPES", lattice.SCOPES[:1])
     told = [(name, verdict) for name, verdict, _ in prove()]
     assert told == [("within_is_transitive", PROVEN), ("never", REFUTED), ("narrowing_is_an_order", PROVEN)]

@@ -9,12 +9,13 @@ from typing import Any
 from capabilities.keys.keys import b64u
 from capabilities.keys.trust import TrustBundle
 from capabilities.statements.revocation import RevocationView
-from capabilities.values.algebra import bound_to_json
+from capabilities.values.arguments import Argument, Value, fingerprint
+from capabilities.values.bounds import bound_to_json, kind_to_json
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault
 from capabilities.values.scope import Tier
 from capabilities.values.scope_json import scope_to_json
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.units import Quantity, Sort, kind_of
 
 FOLDER = Path(__file__).parent
 WORLD = FOLDER / "world.json"
@@ -51,14 +52,22 @@ def view_of(view: dict[str, Any]) -> RevocationView:
 
 
 def request_of(request: dict[str, Any]) -> dict[str, Any]:
-    """Arguments of `Verifier.check_request`; the values exactly as they stand in the file, integers or not."""
-    values = tuple(Quantity(each["name"], Unit(each["unit"]), each["value"]) for each in request["values"])
+    """Arguments of `Verifier.check_request`; the values exactly as they stand in the file, of their kinds or not."""
+    values = tuple(map(_given, request["values"]))
     return {
         "object": request["object"],
         "operation": request["operation"],
         "values": values,
         "base_tier": Tier(request["base_tier"]),
     }
+
+
+def _given(stated: dict[str, Any]) -> Value:
+    value = tuple(stated["value"]) if isinstance(stated["value"], list) else stated["value"]
+    if "unit" in stated:
+        return Quantity(stated["name"], kind_of(stated["unit"]), value)
+    kind = kind_of(stated["kind"])
+    return Argument(stated["name"], kind, fingerprint(stated["value"]) if kind is Sort.FREE else value)
 
 
 # --- results ---------------------------------------------------------------------------------------------------------------
@@ -73,10 +82,10 @@ def refusal_json(refusal: Refusal) -> dict[str, Any]:
     if refusal.bound is not None:
         found |= {
             "parameter": refusal.parameter,
-            "value": refusal.value,
-            "unit": str(refusal.unit),
+            "value": list(refusal.value) if isinstance(refusal.value, tuple) else refusal.value,
+            **kind_to_json(refusal.unit),
             "bound": bound_to_json(refusal.bound),
-            "nearest": refusal.nearest,
+            "nearest": list(refusal.nearest) if isinstance(refusal.nearest, tuple) else refusal.nearest,
         }
     return {"refusal": found}
 

@@ -33,12 +33,13 @@ def all_groups() -> tuple[Group, ...]:
         checks,
         container,
         contents,
+        kinds,
         moment,
         requests,
         values,
     )
 
-    modules = (container, contents, values, checks, chain, moment, requests, agreement, accepted)
+    modules = (container, contents, values, checks, chain, moment, requests, agreement, accepted, kinds)
     return tuple(group for module in modules for group in module.GROUPS)
 
 

@@ -17,7 +17,20 @@ import biscuit_auth
 from capabilities.keys.keys import b64u
 from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import Window
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.scope import (
+    Bound,
+    Each,
+    Flags,
+    Grant,
+    Limit,
+    OneOf,
+    Range,
+    Restriction,
+    Scope,
+    Stems,
+    Tier,
+    Words,
+)
 from capabilities.values.units import Parameter, Unit
 from tests.vectors.tokens.sealing import Sealed, append, cut, inner, key_of, put, raw_of, seal
 
@@ -134,13 +147,34 @@ def hop_id_of(agent: str) -> bytes:
     return hashlib.sha256(b"hop " + agent.encode()).digest()[:16]
 
 
-def _bound(position: int, bound: Range | OneOf | None) -> list[str]:
+def _bound(position: int, bound: Bound | None) -> list[str]:
+    name = f"$v{position}"
+    match bound:
+        case Each(element, least, most):
+            members = [] if element is None else [f"{name}.all($x -> {test})" for test in _tests("$x", element)]
+            return [f"{name}.length() >= {least}", f"{name}.length() <= {most}", *members]
+        case None:
+            return []
+    return _tests(name, bound)
+
+
+def _tests(name: str, bound: Bound) -> list[str]:
     match bound:
         case Range(low, high):
-            return [f"$v{position} >= {low}", f"$v{position} <= {high}"]
-        case OneOf(values):
-            return ["{" + ", ".join(map(str, sorted(values))) + f"}}.contains($v{position})"]
-    return []
+            return [f"{name} >= {low}", f"{name} <= {high}"]
+        case OneOf(values) | Flags(values) | Words(values):
+            return [f"{_set(values)}.contains({name})"]
+        case Stems(values, ""):
+            return [f"{_set(values)}.any($p -> {name}.starts_with($p))"]
+        case Stems(values):
+            return [
+                f'{_set({f"{stem}/" if stem else "" for stem in values})}.any($p -> ({name} + "/").starts_with($p))'
+            ]
+    raise TypeError("no such bound")
+
+
+def _set(values: Any) -> str:
+    return "{" + ", ".join(json.dumps(value, ensure_ascii=False) for value in sorted(values)) + "}"
 
 
 def request_check(stated: tuple[Grant, ...], signatures: tuple[Grant, ...]) -> str:
@@ -168,13 +202,18 @@ def context_check(not_before: int | None, not_after: int | None, ceiling: int | 
     return ", ".join(["check if req_ctx($time, $tier)", *demands])
 
 
+_WITHOUT_LITERAL = {"none": b"", "true": {True}, "false": {False}}
+"""Values that Datalog text has no spelling for: no bytes, and a set of one truth value."""
+
+
 def compiled(statements: list[str], version: int) -> bytes:
     """Message of a block with these statements, as the library writes it.
 
     It is of this version of Datalog or the later one that it needs.
     """
-    text = re.sub(r"\bhex:(?![0-9a-f])", "{none}", ";\n".join(statements) + ";")  # the one literal without a spelling
-    builder = biscuit_auth.BiscuitBuilder(text, {"none": b""} if "{none}" in text else {})
+    text = re.sub(r"\bhex:(?![0-9a-f])", "{none}", ";\n".join(statements) + ";")
+    bound = {name: value for name, value in _WITHOUT_LITERAL.items() if f"{{{name}}}" in text}
+    builder = biscuit_auth.BiscuitBuilder(text, bound)
     private = biscuit_auth.PrivateKey.from_bytes(key_of("any").private_bytes_raw(), biscuit_auth.Algorithm.Ed25519)
     signed = next(raw for number, raw in cut(bytes(builder.build(private).to_bytes())) if number == 2)
     fields = cut(inner(cut(inner(signed))[0][1]))
@@ -267,7 +306,7 @@ def authority_payload(
                 "method": "operator-key",
                 "subject": "alice",
             },
-            "parameters": [[f"{x.parameter.name}:{x.parameter.unit}" for x in grant.limits] for grant in scope.grants],
+            "parameters": [[f"{x.parameter.name}:{x.parameter.kind}" for x in grant.limits] for grant in scope.grants],
         },
         checks=[
             request_check(scope.grants, scope.grants),

@@ -2,7 +2,7 @@
 
 import { Broken, demand } from "./faults.js";
 import { Malformed, Strict } from "./protobuf.js";
-import type { Bound } from "./scope.js";
+import { type Bound, type OneBound, sorted } from "./scope.js";
 import { LARGEST, integer, name } from "./values.js";
 
 export interface Alternative {
@@ -22,6 +22,7 @@ export interface Message {
   readonly terms: readonly Uint8Array[];
   readonly members: Readonly<Record<string, unknown>>;
   readonly texts: Texts;
+  readonly functions: boolean;
   readonly checks: readonly Uint8Array[];
 }
 
@@ -30,7 +31,10 @@ const KNOWN =
     "ip_address client client_ip domain path version cluster node hostname nonce query").split(" ");
 const OWN = 1024n;
 const QUERY = 27n;
-const LESS = 0n, AT_MOST = 2n, AT_LEAST = 3n, CONTAINS = 5n; // OpBinary.Kind
+// OpBinary.Kind and OpUnary.Kind
+const LESS = 0n, AT_MOST = 2n, AT_LEAST = 3n, CONTAINS = 5n, PREFIX = 6n, ADD = 9n, ALL = 25n, ANY = 26n;
+const PARENTHESES = 1n, LENGTH = 2n;
+const FUNCTIONS = 6n; // the version of Datalog that has them
 
 class Texts {
   constructor(readonly own: readonly string[]) {}
@@ -58,7 +62,8 @@ export function message(payload: Uint8Array, first: boolean): Message {
     throw error instanceof Malformed ? new Broken("WRONG_PROFILE") : error;
   }
   demand(!block.numbers.some((number) => number === 2 || number === 5 || number > 6), "WRONG_PROFILE");
-  demand(block.number(3) === (first ? 3n : 5n), "WRONG_PROFILE");
+  const functions = block.number(3) === FUNCTIONS;
+  demand(functions || block.number(3) === (first ? 3n : 5n), "WRONG_PROFILE");
   const texts = new Texts(block.each(1).map((raw) => new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(raw)));
   demand(new Set([...texts.own, ...KNOWN]).size === texts.own.length + KNOWN.length);
   demand(fact !== null && texts.at(fact.number(1)) === "hop" && terms.length === 6);
@@ -70,7 +75,7 @@ export function message(payload: Uint8Array, first: boolean): Message {
   });
   const members = statement(raw[4]!);
   if (first) demand(members["profile"] === "ztpm/1", "WRONG_PROFILE");
-  return { index, terms: raw, members, texts, checks: block.each(6) };
+  return { index, terms: raw, members, texts, functions, checks: block.each(6) };
 }
 
 const TERM = { 1: "number", 2: "number", 3: "number", 4: "number", 5: "bytes", 6: "number", 7: "bytes", 8: "bytes", 9: "bytes", 10: "bytes" } as const;
@@ -90,7 +95,7 @@ function statement(raw: Uint8Array): Record<string, unknown> {
 }
 
 /** RFC 8785: members in the order of their UTF-16 code units, numbers and strings as ECMAScript writes them. */
-function canonical(value: unknown): string {
+export function canonical(value: unknown): string {
   if (Array.isArray(value)) return `[${value.map(canonical).join(",")}]`;
   if (typeof value !== "object" || value === null) return JSON.stringify(value);
   const members = Object.entries(value).sort(([a], [b]) => (a < b ? -1 : 1));
@@ -102,7 +107,7 @@ function canonical(value: unknown): string {
 interface Query {
   readonly predicate: string;
   readonly terms: readonly Strict[];
-  readonly conditions: readonly [Strict, Strict, bigint][];
+  readonly conditions: readonly (readonly Op[])[];
 }
 
 /** The checks of a block, in the two forms of 2.2. */
@@ -122,7 +127,11 @@ export function checks(said: Message): { alternatives: Alternative[] | null; con
   }
   const found = queries.shift();
   demand(queries.length === 0);
-  return { alternatives, context: found ? context(found, said.texts) : { not_before: null, not_after: null, ceiling: null } };
+  const stated = found ? context(found, said.texts) : { not_before: null, not_after: null, ceiling: null };
+  const needs = (bound: Bound | null) =>
+    bound !== null && ("each" in bound ? bound.each !== null : "starts_with" in bound || "under" in bound);
+  demand((alternatives?.some(({ bounds }) => bounds.some(needs)) ?? false) === said.functions, "WRONG_PROFILE");
+  return { alternatives, context: stated };
 }
 
 function check(raw: Uint8Array, texts: Texts): Query[] {
@@ -142,14 +151,45 @@ function check(raw: Uint8Array, texts: Texts): Query[] {
   });
 }
 
+interface Op {
+  readonly term?: Strict;
+  readonly unary?: bigint;
+  readonly binary?: bigint;
+  readonly parameter?: bigint;
+  readonly inside?: readonly Op[];
+}
+
+function condition(raw: Uint8Array): Op[] {
+  return new Strict(raw, { 1: "bytes*" }).each(1).map(operation);
+}
+
+/** One operation: a term, one on one term or on two, or a function of one parameter. */
+function operation(raw: Uint8Array): Op {
+  const op = new Strict(raw, { 1: "bytes", 2: "bytes", 3: "bytes", 4: "bytes" });
+  demand(op.numbers.length === 1);
+  switch (op.numbers[0]) {
+    case 1:
+      return { term: new Strict(op.bytes(1)!, TERM) };
+    case 4: {
+      const closure = new Strict(op.bytes(4)!, { 1: "number", 2: "bytes*" });
+      const parameter = closure.number(1);
+      demand(parameter !== null);
+      return { parameter, inside: closure.each(2).map(operation) };
+    }
+    default: {
+      const found = new Strict(op.bytes(op.numbers[0]!)!, { 1: "number", 2: "number" });
+      const kind = found.number(1);
+      demand(kind !== null && found.number(2) === null);
+      return op.numbers[0] === 2 ? { unary: kind } : { binary: kind };
+    }
+  }
+}
+
 /** One binary operation on two terms. */
-function condition(raw: Uint8Array): [Strict, Strict, bigint] {
-  const ops = new Strict(raw, { 1: "bytes*" }).each(1).map((op) => new Strict(op, { 1: "bytes", 2: "bytes", 3: "bytes", 4: "bytes" }));
-  demand(ops.length === 3 && ops.every((op, i) => op.numbers.length === 1 && op.numbers[0] === (i < 2 ? 1 : 3)));
-  const operation = new Strict(ops[2]!.bytes(3)!, { 1: "number", 2: "number" });
-  const kind = operation.number(1);
-  demand(kind !== null && operation.number(2) === null);
-  return [new Strict(ops[0]!.bytes(1)!, TERM), new Strict(ops[1]!.bytes(1)!, TERM), kind];
+function comparison(ops: readonly Op[]): [Strict, Strict, bigint] {
+  const [first, second, last] = ops;
+  demand(ops.length === 3 && first!.term !== undefined && second!.term !== undefined && last!.binary !== undefined);
+  return [first!.term, second!.term, last!.binary];
 }
 
 function variable(term: Strict, texts: Texts): string {
@@ -172,36 +212,111 @@ function alternative({ terms, conditions }: Query, texts: Texts): Alternative {
   const variables = terms.slice(2).map((term) => variable(term, texts));
   demand(variables.every((found, i) => found === `v${i}`));
   const bounds: (Bound | null)[] = variables.map(() => null);
+  const parts = conditions.map((ops) => part(ops, texts));
   let before = -1;
-  for (let i = 0; i < conditions.length; i++) {
-    const [first, second, kind] = conditions[i]!;
-    let position: number;
-    if (kind === CONTAINS) {
-      position = variables.indexOf(variable(second, texts));
-      bounds[position] = { one_of: set(first) };
-    } else {
-      const upper = conditions[++i];
-      demand(kind === AT_LEAST && upper !== undefined && upper[2] === AT_MOST);
-      position = variables.indexOf(variable(first, texts));
-      demand(variable(upper[0], texts) === variables[position]);
-      const [low, high] = [int64(second), int64(upper[1])];
-      demand(low <= high);
-      bounds[position] = { low, high };
-    }
+  while (parts.length > 0) {
+    const of = parts[0]!.variable;
+    const next = parts.findIndex((each) => each.variable !== of);
+    const position = variables.indexOf(of);
     demand(position > before); // a parameter of the request, and each once, in order
+    bounds[position] = bound(parts.splice(0, next < 0 ? parts.length : next));
     before = position;
   }
   return { object: object!, operation: operation!, bounds };
 }
 
-function set(term: Strict): number[] {
+/** A condition on a value, or one end of a range. */
+type Test = OneBound | { readonly at_least: number } | { readonly at_most: number };
+
+interface Part {
+  readonly variable: string;
+  readonly place: "value" | "length" | "members";
+  readonly test: Test;
+}
+
+function part(ops: readonly Op[], texts: Texts): Part {
+  const [first, second, third, last] = ops;
+  if (ops.length === 4) {
+    demand(first!.term !== undefined && second!.unary === LENGTH && third!.term !== undefined && last!.binary !== undefined);
+    return { variable: variable(first!.term, texts), place: "length", test: end(third!.term, last!.binary) };
+  }
+  demand(ops.length === 3);
+  if (third!.binary === ALL) {
+    demand(first!.term !== undefined && second!.inside !== undefined && texts.at(second!.parameter!) === "x");
+    const [of, inside] = test(second!.inside, texts);
+    demand(of === "x");
+    return { variable: variable(first!.term, texts), place: "members", test: inside };
+  }
+  const [of, value] = test(ops, texts);
+  return { variable: of, place: "value", test: value };
+}
+
+function end(term: Strict, kind: bigint): Test {
+  demand(kind === AT_LEAST || kind === AT_MOST);
+  return kind === AT_LEAST ? { at_least: int64(term) } : { at_most: int64(term) };
+}
+
+function test(ops: readonly Op[], texts: Texts): [string, Test] {
+  const [first, second, last] = ops;
+  demand(ops.length === 3);
+  if (last!.binary !== ANY) {
+    const [one, other, kind] = comparison(ops);
+    return kind === CONTAINS ? [variable(other, texts), { one_of: set(one, texts) }] : [variable(one, texts), end(other, kind)];
+  }
+  demand(first!.term !== undefined && second!.inside !== undefined && texts.at(second!.parameter!) === "p");
+  const values = set(first!.term, texts);
+  demand(values.every((value) => typeof value === "string"));
+  const spelled = values as string[];
+  const inside = [...second!.inside];
+  const divided = inside.length === 6;
+  if (divided) {
+    const [slash, plus, parentheses] = inside.splice(1, 3);
+    demand(slash!.term !== undefined && text(slash!.term, texts) === "/" && plus!.binary === ADD && parentheses!.unary === PARENTHESES);
+    demand(spelled.every((each) => each === "" || (each.endsWith("/") && each !== "/")));
+  }
+  const [word, stem, kind] = comparison(inside);
+  demand(kind === PREFIX && variable(stem, texts) === "p");
+  const stems = sorted(divided ? spelled.map((each) => each.slice(0, -1)) : spelled);
+  return [variable(word, texts), divided ? { under: stems } : { starts_with: stems }];
+}
+
+function bound(parts: readonly Part[]): Bound {
+  if (parts.every(({ place }) => place === "value")) return one(parts.map(({ test }) => test));
+  const [low, high, ...rest] = parts;
+  demand(low!.place === "length" && high?.place === "length" && rest.every(({ place }) => place === "members"));
+  const length = one([low!.test, high!.test]);
+  demand("low" in length);
+  return { each: rest.length === 0 ? null : one(rest.map(({ test }) => test)), least: length.low, most: length.high };
+}
+
+function one(tests: readonly Test[]): OneBound {
+  const [first, second] = tests;
+  if (tests.length === 2 && "at_least" in first! && "at_most" in second!) {
+    demand(first.at_least <= second.at_most);
+    return { low: first.at_least, high: second.at_most };
+  }
+  demand(tests.length === 1 && !("at_least" in first!) && !("at_most" in first!));
+  return first as OneBound;
+}
+
+function text(term: Strict, texts: Texts): string {
+  demand(term.numbers.length === 1 && term.number(3) !== null);
+  return texts.at(term.number(3));
+}
+
+/** The members of a set, which are of one type and in order; words in the order of their code points. */
+function set(term: Strict, texts: Texts): (number | boolean | string)[] {
   const raw = term.bytes(7);
   demand(raw !== null && term.numbers.length === 1);
-  const values = new Strict(raw, { 1: "bytes*" }).each(1).map((member) => int64(new Strict(member, TERM)));
-  demand(1 <= values.length && values.length <= 64);
-  demand(values.every((value, i) => i === 0 || values[i - 1]! < value));
-  demand(values.at(-1)! - values[0]! >= values.length); // consecutive integers are a range
-  return values;
+  const members = new Strict(raw, { 1: "bytes*" }).each(1).map((member) => new Strict(member, TERM));
+  const type = members[0]?.numbers[0];
+  demand(members.length <= 64 && members.every(({ numbers }) => numbers.length === 1 && numbers[0] === type));
+  demand(type === 2 || type === 3 || type === 6);
+  const order = members.map((member) => (type === 2 ? BigInt(int64(member)) : member.number(type)!));
+  demand(order.every((value, i) => i === 0 || order[i - 1]! < value));
+  if (type === 2) return order.map(Number);
+  if (type === 6) return order.map((value) => value === 1n);
+  return sorted(order.map((number) => texts.at(number)));
 }
 
 function context(queries: Query[], texts: Texts): Context {
@@ -211,7 +326,7 @@ function context(queries: Query[], texts: Texts): Context {
   const order = [["time", AT_LEAST], ["time", LESS], ["tier", AT_MOST]] as const;
   const found: (number | null)[] = [null, null, null];
   let before = -1;
-  for (const [first, second, kind] of conditions) {
+  for (const [first, second, kind] of conditions.map(comparison)) {
     const position = order.findIndex(([term, wanted]) => term === variable(first, texts) && wanted === kind);
     demand(position > before);
     found[position] = int64(second);

@@ -2,9 +2,12 @@
 
 import { type Context, checks, message } from "./block.js";
 import { demand } from "./faults.js";
-import { type Bound, type Grant, type Limit, type Scope, type Stated, find, laidOver, narrowsStrictly } from "./scope.js";
+import { isQuantity, kind } from "./kinds.js";
 import {
-  CALENDAR_END, UNITS, agentId, ascending, delegate, fromBase64url, hex, integer, key, list, name, seconds, sentence, string, url,
+  type Bound, type Grant, type Limit, type Scope, type Stated, find, kindOf, laidOver, narrowsStrictly, wellFormed,
+} from "./scope.js";
+import {
+  CALENDAR_END, agentId, ascending, delegate, fromBase64url, hex, integer, key, list, name, seconds, sentence, string, url,
 } from "./values.js";
 
 export interface Sponsor {
@@ -83,13 +86,11 @@ function dimensions(members: Members, context: Context): Stated {
 
 function parameter(value: unknown): [string, string] {
   const colon = string(value).lastIndexOf(":");
-  const [parameter, unit] = [string(value).slice(0, Math.max(colon, 0)), string(value).slice(colon + 1)];
-  demand(UNITS.includes(unit));
-  return [name(parameter), unit];
+  return [name(string(value).slice(0, Math.max(colon, 0))), kind(string(value).slice(colon + 1))];
 }
 
-function limit(parameter: string, unit: string, bound: Bound): Limit {
-  return { parameter, unit, ...bound };
+function limit(parameter: string, kind: string, bound: Bound): Limit {
+  return { parameter, [isQuantity(kind) ? "unit" : "kind"]: kind, ...wellFormed(kind, bound) };
 }
 
 /** The chain of these blocks; `reserved` are the keys of the bundle, in hex. */
@@ -161,7 +162,7 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
 function keptGrant({ object, operation, bounds }: { object: string; operation: string; bounds: readonly (Bound | null)[] }, parent: Scope): Grant {
   const above = find(parent, object, operation);
   demand(above !== undefined && above.limits.length === bounds.length, "NOT_NARROWER");
-  const limits = above.limits.map((kept, i) => (bounds[i] ? limit(kept.parameter, kept.unit, bounds[i]) : kept));
+  const limits = above.limits.map((kept, i) => (bounds[i] ? limit(kept.parameter, kindOf(kept), bounds[i]) : kept));
   return { object, operation, limits };
 }
 

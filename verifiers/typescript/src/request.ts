@@ -1,21 +1,24 @@
 // Steps 11 and 12: one request against the effective scope, and Biscuit's own authorizer at its corners.
 
 import { AuthorizerBuilder, type Biscuit, Fact, Policy } from "@biscuit-auth/biscuit-wasm";
+import { canonical } from "./block.js";
 import type { Hop } from "./chain.js";
-import { Fault } from "./faults.js";
-import { type Bound, type Grant, type Limit, type Scope, find, permits } from "./scope.js";
+import { Broken, Fault } from "./faults.js";
+import { type Plain, type Value, given } from "./kinds.js";
+import { type Bound, type Grant, type Limit, type Scope, boundOf, find, kindOf, permits, stems } from "./scope.js";
 import { type Verified, checkWindow } from "./verify.js";
 
-export interface Quantity {
+export interface Given {
   readonly name: string;
-  readonly unit: string;
+  readonly unit?: string;
+  readonly kind?: string;
   readonly value: unknown;
 }
 
 export interface Request {
   readonly object: string;
   readonly operation: string;
-  readonly values: readonly Quantity[];
+  readonly values: readonly Given[];
   readonly base_tier: number;
   readonly time?: number;
 }
@@ -24,10 +27,11 @@ export interface Refusal {
   readonly code: string;
   readonly hop: number;
   readonly parameter?: string;
-  readonly value?: number;
+  readonly value?: Value;
   readonly unit?: string;
+  readonly kind?: string;
   readonly bound?: Bound;
-  readonly nearest?: number;
+  readonly nearest?: Value | null;
 }
 
 /** [TOK-11]: what the scope says against a request, or null. Throws the fault when the window is over. */
@@ -40,17 +44,17 @@ export function refusal(chain: Verified, request: Request, at: number): Refusal 
     return { code: "NOT_GRANTED", hop: hops.findIndex((hop) => !find(hop.scope, request.object, request.operation)) };
   }
   const { limits } = grant;
-  const fits = limits.length === request.values.length && limits.every(({ parameter, unit }, i) => {
-    const given = request.values[i]!;
-    return given.name === parameter && given.unit === unit && Number.isSafeInteger(given.value);
-  });
-  if (!fits) return { code: "PARAMETERS_WRONG", hop: 0 };
+  const values = limits.length === request.values.length ? limits.map((limit, i) => read(limit, request.values[i]!)) : [null];
+  if (values.includes(null)) return { code: "PARAMETERS_WRONG", hop: 0 };
   for (const [i, limit] of limits.entries()) {
-    const value = request.values[i]!.value as number;
+    const value = values[i]!;
     if (permits(limit, value)) continue;
-    const { parameter, unit, ...bound } = limit;
+    const { parameter, unit, kind } = limit;
+    const bound = boundOf(limit);
     const hop = setBy(hops, (each) => crossed(find(each.scope, request.object, request.operation)!.limits[i]!, limit, value));
-    return { code: "LIMIT_EXCEEDED_BY_REQUEST", hop, parameter, value, unit, bound, nearest: nearest(limit, value) };
+    const near = kind === "free" ? null : nearest(bound, value);
+    const of = unit === undefined ? { kind: kind! } : { unit };
+    return { code: "LIMIT_EXCEEDED_BY_REQUEST", hop, parameter, value, ...of, bound, nearest: near };
   }
   if (request.base_tier > scope.ceiling) return { code: "ABOVE_CEILING", hop: setBy(hops, (hop) => String(hop.scope.ceiling)) };
   return null;
@@ -62,23 +66,55 @@ function setBy(hops: readonly Hop[], of: (hop: Hop) => string): number {
   return hops.findLastIndex((hop) => of(hop) !== present) + 1;
 }
 
-/** What of a bound stands against the value: of a range the end that is crossed, of a set all of it. */
-function crossed(bound: Limit, held: Limit, value: number): string {
-  if ("one_of" in held || "one_of" in bound) return JSON.stringify("one_of" in bound ? bound.one_of : [bound.low, "to", bound.high]);
-  return String(value < held.low ? bound.low : bound.high);
+/** The value of a request's parameter when it is that of the limit, of its kind and in its one spelling. */
+function read(limit: Limit, { name, unit, kind, value }: Given): Value | null {
+  if (name !== limit.parameter || unit !== limit.unit || kind !== limit.kind) return null;
+  try {
+    return given(kindOf(limit), value, (each) => Buffer.byteLength(canonical(each)));
+  } catch (error) {
+    if (error instanceof Broken) return null;
+    throw error;
+  }
 }
 
-/** The permitted integer that is nearest; the lower one of two. */
-function nearest(bound: Bound, value: number): number {
-  if (!("one_of" in bound)) return Math.min(Math.max(value, bound.low), bound.high);
-  return bound.one_of.reduce((best, member) => (Math.abs(member - value) < Math.abs(best - value) ? member : best));
+/** What of a bound stands against the value: of a range the end that is crossed, of any other all of it. */
+function crossed(bound: Limit, held: Limit, value: Value): string {
+  if (!("low" in held && "low" in bound)) return JSON.stringify(boundOf(bound));
+  return String((value as number) < held.low ? bound.low : bound.high);
+}
+
+/** The permitted value that is nearest, or null. */
+function nearest(bound: Bound, value: Value): Value | null {
+  if (permits(bound, value)) return value;
+  if ("low" in bound) return Math.min(Math.max(value as number, bound.low), bound.high);
+  if ("each" in bound) {
+    const members = (value as readonly Plain[]).slice(0, bound.most);
+    const near = members.map((member) => (bound.each === null ? null : nearest(bound.each, member)));
+    return !near.includes(null) && permits(bound, near as Plain[]) ? (near as Plain[]) : null;
+  }
+  const values: readonly Plain[] = "one_of" in bound ? bound.one_of : stems(bound)!.values;
+  if (typeof value === "boolean") return values[0]!;
+  if (typeof value === "number") {
+    const far = (member: Plain) => Math.abs((member as number) - value);
+    return values.reduce((best, member) => (far(member) < far(best) ? member : best)); // the lower one of two
+  }
+  const long = (member: Plain) => shared(member as string, value as string);
+  const best = values.reduce((found, member) => (long(member) > long(found) ? member : found));
+  return long(best) > 0 ? best : null;
+}
+
+/** How many code points both begin with. */
+function shared(one: string, other: string): number {
+  const [a, b] = [[...one], [...other]];
+  const at = a.findIndex((each, i) => each !== b[i]);
+  return at < 0 ? a.length : at;
 }
 
 // --- [TOK-12] --------------------------------------------------------------------------------------------------------------
 
 interface Probe {
   readonly operation: string;
-  readonly values: readonly number[];
+  readonly values: readonly Value[];
   readonly time: number;
   readonly tier: number;
 }
@@ -97,8 +133,37 @@ export function checkAgreement(token: Biscuit, scope: Scope, object: string, ope
   ask(outside(scope, grant), false);
 }
 
-function members(bound: Bound): readonly number[] {
-  return "one_of" in bound ? bound.one_of : [bound.low, bound.high];
+/** Values at the lines of a bound, the lowest first: ends, members, stems and what goes on after them. */
+function members(bound: Bound): readonly Value[] {
+  if ("low" in bound) return [bound.low, bound.high];
+  if ("one_of" in bound) return bound.one_of;
+  if ("each" in bound) {
+    const some = bound.each === null ? [] : members(bound.each);
+    const least = Array.from({ length: bound.least }, () => some[0] as Plain);
+    const most = Array.from({ length: bound.most }, () => some.at(-1) as Plain);
+    return [least, ...some.map((each) => Array.from({ length: Math.max(bound.least, 1) }, () => each as Plain)), most];
+  }
+  const { values, divider } = stems(bound)!;
+  return values.flatMap((stem) => [stem, `${stem}${divider}x`]);
+}
+
+/** Values beside those, not all of them outside. */
+function near(bound: Bound): readonly Value[] {
+  if ("low" in bound) return [bound.low - 1, bound.high + 1];
+  if ("each" in bound) {
+    const some = bound.each === null ? [0] : members(bound.each);
+    const list = (length: number, last: Value) =>
+      Array.from({ length }, (_, i) => (i === length - 1 ? last : some[0]) as Plain);
+    const outside = bound.each === null ? [] : near(bound.each).filter((each) => !permits(bound.each!, each));
+    const lengths = [bound.least - 1, bound.most + 1].filter((length) => length >= 0);
+    return [...lengths.map((length) => list(length, some[0]!)), ...outside.map((each) => list(Math.max(bound.least, 1), each))];
+  }
+  const values: readonly Plain[] = "one_of" in bound ? bound.one_of : stems(bound)!.values;
+  return values.flatMap((value): Plain[] => {
+    if (typeof value === "number") return [value - 1, value + 1];
+    if (typeof value === "boolean") return [!value];
+    return [value.slice(0, -1), `${value}x`, `${value}/x`, `${value.slice(0, -1)}~`];
+  });
 }
 
 function inside(scope: Scope, { operation, limits }: Grant): Probe[] {
@@ -111,7 +176,7 @@ function inside(scope: Scope, { operation, limits }: Grant): Probe[] {
 function outside(scope: Scope, { operation, limits }: Grant): Probe[] {
   const good = { operation, values: limits.map((limit) => members(limit)[0]!), time: scope.not_before, tier: scope.ceiling };
   const beyond = limits.flatMap((limit, i) =>
-    members(limit).flatMap((value) => [value - 1, value + 1])
+    near(limit)
       .filter((value) => !permits(limit, value))
       .map((value) => ({ ...good, values: good.values.with(i, value) })));
   return [
@@ -126,11 +191,11 @@ function outside(scope: Scope, { operation, limits }: Grant): Probe[] {
 }
 
 function allows(token: Biscuit, object: string, { operation, values, time, tier }: Probe): boolean {
-  const request = bound("req", { object, operation, ...Object.fromEntries(values.map((value, i) => [`v${i}`, BigInt(value)])) });
+  const request = bound("req", [object, operation, ...values]);
   const builder = new AuthorizerBuilder();
   builder.addPolicy(Policy.fromString("allow if true"));
   builder.addFact(request);
-  builder.addFact(bound("req_ctx", { time: BigInt(time), tier: BigInt(tier) }));
+  builder.addFact(bound("req_ctx", [time, tier]));
   try {
     builder.buildAuthenticated(token).authorizeWithLimits(LIMITS);
     return true;
@@ -142,8 +207,12 @@ function allows(token: Biscuit, object: string, { operation, values, time, tier 
   }
 }
 
-function bound(predicate: string, terms: Record<string, string | bigint>): Fact {
-  const fact = Fact.fromString(`${predicate}(${Object.keys(terms).map((term) => `{${term}}`).join(", ")})`);
-  for (const [term, value] of Object.entries(terms)) fact.set(term, value);
+/** A fact; each value, and each member of a list, is bound. */
+function bound(predicate: string, terms: readonly Value[]): Fact {
+  const values: (string | boolean | bigint)[] = [];
+  const place = (value: Plain) => `{t${values.push(typeof value === "number" ? BigInt(value) : value) - 1}}`;
+  const spelled = terms.map((term) => (typeof term === "object" ? `[${term.map(place).join(", ")}]` : place(term)));
+  const fact = Fact.fromString(`${predicate}(${spelled.join(", ")})`);
+  for (const [i, value] of values.entries()) fact.set(`t${i}`, value);
   return fact;
 }

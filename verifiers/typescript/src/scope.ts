@@ -1,7 +1,16 @@
 // Scopes (1.2): bounds, the order "narrows", and what a hop leaves.
 
-export type Bound = { readonly low: number; readonly high: number } | { readonly one_of: readonly number[] };
-export type Limit = { readonly parameter: string; readonly unit: string } & Bound;
+import { isDeepStrictEqual } from "node:util";
+import { demand } from "./faults.js";
+import { LIST_LENGTH, type Plain, type Value, isQuantity, memberKind, word } from "./kinds.js";
+
+export type OneBound =
+  | { readonly low: number; readonly high: number }
+  | { readonly one_of: readonly Plain[] }
+  | { readonly starts_with: readonly string[] }
+  | { readonly under: readonly string[] };
+export type Bound = OneBound | { readonly each: OneBound | null; readonly least: number; readonly most: number };
+export type Limit = { readonly parameter: string; readonly unit?: string; readonly kind?: string } & Bound;
 
 export interface Grant {
   readonly object: string;
@@ -22,19 +31,91 @@ export interface Scope {
 /** What a hop states; a member that is null is kept. */
 export type Stated = { readonly [dimension in Exclude<keyof Scope, "grants">]: Scope[dimension] | null };
 
-export function permits(bound: Bound, value: number): boolean {
-  return "one_of" in bound ? bound.one_of.includes(value) : bound.low <= value && value <= bound.high;
+export function kindOf(limit: Limit): string {
+  return (limit.unit ?? limit.kind)!;
 }
 
-function size(bound: Bound): number {
-  return "one_of" in bound ? bound.one_of.length : bound.high - bound.low + 1;
+/** The bound of a limit alone. */
+export function boundOf({ parameter: _, unit: __, kind: ___, ...bound }: Limit): Bound {
+  return bound as Bound;
+}
+
+/** Whether the word is the stem or goes on after it. */
+function begins(stem: string, word: string, divider: string): boolean {
+  return stem === "" || word === stem || word.startsWith(stem + divider);
+}
+
+export function stems(bound: Bound): { readonly values: readonly string[]; readonly divider: string } | null {
+  if ("starts_with" in bound) return { values: bound.starts_with, divider: "" };
+  return "under" in bound ? { values: bound.under, divider: "/" } : null;
+}
+
+export function permits(bound: Bound, value: Value): boolean {
+  if ("each" in bound) {
+    const members = value as readonly Plain[];
+    const inside = members.every((member) => bound.each !== null && permits(bound.each, member));
+    return bound.least <= members.length && members.length <= bound.most && inside;
+  }
+  if ("one_of" in bound) return bound.one_of.includes(value as Plain);
+  if ("low" in bound) return bound.low <= (value as number) && (value as number) <= bound.high;
+  const { values, divider } = stems(bound)!;
+  return values.some((stem) => begins(stem, value as string, divider));
 }
 
 function within(child: Bound, parent: Bound): boolean {
+  if ("each" in child || "each" in parent) {
+    if (!("each" in child && "each" in parent)) return false;
+    const inside = child.each === null || (parent.each !== null && within(child.each, parent.each));
+    return inside && parent.least <= child.least && child.most <= parent.most;
+  }
   if ("one_of" in child) return child.one_of.every((value) => permits(parent, value));
-  if (!("one_of" in parent)) return parent.low <= child.low && child.high <= parent.high;
-  if (size(child) > parent.one_of.length) return false;
-  return Array.from({ length: size(child) }, (_, i) => child.low + i).every((value) => permits(parent, value));
+  if ("low" in child) {
+    if ("low" in parent) return parent.low <= child.low && child.high <= parent.high;
+    if (!("one_of" in parent) || child.high - child.low >= parent.one_of.length) return false;
+    return Array.from({ length: child.high - child.low + 1 }, (_, i) => child.low + i).every((value) => permits(parent, value));
+  }
+  return !("one_of" in parent) && stems(child)!.values.every((stem) => permits(parent, stem));
+}
+
+function compare(a: Plain, b: Plain): number {
+  return typeof a === "string" ? Buffer.compare(Buffer.from(a), Buffer.from(b as string)) : Number(a) - Number(b);
+}
+
+/** Members in ascending order, words by their code points. */
+export function sorted<T extends Plain>(values: readonly T[]): T[] {
+  return [...values].sort(compare);
+}
+
+/** The bound of this kind, in its one form. */
+export function wellFormed(kind: string, bound: Bound): Bound {
+  const member = memberKind(kind);
+  if (member !== null) {
+    demand("each" in bound && bound.least <= bound.most && 0 <= bound.least && bound.most <= LIST_LENGTH);
+    demand((bound.each === null) === (bound.most === 0));
+    if (bound.each !== null) wellFormed(member, bound.each);
+    return bound;
+  }
+  demand(!("each" in bound));
+  if ("low" in bound) {
+    demand(isQuantity(kind) || (kind === "free" && bound.low === 1));
+    return bound;
+  }
+  const found = stems(bound);
+  if ("one_of" in bound) {
+    demand(kind !== "free");
+    const type = isQuantity(kind) ? "number" : kind === "flag" ? "boolean" : "string";
+    demand(bound.one_of.every((value) => typeof value === type));
+    if (type === "string") for (const value of bound.one_of) word(kind, value, 256);
+    if (type === "number") demand(Number(bound.one_of.at(-1)) - Number(bound.one_of[0]) >= bound.one_of.length);
+  } else {
+    const { values, divider } = found!;
+    demand((kind === "text" && divider === "") || ((kind === "path" || kind === "url") && divider === "/"));
+    for (const stem of values) if (stem !== "") demand(word(kind, stem, 256) !== "/" || kind === "text");
+    demand(!values.some((stem) => values.some((other) => other !== stem && begins(other, stem, divider))));
+  }
+  const { length } = "one_of" in bound ? bound.one_of : found!.values;
+  demand(1 <= length && length <= 64);
+  return bound;
 }
 
 export function find(scope: Scope, object: string, operation: string): Grant | undefined {
@@ -62,7 +143,7 @@ export function narrowsStrictly(child: Scope, parent: Scope): boolean {
     if (above === undefined) return false;
     for (const [i, limit] of grant.limits.entries()) {
       if (!within(limit, above.limits[i]!)) return false;
-      strict ||= size(limit) < size(above.limits[i]!);
+      strict ||= !isDeepStrictEqual(boundOf(limit), boundOf(above.limits[i]!)); // each set of values has one form
     }
   }
   for (const names of ["audiences", "delegates"] as const) {

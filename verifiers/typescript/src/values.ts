@@ -6,12 +6,8 @@ import { demand } from "./faults.js";
 
 export const LARGEST = Number.MAX_SAFE_INTEGER; // 2^53 - 1
 export const CALENDAR_END = 253_402_300_800;
-export const UNITS: readonly string[] = [
-  "urad", "urad_s", "urad_s2", "um", "um_s", "um_s2", "mN", "mNm", "g", "ms", "permille", "count",
-];
-
 const NAME = /^[A-Za-z0-9][A-Za-z0-9._:@/|+=~%-]*$/;
-const URL = /^([a-z][a-z0-9+.-]*):\/\/([a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\])(?::([0-9]+))?((?:\/[A-Za-z0-9._~:@+=,%-]+)*)$/;
+export const URL_FORM = /^([a-z][a-z0-9+.-]*):\/\/([a-z0-9][a-z0-9.-]*|\[[0-9a-f:.]+\])(?::([0-9]+))?((?:\/[A-Za-z0-9._~:@+=,%-]+)*)$/;
 const HIDDEN =
   /[\p{Cc}\p{Cf}\p{Cs}\p{Co}\p{Cn}\p{Zl}\p{Zp}\p{Default_Ignorable_Code_Point}\u{2800}\u{13441}\u{13442}\u{16FE4}\u{1D159}]|(?! )\p{White_Space}/u;
 
@@ -49,9 +45,9 @@ export function delegate(value: unknown): string {
   return name(value);
 }
 
-export function url(value: unknown): string {
-  const parts = URL.exec(string(value));
-  demand(parts !== null && string(value).length <= 256 && !string(value).endsWith("\n"));
+export function url(value: unknown, bytes = 256): string {
+  const parts = URL_FORM.exec(string(value));
+  demand(parts !== null && string(value).length <= bytes && !string(value).endsWith("\n"));
   const [, scheme, host, port, path] = parts;
   demand(!host!.endsWith(".") && (!host!.startsWith("[") || isIPv6(host!.slice(1, -1))));
   demand(!path!.split("/").some((segment) => segment === "." || segment === ".."));
@@ -62,15 +58,15 @@ export function url(value: unknown): string {
   return string(value);
 }
 
-export function sentence(value: unknown): string {
+export function sentence(value: unknown, bytes = 512): string {
   const said = string(value);
-  demand(!HIDDEN.test(said) && said.normalize("NFC") === said && Buffer.byteLength(said) <= 512);
+  demand(!HIDDEN.test(said) && said.normalize("NFC") === said && Buffer.byteLength(said) <= bytes);
   return said;
 }
 
 /** The members of a list, each of its form, in ascending order, each once; from `least` to 64. */
 export function ascending(value: unknown, least: number, form: (member: unknown) => string): string[] {
-  const found = list(value).map(form);
+  const found = list(value).map((member) => form(member));
   demand(least <= found.length && found.length <= 64);
   demand(found.every((member, i) => i === 0 || found[i - 1]! < member));
   return found;

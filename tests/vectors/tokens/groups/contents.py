@@ -80,7 +80,13 @@ MESSAGE = group(
             "A rule in the authority block": with_statements("p($a) <- hop($a, $b, $c, $d, $e, $f)"),
             "A rule that makes a request": with_statements('req("ur3e", "stop") <- hop($a, $b, $c, $d, $e, $f)'),
             "A scope and a key": with_statements(f"check if true trusting ed25519/{raw_of('root').hex()}"),
-            "A reject": with_statements("reject if false"),
+        },
+    ),
+    faults(FaultCode.CHAIN_BROKEN, "TOK-6", {"A reject": with_statements("reject if false")}),
+    faults(
+        WRONG,
+        "TOK-6",
+        {
             "A check all": with_statements("check all req_ctx($time, $tier), $tier <= 3"),
             "A context": rewritten(also(2, b"hello")),
             "An empty context": rewritten(also(2, b"")),

@@ -211,7 +211,8 @@ def in_text(old: str, new: str, scope: Scope = SMALL) -> Callable[[], Made]:
     return lambda: authority(scope, texts=change)
 
 
-UNITS = tuple(Limit(Parameter(str(unit), unit), Range(-1, 1)) for unit in Unit)
+UNITS = tuple(Limit(Parameter(str(unit), unit), Range(-1, 1)) for unit in list(Unit)[:12])
+"""Those of the robot; `kinds` has the others."""
 
 NUMBERS = group(
     "numbers",
