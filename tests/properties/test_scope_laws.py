@@ -79,7 +79,7 @@ def touching_of_a_kind(draw):
     return (*draw(st.permutations(found)), draw(at))
 
 
-@pytest.mark.clause("VAL-18")
+@pytest.mark.clause("VAL-19")
 @given(touching_of_a_kind())
 def test_bounds_of_every_kind(drawn):
     a, b, c, value = drawn
@@ -95,6 +95,7 @@ def test_bounds_of_every_kind(drawn):
     assert laws.every_nearest_is_inside(a, b, value)
 
 
+@pytest.mark.clause("VAL-19")
 @given(st.lists(st.sampled_from([parameter.kind for parameter in OTHERS]), min_size=2, max_size=2), st.data())
 def test_bounds_of_two_kinds_have_nothing_in_common(kinds, data):
     a, b = (data.draw(bounds_of(kind)) for kind in kinds)

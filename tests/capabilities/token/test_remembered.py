@@ -60,7 +60,7 @@ SCOPES = (
             GRIPPER,
             replace(
                 MOVE,
-                limits=(*MOVE.limits[:2], Limit(replace(SPEED, unit=Unit.MICROMETRE_PER_SECOND), Range(1, 1_000_000))),
+                limits=(*MOVE.limits[:2], Limit(replace(SPEED, kind=Unit.MICROMETRE_PER_SECOND), Range(1, 1_000_000))),
             ),
             READ,
             STOP,
@@ -90,7 +90,7 @@ WIDER = (
 
 def linear(restriction: Restriction) -> Restriction:
     """The same restriction, its speed in the unit of the last scope."""
-    speed = Limit(replace(SPEED, unit=Unit.MICROMETRE_PER_SECOND), Range(1, 500_000))
+    speed = Limit(replace(SPEED, kind=Unit.MICROMETRE_PER_SECOND), Range(1, 500_000))
     return replace(restriction, grants=(replace(MOVE, limits=(speed,)), READ, STOP))
 
 

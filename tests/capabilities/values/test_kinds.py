@@ -248,7 +248,7 @@ def test_the_authorizer_draws_the_same_lines(kind, bound):
             assert found.code is FaultCode.ENGINES_DISAGREE
 
 
-@pytest.mark.clause("VAL-8")
+@pytest.mark.clause("VAL-9", "VAL-19")
 @pytest.mark.parametrize(
     ("kind", "bound"),
     [
@@ -379,7 +379,7 @@ HOPS = [
 ]
 
 
-@pytest.mark.clause("VAL-12")
+@pytest.mark.clause("VAL-12", "VAL-19")
 @pytest.mark.parametrize(("kind", "parent", "child", "may"), HOPS)
 def test_a_hop_has_a_part_of_a_bound(kind, parent, child, may):
     token = mint_root(scope_of((kind, parent)))
@@ -392,6 +392,7 @@ def test_a_hop_has_a_part_of_a_bound(kind, parent, child, may):
         assert caught.value.code is FaultCode.NOT_NARROWER
 
 
+@pytest.mark.clause("VAL-17")
 def test_another_scale_is_another_parameter():
     """A limit of 900 thousandths of a bar is none of 900 bar."""
     token = mint_root(scope_of((BAR, Range(0, 900))))
