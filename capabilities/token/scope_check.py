@@ -13,7 +13,7 @@ from capabilities.values.arguments import is_of, measured
 from capabilities.values.chain import Chain, Hop, Refusal
 from capabilities.values.errors import Fault, FaultCode, TokenError
 from capabilities.values.scope import Bound, Each, Flags, Grant, OneOf, Range, Scope, Stems, Tier, Words
-from capabilities.values.units import Sort
+from capabilities.values.units import Quantity, Sort
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -48,10 +48,14 @@ def refusal(
     if len(values) != len(grant.limits):
         return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
     for value, limit in zip(values, grant.limits, strict=True):
-        if not (value.name == limit.parameter.name and is_of(limit.parameter.kind, value)):
+        named = limit.parameter
+        # A quantity in a unit of the profile, which most are, is seen to be one without a call.
+        usual = type(value) is Quantity and value.unit is named.kind and type(value.value) is int
+        if value.name != named.name or not (usual or is_of(named.kind, value)):
             return _refusal(chain, FaultCode.PARAMETERS_WRONG, chain.hops[0])
     for value, limit in zip(values, grant.limits, strict=True):
-        if not algebra.permits(limit.bound, given := measured(value)):
+        given = value.value if type(value) is Quantity else measured(value)
+        if not algebra.permits(limit.bound, given):
             bound, hop = tightest(chain, object, operation, value.name, value=given)
             return Refusal(
                 code=FaultCode.LIMIT_EXCEEDED_BY_REQUEST,

@@ -52,14 +52,15 @@ def permits(bound: Bound, value: Any) -> bool:
     """
     match bound:
         case Range():
-            return bool(bound.low <= value <= bound.high)
+            inside: bool = bound.low <= value <= bound.high
+            return inside
         case OneOf() | Flags():
             return value in bound.values
         case Words() | Stems():
             return stems.permits(bound, value)
         case Each(element, least, most):
-            inside = element is None or all(permits(element, member) for member in value)
-            return least <= len(value) <= most and inside
+            members = element is None or all(permits(element, member) for member in value)
+            return least <= len(value) <= most and members
         case _:
             assert_never(bound)
 
