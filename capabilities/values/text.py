@@ -215,7 +215,10 @@ def address(value: object, *, most_bytes: int) -> str:
 
 def _is_host(host: str) -> bool:
     if ":" in host:
-        at = IPv6Address(host)
+        try:
+            at = IPv6Address(host)
+        except ValueError:
+            return False
         return at.ipv4_mapped is None and host == _compressed(at)
     if _NUMBER.fullmatch(host.rpartition(".")[2]):
         try:
