@@ -13,7 +13,7 @@ from html.parser import HTMLParser
 
 import pytest
 from capabilities.values.scope import Tier
-from capabilities.values.units import INT_LIMIT, Quantity, Unit
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, Quantity, Unit
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -216,6 +216,10 @@ def test_whatever_a_text_holds_it_stays_a_text():
         Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
 
 
+def test_a_declared_unit_is_shown_with_its_scale():
+    assert ask_page.readable(901, DeclaredUnit("x-bar", 1_000)) == "901 x-bar/1000"
+
+
 def test_a_name_that_looks_like_another_is_shown_apart():
     stated, asked = hostile()
     seen = Reader(ask_page.render(replace(stated, agent="m\u043ever"), asked, AskState.OPEN, at_ms=0)).text
@@ -228,7 +232,8 @@ def test_the_readable_figure_is_the_integer(unit, value):
     assert re.fullmatch(r"(≈ )?-?[0-9]+(\.[0-9]+)?[ °].*|-?[0-9]+", shown), shown
     if not shown.startswith("≈"):
         figure = Decimal(shown.split(" ")[0])
-        factor = {"mm": 1_000, "N": 1_000, "k": 1_000, "s": 1_000, "%": 10, "": 1}
+        factor = {"mm": 1_000, "N": 1_000, "k": 1_000, "s": 1_000, "%": 10, "": 1, "Pa": 1, "Hz": 1}
+        factor |= dict.fromkeys(("°C", "K", "V", "A", "W", "L"), 1_000)
         word = shown.partition(" ")[2]
         per = factor["mm"] if word.startswith("mm") else factor["k"] if word == "kg" else factor["N"] if word.startswith("N") else factor[word]  # fmt: skip
         assert figure * per == value
