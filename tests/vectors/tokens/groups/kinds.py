@@ -251,7 +251,7 @@ VALUES = group(
     "Requests with values of every kind: inside, outside with what is nearest, and in another type or spelling.",
     _lines(),
     Case(
-        "A text",
+        "A text of any kind",
         "TOK-11",
         lambda: authority(scope_of((Sort.TEXT, starting("")))),
         Permitted(),
@@ -259,7 +259,7 @@ VALUES = group(
         asks((Sort.TEXT, "/a")),
     ),
     [
-        Case(title, "TOK-11", "A text", Refused(FaultCode.PARAMETERS_WRONG, 0), {}, asks((kind, value)))
+        Case(title, "TOK-11", "A text of any kind", Refused(FaultCode.PARAMETERS_WRONG, 0), {}, asks((kind, value)))
         for title, kind, value in OTHER_KINDS
     ],
     Case("A count of bar", "TOK-11", lambda: authority(scope_of((BAR, Range(0, 9)))), Permitted(), {}, asks((BAR, 1))),
