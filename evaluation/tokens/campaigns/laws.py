@@ -81,6 +81,8 @@ def less_is_left_out(a: Bound, b: Bound) -> bool:
     if not within(a, b):
         return True
     less = left_out(a, b) is not None
+    if isinstance(a, Range | OneOf) and isinstance(b, Range | OneOf):
+        return (size(a) < size(b)) == less
     return less == (a != b) and (size(a) < size(b)) == (less and size(a) != MANY)
 
 
