@@ -29,7 +29,7 @@ from ztpm_idp.restore import StoppedProvider, backup, restore
 from capabilities.keys import keys
 from ztpm_idp import ledger_file
 
-pytestmark = pytest.mark.long
+pytestmark = [pytest.mark.long, pytest.mark.timeout(600)]
 
 POINTS = ("cell-1", "cell-2", "cell-3", "cell-4")
 RESTORES = 5
