@@ -1103,7 +1103,7 @@ def test_the_largest_cell_fits():
     [
         KNOWN.entries[::-1],
         (KNOWN.entries[0], KNOWN.entries[0]),
-        (mark.MarkEntry("agent", "role:mover"),),
+        (mark.MarkEntry("key", "robotic"),),
         (mark.MarkEntry("hop", "robotic"),),
     ],
 )
