@@ -1,4 +1,4 @@
-"""Demands of a check on the parameters of a request, read back from their encoding: each the bound that wrote it.
+"""Demands of a check on a request's parameters, read back from their encoding: each is the bound that wrote it.
 
 A demand is one or more conditions on one variable, in the forms of the specification (docs/spec.md 2.2). A part is one
 condition: on the value itself, on the length of a list, or on each of its members.
@@ -30,7 +30,7 @@ MEMBER: Final = "x"
 
 
 class _Place(Enum):
-    """What a part is about."""
+    """Thing that a part is about."""
 
     VALUE = "value"
     LENGTH = "length"

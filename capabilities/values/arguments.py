@@ -22,7 +22,7 @@ WORD_BYTES: Final = 1_024
 
 @dataclass(frozen=True, slots=True)
 class Fingerprint:
-    """What is decided on of a free value, and recorded: the size and SHA-256 of its form of RFC 8785.
+    """Form of a free value in decisions and records: size and SHA-256 of its canonical JSON (RFC 8785).
 
     Attributes:
         size_bytes: at least 1.
@@ -74,7 +74,7 @@ def argument(name: str, kind: Kind, value: object) -> Value:
 
 
 def fingerprint(value: object) -> Fingerprint:
-    """What is decided on of any JSON value.
+    """The fingerprint of any JSON value.
 
     Raises:
         QuantityError: `NOT_CANONICAL` for what has no form of RFC 8785.
@@ -103,7 +103,7 @@ def is_of(kind: Kind, value: Value) -> bool:
 
 
 def measured(value: Value) -> Measured:
-    """What the bound of a request's parameter is asked of."""
+    """The part of a request's parameter that its bound is asked of."""
     return value.value.size_bytes if isinstance(value.value, Fingerprint) else value.value
 
 

@@ -37,7 +37,7 @@ __all__ = [
 
 
 Measured: TypeAlias = int | bool | str | tuple[int | bool | str, ...]
-"""What a bound is asked of: an integer, a truth value, a word, or a list of them; of a free value its size."""
+"""Value that a bound is asked of: an integer, truth value, word, list of them, or a free value's size."""
 Integers: TypeAlias = Range | OneOf
 MANY: Final = 2**64
 """More values than any range has: the size of a bound with more than can be counted."""

@@ -33,7 +33,7 @@ def permits(bound: WordBound, word: str) -> bool:
 
 
 def canonical(bound: WordBound) -> WordBound | None:
-    """The one form of the same words: of the stems those that go on after no other; None when there is no word."""
+    """The one form of the same words, without stems that go on after others; None without a word."""
     match bound:
         case Words(values):
             return bound if values else None
@@ -74,7 +74,7 @@ def within(child: WordBound, parent: WordBound) -> bool:
 
 
 def nearest(bound: WordBound, word: str) -> str | None:
-    """The word itself where it is inside; else the member or stem with which it has the longest beginning in common.
+    """The word itself where it is inside; else the member or stem that shares its longest beginning.
 
     Of several the lowest in the order of code points; None where not a character is shared.
     """

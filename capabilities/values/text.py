@@ -38,7 +38,7 @@ _NUMBER: Final = re.compile(r"[0-9]+|0x[0-9a-f]*", re.ASCII)
 """Last label of a host that a reader takes for an IPv4 address (WHATWG URL, "ends in a number")."""
 _ESCAPE: Final = re.compile(r"%([0-9A-F]{2})", re.ASCII)
 _NEEDLESS: Final = re.compile(r"[A-Za-z0-9._~:@+=,/\\%-]", re.ASCII)
-"""What a URL's segment spells plainly, and slash, backslash and percent sign, of which no spelling is one alone."""
+"""Signs that a URL's segment spells plainly, and slash, backslash and percent sign, which have no one spelling."""
 _ESCAPED_PART: Final = re.compile(r"%(2[eEfF]|5[cC]|00)", re.ASCII)
 """Spelling of a dot, slash, backslash or NUL for readers that decode a path."""
 _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})

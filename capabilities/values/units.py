@@ -48,7 +48,10 @@ class Unit(StrEnum):
 
     @property
     def per_si(self) -> int:
-        """Number of this unit that makes one of the SI unit (rad, m, N, N·m, kg, s, °C, K, V, A, W, m³, Pa, Hz, 1)."""
+        """Number of this unit that makes one of its SI unit.
+
+        rad, m, N, N·m, kg, s, °C, K, V, A, W, m³, Pa, Hz, or 1.
+        """
         return _PER_SI[self]
 
 

@@ -174,7 +174,7 @@ def _fits(kind: Kind, bound: Bound) -> bool:
 
 
 def _check_member(kind: Kind, bound: Bound, value: object, text_bytes: int) -> None:
-    """Checks a member of a set, or a stem; the empty stem stands for all words, and so for that of all paths."""
+    """Checks a member of a set, or a stem; the empty stem stands for all words, and for all paths."""
     match bound:
         case OneOf():
             _integer(value, -INT_LIMIT, INT_LIMIT, "value")

@@ -64,7 +64,7 @@ BOUNDS: Final = (
 
 @dataclass(frozen=True, slots=True)
 class WordClaim:
-    """Law of words and stems with the shapes that it is proven for: members of each bound, less than 0 for stems."""
+    """Law of words and stems, with the numbers of members that it is proven for; below 0 for stems."""
 
     law: Callable[..., bool]
     shapes: tuple[tuple[int, ...], ...]

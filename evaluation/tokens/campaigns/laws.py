@@ -74,7 +74,7 @@ def within_is_transitive(a: Bound, b: Bound, c: Bound) -> bool:
 
 
 def less_is_left_out(a: Bound, b: Bound) -> bool:
-    """Of two bounds, one within the other, the smaller leaves out a value, and the equal none; only that has its size.
+    """Law of sizes: of two bounds, one within the other, only the equal one leaves out no value.
 
     More values than can be counted are of one size.
     """

@@ -1,4 +1,4 @@
-"""Shapes of valid tokens, from the smallest to those at the bounds of the profile and of every kind of parameter."""
+"""Shapes of valid tokens with parameters of every kind, from the smallest to those at the profile's bounds."""
 
 from __future__ import annotations
 

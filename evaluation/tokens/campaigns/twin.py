@@ -87,7 +87,7 @@ def _allows(block: Restriction, act: Act) -> bool:
 
 
 def inside(bound: Bound, value: Any) -> bool:
-    """True where a value is in a bound: a path and a URL by their components, a text by its characters."""
+    """True where a value is in a bound: paths and URLs by components, texts by characters."""
     match bound:
         case Range(low, high):
             return bool(low <= value <= high)
@@ -208,7 +208,7 @@ def stated(blocks: Sequence[Restriction], pair: tuple[str, str], parameter: Para
 
 
 def points(*bounds: Bound) -> list[Any]:
-    """Every end and member of the bounds, and what lies just beside them; of stems what goes on after them, too."""
+    """Every end, member and stem of the bounds, and the values just beside or after them."""
     some = [point for bound in bounds if not isinstance(bound, Each) for point in _points(bound)]
     lists = [bound for bound in bounds if isinstance(bound, Each)]
     elements = [bound.element for bound in lists if bound.element is not None]
