@@ -362,7 +362,9 @@ def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
 
 def test_a_tool_that_moves_keeps_the_arm(house, eyes):
     tools_move(house)
-    with Motion(house.stage, "mover", to=aside(house, 0.6), speed=0.1) as motion:  # longer than a program takes to come
+    with Motion(
+        house.stage, "mover", to=aside(house, 0.6), speed=0.06
+    ) as motion:  # longer than a program takes to come
         motion.under_way(0.05)
         with Run(house, "say('here')") as run:
             status, said, errors = run.ended()

@@ -30,10 +30,11 @@ CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
 MILLI: Final = 1000
 LEDGER: Final = (
-    "agent-attested", "agent-registered", "agent-restored", "agent-suspended", "ask-refused", "ask-taken",
-    "change-confirmed", "change-declined", "change-ended", "change-proposed", "closing-refused", "delegation-refused",
-    "opening-closed", "opening-made", "opening-refused", "pep-record", "pep-registered", "person-key-added",
-    "person-registered", "refusals-spent", "revoked", "sensor-registered", "suspension-ended", "token-delegated",
+    "agent-attested", "agent-registered", "agent-restored", "agent-suspended", "agent-vouched", "agents-held",
+    "ask-refused", "ask-taken", "change-confirmed", "change-declined", "change-ended", "change-proposed",
+    "closing-refused", "delegation-refused", "line-begun", "opening-closed", "opening-made", "opening-refused",
+    "pep-record", "pep-registered", "person-key-added", "person-registered", "point-heard", "refusals-spent",
+    "revoked", "sensor-registered", "store-restored", "store-resumed", "suspension-ended", "token-delegated",
     "token-issued", "tool-registered", "trust-stated", "vote-cast", "vote-refused",
 )  # fmt: skip
 """Kinds of the ledger's entries."""

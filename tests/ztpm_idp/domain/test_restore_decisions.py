@@ -21,6 +21,7 @@ from ztpm_idp.domain.events import (
     StoreRestored,
     StoreResumed,
 )
+from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.domain.restoring import LINES_AHEAD
 from ztpm_idp.domain.state import Wanted
@@ -204,7 +205,7 @@ def test_meanwhile_only_what_restoring_needs_is_done_and_authority_is_taken_back
 
 def test_the_rows_of_a_mark_are_those_that_it_names():
     text = mark_of(("agent", "mover"), ("sponsor", "bob"), ("key", "A" * 43), ("hop", "a" * 32))
-    assert c.wanted(c.TakeMark("cell-1", text)) == Wanted(
+    assert wanted(c.TakeMark("cell-1", text)) == Wanted(
         parties=frozenset({"cell-1", "mover", "bob"}), thumbprints=frozenset({"A" * 43}), revocations=True
     )
-    assert c.wanted(c.TakeMark("cell-1", "x" * DEFAULT.statement_bytes)).parties == frozenset({"cell-1"})
+    assert wanted(c.TakeMark("cell-1", "x" * DEFAULT.statement_bytes)).parties == frozenset({"cell-1"})

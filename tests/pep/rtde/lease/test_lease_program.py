@@ -149,7 +149,11 @@ def test_it_runs_when_each_of_its_commands_is_judged_and_its_lease_ends_with_its
             await until(lambda: over and house.over)
             assert (house.over, over) == ([("robotic", LeaseEnding.LEFT)], [LeaseEnding.LEFT])
             assert judge.asked[:3] == [("robotic", "MoveJ"), ("robotic", "SetDigitalOutputs"), ("robotic", "ServoJ")]
-            assert judge.asked[3:] == [(None, "ServoJ")] * 99
+            later = judge.asked[
+                3:
+            ]  # values that come while the first waits for its judge are judged as the last of them
+            assert later == [(None, "ServoJ")] * len(later)
+            assert 90 <= len(later) <= 99
         ports.close()
 
     asyncio.run(scenario())
