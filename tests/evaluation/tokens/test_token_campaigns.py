@@ -353,8 +353,8 @@ SABOTAGE = {
 def test_a_broken_rule_is_seen(broken, monkeypatch):
     module, name, change = SABOTAGE[broken]
     patched(monkeypatch, module, name, change)
-    figures = attenuation.run(400, seed=7, processes=1, each=100)
-    assert figures.missed
+    # Most are seen at once.
+    assert any(attenuation.run(pairs, seed=7, processes=1, each=100).missed for pairs in (100, 400))
 
 
 def test_a_request_is_at_a_boundary_of_some_block():
