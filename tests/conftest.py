@@ -22,7 +22,7 @@ if MEMORY.is_dir() and shutil.disk_usage(MEMORY).free >= ROOM and not os.statvfs
 
 # The suite draws the same cases each time, so that it fails by a change alone; campaigns draw others, and more of them.
 SUITE = settings(
-    deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, derandomize=True, max_examples=50
+    deadline=None, suppress_health_check=[HealthCheck.too_slow], print_blob=True, derandomize=True, max_examples=30
 )
 settings.register_profile("suite", SUITE)
 settings.register_profile("campaign", SUITE, derandomize=False, max_examples=1000)
