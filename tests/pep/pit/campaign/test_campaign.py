@@ -73,6 +73,7 @@ def test_p9_no_sample_of_a_motion_that_is_no_straight_joint_motion_is_above_its_
 # ---- each check, broken once
 
 
+@pytest.mark.campaign
 def test_a_curved_answer_that_is_too_low_and_violations_that_are_not_told_are_seen(monkeypatch):
     lying(monkeypatch, lambda a: unchecked(a, index=a.index - 0.6, violations=()))
     told = " ".join(campaign.piece(9, 0, CURVED, 1.0).failed)
@@ -80,6 +81,7 @@ def test_a_curved_answer_that_is_too_low_and_violations_that_are_not_told_are_se
     assert ": violations {" in told
 
 
+@pytest.mark.campaign
 def test_a_value_of_a_stream_whose_index_is_too_low_is_seen(monkeypatch):
     true = trials.Stream.step
     monkeypatch.setattr(
@@ -89,6 +91,7 @@ def test_a_value_of_a_stream_whose_index_is_too_low_is_seen(monkeypatch):
     assert all(f"stream of {form}: index" in told for form in ("ServoJ", "SpeedJ"))
 
 
+@pytest.mark.campaign
 def test_a_certificate_of_a_curved_motion_that_is_not_verified_is_seen(monkeypatch):
     true = trials.verify
     monkeypatch.setattr(trials, "verify", lambda text: true(text[:-1]))
@@ -458,6 +461,7 @@ def even_masses(move, cell):
     return dense.World(ROBOT, Scene(), move, cell, 0.1, NOTHING).masses()
 
 
+@pytest.mark.campaign
 def test_a_bracket_that_is_not_closed_and_a_control_that_finds_more_are_seen(monkeypatch):
     def hasty(world, **asked):
         world.look(world.run.first()[::6], **asked)
