@@ -45,6 +45,18 @@ def decision_body(decision: Decision) -> dict[str, object]:
     }
 
 
+def told(decision: Decision) -> dict[str, object]:
+    """A decision as its holder is told of it: reason, tier, and the first finding with what would be permitted."""
+    detail = jsonable(decision.findings[0].detail) if decision.findings else {}
+    return {
+        **detail,  # type: ignore[dict-item]  # a dict stays a dict
+        "decision": str(decision.effect),
+        "reason": str(decision.reason),
+        "primitive": decision.primitive,
+        "tier": None if decision.tier is None else int(decision.tier),
+    }
+
+
 def _by(decision: Decision) -> str:
     # Findings of policies come with their remedies (policies.primitives.base.found); those of the gate do not.
     own = (

@@ -34,11 +34,11 @@ from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
-from pep.mcp.tool_digest import definition_digest
+from pep.mcp.tool_digest import definition_digest, tool_reading
 from pep.request.authority import NOBODY, Credentials
 from pep.request.call import Call
 from pep.request.permit import Permit, PermitScope
-from policies.evidence.evidence import NOT_COLLECTED, NotCollected, ToolReading
+from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 from policies.evidence.model import Effect
 from policies.words.reason_table import REASONS, Reason
 
@@ -55,6 +55,7 @@ if TYPE_CHECKING:
     from pep.people.asks import Asks
     from pep.request.authority import Authority
     from policies.evidence.content_readings import ContextReading
+    from policies.evidence.evidence import ToolReading
 
     CallTool = Callable[[ServerRequestContext[Any, Any], CallToolRequestParams], Awaitable[HandlerResult]]
     ListTools = Callable[[ServerRequestContext[Any, Any]], Awaitable[Sequence[Tool]]]
@@ -190,15 +191,9 @@ class Guard:
 
     async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
-        registered = self._registry.tool(operation.name)
         served = next((tool for tool in await self._served(ctx) if tool.name == operation.name), None)
-        known = registered is not None and registered.operation == operation.name
-        return ToolReading(
-            name=operation.name,
-            approved_digest=registered.definition_digest if registered is not None and known else None,
-            actual_digest="" if served is None else definition_digest(served),
-            base_tier=registered.base_tier if registered is not None and known else None,
-        )
+        digest = "" if served is None else definition_digest(served)
+        return tool_reading(operation.name, self._registry.tool(operation.name), digest)
 
     async def _stop(
         self,
@@ -366,13 +361,7 @@ def _told(answer: GateResult, *, rounded: Mapping[str, Any]) -> HandlerResult:
     """
     decision = answer.decision
     detail = decision.findings[0].detail if decision.findings else {}
-    told: dict[str, object] = {
-        **records.jsonable(detail),  # type: ignore[dict-item]  # a dict stays a dict
-        "decision": str(decision.effect),
-        "reason": str(decision.reason),
-        "primitive": decision.primitive,
-        "tier": None if decision.tier is None else int(decision.tier),
-    }
+    told = records.told(decision)
     if decision.index is not None:
         told["index_milli"] = decision.index
     if rounded:

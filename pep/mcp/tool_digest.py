@@ -11,10 +11,13 @@ from typing import TYPE_CHECKING, Final
 
 import rfc8785
 
+from policies.evidence.evidence import ToolReading
+
 if TYPE_CHECKING:
     from mcp_types import Tool
 
     from capabilities.values.scope import Tier
+    from pep.base.ports import RegisteredTool
 
 SEEN: Final = {"name", "title", "description", "input_schema", "output_schema", "annotations", "icons", "execution"}
 """Fields that belong to the definition; `_meta` is transport."""
@@ -28,6 +31,24 @@ class ToolPin:
     definition_digest: str
     operation: str
     base_tier: Tier
+
+
+def tool_reading(name: str, registered: RegisteredTool | None, actual_digest: str) -> ToolReading:
+    """The tool of this name as it is registered for its own operation, and as it is now.
+
+    Args:
+        name: of the tool and its operation.
+        registered: of the registry; None where it knows no such tool.
+        actual_digest: of the definition now; "" where the tool is not there.
+    """
+    if registered is None or registered.operation != name:
+        return ToolReading(name=name, approved_digest=None, actual_digest=actual_digest, base_tier=None)
+    return ToolReading(
+        name=name,
+        approved_digest=registered.definition_digest,
+        actual_digest=actual_digest,
+        base_tier=registered.base_tier,
+    )
 
 
 def definition_digest(tool: Tool) -> str:

@@ -32,11 +32,11 @@ from pep.mcp.declared_tools import definition_of
 from pep.mcp.http_request import headers_of, token_in
 from pep.mcp.mapping import Misfit, bare_request, decided_arguments, to_request
 from pep.mcp.provenance import unvouched
-from pep.mcp.tool_digest import ToolPin, definition_digest
+from pep.mcp.tool_digest import ToolPin, definition_digest, tool_reading
 from pep.point.deciding_point import DecidingPoint
 from pep.request.authority import PresentedRequest
 from pep.request.call import Call
-from policies.evidence.evidence import NOT_COLLECTED, ToolReading
+from policies.evidence.evidence import NOT_COLLECTED
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 
@@ -178,18 +178,11 @@ class GuardedFunctions(DecidingPoint):
         if isinstance(request, Misfit):
             where = {"argument": request.argument, "detail": request.detail}
             raise NotPermittedError({"decision": "DENY", "reason": str(request.reason), **where})
-        registered = self.follower.tool(row.name)
-        known = registered is not None and registered.operation == row.name
         chain = credentials.chain
         return Call(
             request=request,
             operation=row,
-            tool=ToolReading(
-                name=row.name,
-                approved_digest=registered.definition_digest if registered is not None and known else None,
-                actual_digest=self._digests[row.name],
-                base_tier=registered.base_tier if registered is not None and known else None,
-            ),
+            tool=tool_reading(row.name, self.follower.tool(row.name), self._digests[row.name]),
             credentials=credentials,
             arrived_ms=arrived_ms,
             readiness=None,
@@ -237,13 +230,5 @@ def permitted(
 
 
 def _told(answer: GateResult) -> dict[str, object]:
-    decision = answer.decision
-    detail = records.jsonable(decision.findings[0].detail) if decision.findings else {}
-    told: dict[str, object] = {
-        **detail,  # type: ignore[dict-item]  # a dict stays a dict
-        "decision": str(decision.effect),
-        "reason": str(decision.reason),
-        "primitive": decision.primitive,
-        "tier": None if decision.tier is None else int(decision.tier),
-    }
+    told = records.told(answer.decision)
     return told if answer.ask is None else told | {"ask_id": answer.ask.ask_id, "url": answer.ask.url}
