@@ -20,6 +20,7 @@ from contextlib import suppress
 from typing import TYPE_CHECKING
 
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
+from pep.base.thread_priority import goes_first
 from pep.rtde.wire.messages import ControlVersion
 from ursim.ports.faults import USAGE, FaultError, Faults, PlannedFault
 from ursim.ports.server import HOME, Settings, Simulator
@@ -176,4 +177,5 @@ def _say(told: dict[str, object]) -> None:
 
 
 if __name__ == "__main__":
+    goes_first(with_all_it_begins=True)  # a controller has a computer of its own
     raise SystemExit(main())

@@ -44,7 +44,8 @@ def say(*words):
     print(*words, flush=True)
 
 def settled():
-    time.sleep(0.01)  # a command that follows a refused one at once is refused by ur_rtde itself
+    while not control.isProgramRunning():  # ur_rtde itself refuses a command until it has heard of that
+        time.sleep(0.002)
 """
 
 MOVES = "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))"

@@ -32,6 +32,19 @@ def test_only_the_thread_itself_goes_first_and_only_where_that_is_allowed():
     assert os.sched_getscheduler(0) == before
 
 
+def test_what_a_thread_begins_goes_first_with_it_where_it_says_so():
+    found = {}
+
+    def first():
+        found["allowed"] = goes_first(with_all_it_begins=True)
+        found["child"] = int(subprocess.run([sys.executable, "-c", CHILD], capture_output=True, check=True).stdout)
+
+    thread = threading.Thread(target=first)
+    thread.start()
+    thread.join()
+    assert (found["child"] == os.SCHED_RR) == found["allowed"]
+
+
 def test_who_may_not_is_told_so(monkeypatch):
     def refused(*_):
         raise PermissionError

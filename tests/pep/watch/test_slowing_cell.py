@@ -10,7 +10,6 @@ import time
 from dataclasses import replace
 
 import pytest
-from pep.mcp.guard import DECISION_META
 from tests.pep.rtde.packages import received
 from pep.watch.governor import Governor
 from tests.pep.kit import HOST
@@ -57,23 +56,20 @@ class Motion:
 
     async def begin(self):
         holder = self.cell.holder()
-        await self.cell.see(holder)
-        async with asyncio.timeout(90):
-            while abs(self.eyes.now().q_rad[0] - FAR[0]) > 0.01:
-                await self.cell.see(holder)
-                await self.cell.move(holder, FAR, speed=0.9)
-            while True:
-                self.begun_s = time.monotonic()
-                self.call = asyncio.create_task(self.cell.move(holder, NEAR, speed=SPEED))
-                while not self.call.done() and self.eyes.now().commanded_rad_s < SPEED - 1e-6:
-                    await asyncio.sleep(0.002)
-                if not self.call.done():
-                    return self
-                # Not this machine's day: a verdict lives 50 ms, and what the sensor says 1.2 s.
-                told = self.call.result().meta[DECISION_META]
-                unseen = [each["kind"] for each in told.get("contributions", ())] == ["perception"]
-                assert told["reason"] == "VERDICT_EXPIRED" or unseen, told
-                await self.cell.see(holder)
+        before = []  # On a machine that is held up, a verdict or a sample is too old, and the cell does not begin or ends it.
+        for _ in range(10):
+            await self.cell.see(holder)
+            if abs(self.eyes.now().q_rad[0] - FAR[0]) > 0.01:
+                before.append(await self.cell.move(holder, FAR, speed=0.9))
+                continue
+            self.begun_s = time.monotonic()
+            self.call = asyncio.create_task(self.cell.move(holder, NEAR, speed=SPEED))
+            while not self.call.done() and self.eyes.now().commanded_rad_s < SPEED - 1e-6:
+                await asyncio.sleep(0.002)
+            if not self.call.done():
+                return self
+            before.append(self.call.result())
+        raise AssertionError([(each.meta, each.structured_content) for each in before])
 
     async def ended(self):
         """Answer to the caller, the record, and the commanded speeds of all samples with their times."""
