@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import secrets
 import signal
 import socket
@@ -44,8 +45,14 @@ def say(*words):
     print(*words, flush=True)
 
 def settled():
-    while not control.isProgramRunning():  # ur_rtde itself refuses a command until it has heard of that
+    while not control.isSteady():  # after a refused command ur_rtde itself refuses the next, until it has a new state
         time.sleep(0.002)
+
+def moves(command, *arguments):
+    for _ in range(5):  # a machine that does much else holds a verdict up for longer than it lives
+        if command(*arguments):
+            return True
+        settled()
 """
 
 MOVES = "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))"
@@ -164,7 +171,7 @@ def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
     with Run(house, """
         there = list(q)
         there[0] += 0.3
-        say(control.moveJ(there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
+        say(moves(control.moveJ, there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
         say(control.moveJ(q, 2.0, 1.4))   # faster than the token says
         settled()
         say(control.moveJ([2.9, *q[1:]], 0.8, 1.4))   # into the zone of tier 4, and out of every ceiling
@@ -173,17 +180,18 @@ def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
         settled()
         pose = receive.getActualTCPPose()
         pose[2] += 0.03
-        say(control.moveL(pose, 0.05, 0.3), abs(receive.getActualTCPPose()[2] - pose[2]) < 1e-3)
+        say(moves(control.moveL, pose, 0.05, 0.3), abs(receive.getActualTCPPose()[2] - pose[2]) < 1e-3)
         say(control.teachMode())
         settled()
         say(control.setPayload(5.0, [0, 0, 0]))
         settled()
-        say(control.moveJ(q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
+        say(moves(control.moveJ, q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
     """) as run:  # fmt: skip
         status, said, errors = run.ended()
     assert said == ["True True", "False", "False", "False", "True True", "False", "False", "True True"], errors
     assert status == 0
-    told = [line.split(": ")[1] for line in errors.splitlines() if line.startswith("ztpm: ")]
+    # ur_rtde writes there too, at the same time.
+    told = [reason for reason in re.findall(r"ztpm: ([A-Z_]+):", errors) if reason != "VERDICT_EXPIRED"]
     assert {"NOT_GRANTED", "PAYLOAD_MISMATCH", "LIMIT_EXCEEDED_BY_REQUEST", "NOT_FINITE"} <= set(told), errors
     assert len(told) == 5, "each refusal once, and nothing else"
     reasons = [body["decision"]["reason"] for body in house.journal("decision")[decided:]]

@@ -29,6 +29,7 @@ from ztpm.point.gateway_server import GatewayServer
 from ztpm.point.simulator_check import recognise
 from ztpm.point.tool_proxy import ToolProxy
 from ztpm.point.tool_proxy_config import ToolProxyConfig
+from ztpm.stage.samples import StateRecorder
 
 from capabilities.keys import keys
 from pep.pit import CellParameters, Output
@@ -431,26 +432,18 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
         assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
 
         # it passes every waypoint, at rest, and arrives at the last; nobody else moves anything meanwhile
-        seen, over = [], threading.Event()
-
-        def look():
-            while not over.wait(0.002):
-                seen.append(eyes.read())
-
-        looking = threading.Thread(target=look)
-        looking.start()
         here = eyes.read().q_rad
-        task = asyncio.create_task(cell.use(holder, "move_path", path(UP, RIGHT, UP)))
-        await moved(eyes, here, task)
-        for who in (holder, other):
-            assert decided(await cell.move(who, LEFT))[:2] == ("DENY", "BUSY")
-        result = await task
-        over.set()
-        looking.join()
+        with StateRecorder(HOST) as recorder:
+            task = asyncio.create_task(cell.use(holder, "move_path", path(UP, RIGHT, UP)))
+            await moved(eyes, here, task)
+            for who in (holder, other):
+                assert decided(await cell.move(who, LEFT))[:2] == ("DENY", "BUSY")
+            result = await task
+            seen = recorder.since(0.0)
         assert decided(result) == ("PERMIT", "PERMITTED", 1)
         assert result.structured_content["outcome"] == "reached", result.structured_content
-        # At the place itself it stands for one sample, which this thread may miss; near it, it is slow for 0.1 s.
-        rests = [state.q_rad for state in seen if max(map(abs, state.qd_rad_s)) < SLOW_RAD_S]
+        # At the place itself it stands for one sample; near it, it is slow for 0.1 s.
+        rests = [sample.q_rad for sample in seen if max(map(abs, sample.qd_rad_s)) < SLOW_RAD_S]
         passed = [
             name for q in rests for name, there in (("up", UP), ("right", RIGHT)) if q == pytest.approx(there, abs=2e-3)
         ]
