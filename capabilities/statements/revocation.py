@@ -45,7 +45,8 @@ FIRST_HEAD: Final = "0" * 64
 class Revoked(StrEnum):
     """Kind of thing that can be revoked.
 
-    Revoking a hop kills everything below it; revoking a sponsor, every tree of that person.
+    Revoking a hop kills everything below it; revoking a sponsor, every tree of that person; revoking a mandate, every
+    token that was drawn from it.
     """
 
     TOKEN = "token"  # noqa: S105 - a word, not a secret
@@ -54,6 +55,7 @@ class Revoked(StrEnum):
     KEY = "key"
     SPONSOR = "sponsor"
     AUDIENCE = "audience"
+    MANDATE = "mandate"
 
 
 IDS: Final = MappingProxyType(
@@ -64,6 +66,7 @@ IDS: Final = MappingProxyType(
         Revoked.KEY: Thumbprint,
         Revoked.SPONSOR: Name,
         Revoked.AUDIENCE: Url,
+        Revoked.MANDATE: Id,
     }
 )
 """Form of each kind of id: every id that a token can name can be revoked, and no other."""
@@ -152,6 +155,7 @@ _TOKEN: Final = str(Revoked.TOKEN)
 _HOP: Final = str(Revoked.HOP)
 _AGENT: Final = str(Revoked.AGENT)
 _KEY: Final = str(Revoked.KEY)
+_MANDATE: Final = str(Revoked.MANDATE)
 
 
 def named(chain: Chain) -> frozenset[tuple[str, str]]:
@@ -160,8 +164,10 @@ def named(chain: Chain) -> frozenset[tuple[str, str]]:
 
 
 def _names(chain: Chain) -> list[tuple[str, str]]:
-    """Sponsor, token, and of each hop its id, agent and key."""
+    """Sponsor, token, the mandate where there is one, and of each hop its id, agent and key."""
     names = [(_SPONSOR, chain.sponsor.subject), (_TOKEN, chain.token_id)]
+    if chain.mandate_id is not None:
+        names.append((_MANDATE, chain.mandate_id))
     for hop in chain.hops:
         names += [(_HOP, hop.hop_id), (_AGENT, hop.agent), (_KEY, keys.b64u(keys.thumbprint_bytes(hop.key)))]
     return names

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, TypeVar, assert_never
 import msgspec
 
 from capabilities.keys import keys
+from capabilities.statements.claims import ID
 from capabilities.token import fact as facts
 from capabilities.token.checks import REMEMBERED, Alternative, Checks
 from capabilities.token.fact import PROFILE, AuthorityStatement, HopStatement, SponsorStatement
@@ -38,7 +39,7 @@ _ID_BYTES: Final = 16
 class AuthorityBlock(msgspec.Struct, frozen=True):
     """The first block: who stands behind the token, its first holder and the whole scope.
 
-    The holder's delegator is the sponsor's subject.
+    The holder's delegator is the sponsor's subject. `mandate_id` is that of the mandate that it was drawn from, if any.
     """
 
     token_id: str
@@ -46,6 +47,7 @@ class AuthorityBlock(msgspec.Struct, frozen=True):
     index: int
     hop: HopGrant
     scope: Scope
+    mandate_id: str | None = None
 
 
 class HopBlock(msgspec.Struct, frozen=True):
@@ -85,7 +87,7 @@ def fact(block: AuthorityBlock | HopBlock) -> Fact:
 def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStatement:
     hop = block.hop
     match block:
-        case AuthorityBlock(token_id, sponsor, _, _, scope):
+        case AuthorityBlock(token_id, sponsor, _, _, scope, mandate_id):
             return AuthorityStatement(
                 agent=hop.agent,
                 at=hop.attestation.at,
@@ -93,6 +95,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 delegates=tuple(sorted(scope.delegates)),
                 depth=scope.depth,
                 evidence=hop.attestation.kind,
+                mandate=mandate_id,
                 parameters=facts.parameters_written(
                     tuple(
                         tuple(f"{limit.parameter.name}:{limit.parameter.kind}" for limit in grant.limits)
@@ -181,6 +184,7 @@ def authority_of(said: FactContent[AuthorityStatement], demanded: Checks, caps: 
                 not_before=_present(demanded.not_before),
                 not_after=_present(demanded.not_after),
             ),
+            mandate_id=stated.mandate,
         )
         _well_formed_first(block, caps)
     except (ValueError, CapabilityError) as error:
@@ -324,6 +328,8 @@ def _well_formed_first(block: AuthorityBlock, caps: Caps) -> None:
     """Checks a block that was read: see `_well_formed_hop`."""
     if text.TOKEN_ID.fullmatch(block.token_id) is None:
         raise TokenError(FaultCode.TOKEN_MALFORMED, "a token id is 16 bytes in base64url")
+    if block.mandate_id is not None and ID.fullmatch(block.mandate_id) is None:
+        raise TokenError(FaultCode.TOKEN_MALFORMED, "a mandate id is 32 hex digits")
     sponsor, most = block.sponsor, caps.text_bytes
     text.url(sponsor.issuer, most_bytes=most)
     text.names((sponsor.subject, sponsor.method), most_bytes=most)

@@ -56,6 +56,7 @@ class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     delegates: tuple[str, ...]
     depth: int
     evidence: EvidenceKind
+    mandate: str | None = None
     parameters: msgspec.Raw
     profile: str
     purpose: str

@@ -26,6 +26,7 @@ def mint(
     hop: HopGrant,
     scope: Scope,
     caps: Caps,
+    mandate_id: str | None = None,
 ) -> bytes:
     """A new token: `sponsor` lends `scope` to the agent of `hop`.
 
@@ -37,12 +38,13 @@ def mint(
         hop: the first holder, already attested; its delegator is the sponsor's subject.
         scope: the whole scope of the token. `verify` takes no clock skew: begin `not_before` a few seconds early.
         caps: the bounds.
+        mandate_id: of the mandate that the token is drawn from, if any.
 
     Raises:
         CapabilityError: for anything that `verify` would refuse for a reason other than time, audience and revocation,
             with its code.
     """
-    authority = block.AuthorityBlock(token_id, sponsor, 0, hop, scope)
+    authority = block.AuthorityBlock(token_id, sponsor, 0, hop, scope, mandate_id)
     try:
         block.well_formed(authority, caps)
     except ValueError as error:

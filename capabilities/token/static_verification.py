@@ -49,7 +49,14 @@ class StaticVerification(msgspec.Struct, frozen=True, kw_only=True):
         """The chain as it is checked against this view."""
         chain = self.chain
         return make_chain(
-            chain.token_id, chain.digest, chain.sponsor, chain.root_key_id, chain.hops, view.epoch, view.age_ms
+            chain.token_id,
+            chain.digest,
+            chain.sponsor,
+            chain.root_key_id,
+            chain.hops,
+            view.epoch,
+            view.age_ms,
+            chain.mandate_id,
         )
 
 
@@ -92,7 +99,16 @@ def read(token: bytes, trust: TrustBundle, caps: Caps, *, digest: bytes) -> Stat
     except TokenError as error:
         return Fault(error.code, clause, error.detail)
 
-    chain = make_chain(authority.token_id, digest, authority.sponsor, root_key_id, hops, epoch=0, view_age_ms=0)
+    chain = make_chain(
+        authority.token_id,
+        digest,
+        authority.sponsor,
+        root_key_id,
+        hops,
+        epoch=0,
+        view_age_ms=0,
+        mandate_id=authority.mandate_id,
+    )
     attested = [hop.attestation.at for hop in hops]
     attesters = tuple([(signer, at) for signer, at in zip(signers, attested, strict=True) if signer])
     return StaticVerification(
@@ -218,6 +234,7 @@ def inspect_token(token: bytes, trust: TrustBundle, caps: Caps = DEFAULT) -> dic
         "digest": chain.digest.hex(),
         "bytes": len(token),
         "root_key_id": chain.root_key_id,
+        "mandate_id": chain.mandate_id,
         "sponsor": {
             "issuer": chain.sponsor.issuer,
             "subject": chain.sponsor.subject,

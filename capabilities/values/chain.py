@@ -115,6 +115,7 @@ class Chain:
         hops: in order, at least one.
         epoch: of the revocation view that it was checked against.
         view_age_ms: age of that view, on the verifier's monotonic clock.
+        mandate_id: of the mandate that the token was drawn from, 32 hex digits; None for one that its sponsor issued.
     """
 
     token_id: str
@@ -124,6 +125,7 @@ class Chain:
     hops: tuple[Hop, ...]
     epoch: int
     view_age_ms: int
+    mandate_id: str | None = None
 
     @property
     def leaf(self) -> Hop:

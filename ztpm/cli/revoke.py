@@ -20,6 +20,7 @@ class Revocable(StrEnum):
     KEY = "key"
     SPONSOR = "sponsor"
     AUDIENCE = "audience"
+    MANDATE = "mandate"
 
 
 @signed
@@ -31,7 +32,7 @@ def revoke(
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Revoke a token, hop, agent, key, sponsor or audience; enforcement points know within their feed's period."""
+    """Revoke a token, hop, agent, key, sponsor, audience or mandate; enforcement points know within a feed's period."""
     person = signer.operator()
     with refusals(), person:
         made = person.revocation(kind.value, id_, reason)

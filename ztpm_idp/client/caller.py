@@ -119,7 +119,7 @@ class Caller:
         """The thing is revoked for ever; the epoch at which it is.
 
         Args:
-            kind: "token", "hop", "agent", "key", "sponsor" or "audience".
+            kind: "token", "hop", "agent", "key", "sponsor", "audience" or "mandate".
             id: of that kind.
             reason: for the ledger.
         """

@@ -86,7 +86,7 @@ def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
             )
         case RevocationKind.SPONSOR:
             return command.id == person
-        case RevocationKind.AUDIENCE:
+        case RevocationKind.AUDIENCE | RevocationKind.MANDATE:
             return False
         case _:
             assert_never(command.kind)
@@ -104,7 +104,7 @@ def _held_by(state: State, command: Revoke, agent: RegisteredAgent) -> bool:
             return command.id == agent.id
         case RevocationKind.KEY:
             return command.id == agent.thumbprint
-        case RevocationKind.SPONSOR | RevocationKind.AUDIENCE:
+        case RevocationKind.SPONSOR | RevocationKind.AUDIENCE | RevocationKind.MANDATE:
             return False
         case _:
             assert_never(command.kind)
@@ -116,7 +116,7 @@ def _party_concerned(state: State, command: Revoke) -> str | None:
             return command.id
         case RevocationKind.KEY:
             return state.owner_of_thumbprint
-        case RevocationKind.TOKEN | RevocationKind.HOP | RevocationKind.AUDIENCE:
+        case RevocationKind.TOKEN | RevocationKind.HOP | RevocationKind.AUDIENCE | RevocationKind.MANDATE:
             return None
         case _:
             assert_never(command.kind)

@@ -180,7 +180,7 @@ def _wanted_by_revocation(command: Revoke) -> Wanted:
             return Wanted(parties=parties | {command.id}, revocation=revocation)
         case RevocationKind.SPONSOR:
             return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id, people=True)
-        case RevocationKind.AUDIENCE:
+        case RevocationKind.AUDIENCE | RevocationKind.MANDATE:
             return Wanted(parties=parties, revocation=revocation)
         case _:
             assert_never(command.kind)

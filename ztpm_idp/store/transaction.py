@@ -55,13 +55,14 @@ from ztpm_idp.domain.parties import (
     RegisteredSensor,
     Standing,
 )
-from ztpm_idp.domain.state import HopRecord, Journal, Nonce, State
+from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.errors import OnceOnlyError
+from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.people import People
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
@@ -71,8 +72,6 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from capabilities.values.chain import HopGrant
-    from capabilities.values.scope import Scope
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
@@ -94,16 +93,6 @@ class Counters:
     restoring: bool
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Place of a new hop."""
-
-    token_id: str
-    sponsor: str
-    parent: str | None
-    position: int
-
-
 class Transaction:
     """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises."""
 
@@ -111,6 +100,7 @@ class Transaction:
         self._connection = connection
         self.approvals = Approvals(connection)
         self.conduct = Conduct(connection)
+        self.lending = Lending(connection)
         self.people = People(connection)
         self.revocations = Revocations(connection)
         self.restoring = Restoring(connection)
@@ -138,7 +128,7 @@ class Transaction:
             parties=parties,
             key_owners=await self._key_owners(wanted.keys),
             nonces=await self._nonces(wanted.nonces_of, young_ms),
-            hops=await self._hops(wanted),
+            hops=await self.lending.hops(wanted),
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
             revoked_at_epoch=await self.revocations.epoch_of(wanted.revocation),
@@ -194,10 +184,8 @@ class Transaction:
     async def knows(self, kind: RevocationKind, id_: str) -> bool:
         """True where a thing of this kind was ever made or registered here."""
         match kind:
-            case RevocationKind.TOKEN:
-                found = t.hops.c.token_id
-            case RevocationKind.HOP:
-                found = t.hops.c.hop_id
+            case RevocationKind.TOKEN | RevocationKind.HOP | RevocationKind.MANDATE:
+                return await self.lending.knows(kind, id_)
             case RevocationKind.KEY:
                 return await self._owner_of(id_, {}) is not None
             case RevocationKind.AGENT | RevocationKind.SPONSOR:
@@ -302,21 +290,6 @@ class Transaction:
         return {
             nonce: Nonce(nonce, owner, given_ms, spent_on is not None) for nonce, owner, given_ms, spent_on in found
         }
-
-    async def _hops(self, wanted: Wanted) -> dict[str, HopRecord]:
-        c, found = t.hops.c, dict[str, HopRecord]()
-        query = sa.select(c.hop_id, c.token_id, c.parent, c.agent, c.sponsor)
-        if wanted.token is not None:
-            for row in await self._connection.execute(query.where(c.token_id == wanted.token, c.parent.is_(None))):
-                found[row.hop_id] = HopRecord(*row)
-        following = wanted.hop
-        while following is not None and following not in found:
-            above = (await self._connection.execute(query.where(c.hop_id == following))).one_or_none()
-            if above is None:
-                break
-            found[above.hop_id] = HopRecord(*above)
-            following = above.parent
-        return found
 
     async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
         if thumbprint is None:
@@ -445,11 +418,8 @@ class Transaction:
                 await self._connection.execute(
                     sa.update(t.agents).where(t.agents.c.id == agent).values(attested_ms=at_ms)
                 )
-            case TokenIssued():
-                await self._hop(event.hop, event.scope, _Place(event.token_id, event.sponsor.subject, None, 0), at_ms)
-            case TokenDelegated(chain=chain):
-                place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
-                await self._hop(event.hop, event.scope, place, at_ms)
+            case TokenIssued() | TokenDelegated():
+                await self.lending.write(event, at_ms=at_ms)
             case RefusalCounted(agent=agent, since_ms=since_ms, number=number):
                 await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))
                 await self._connection.execute(
@@ -482,18 +452,4 @@ class Transaction:
             sa.update(t.parties)
             .where(t.parties.c.id == party, t.parties.c.standing != Standing.REVOKED.value)
             .values(standing=standing.value)
-        )
-
-    async def _hop(self, hop: HopGrant, scope: Scope, place: _Place, at_ms: int) -> None:
-        await self._connection.execute(
-            sa.insert(t.hops).values(
-                hop_id=hop.hop_id,
-                token_id=place.token_id,
-                parent=place.parent,
-                position=place.position,
-                agent=hop.agent,
-                sponsor=place.sponsor,
-                made_ms=at_ms,
-                not_after=scope.not_after,
-            )
         )

@@ -102,6 +102,7 @@ def chain_json(chain: Chain) -> dict[str, Any]:
                 "authenticated_at": chain.sponsor.authenticated_at,
             },
             "root_key_id": chain.root_key_id,
+            **({} if chain.mandate_id is None else {"mandate_id": chain.mandate_id}),
             "epoch": chain.epoch,
             "view_age_ms": chain.view_age_ms,
             "hops": [

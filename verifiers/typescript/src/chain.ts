@@ -32,6 +32,7 @@ export interface Hop {
 
 export interface Chain {
   readonly token_id: string;
+  readonly mandate_id?: string;
   readonly sponsor: Sponsor;
   readonly hops: readonly Hop[];
 }
@@ -99,7 +100,7 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
   const said = payloads.map((payload, i) => message(payload, i === 0));
   const read = said.map((each) => ({ ...each, ...checks(each) }));
   const [first, ...further] = read;
-  const members = closed(first!.members, AUTHORITY, [...AUTHORITY, "role"]);
+  const members = closed(first!.members, AUTHORITY, [...AUTHORITY, "role", "mandate"]);
   const person = closed(members["sponsor"], ["authenticated_at", "issuer", "method", "subject"]);
   const sponsor = {
     issuer: url(person["issuer"]),
@@ -108,6 +109,8 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
     authenticated_at: seconds(person["authenticated_at"]),
   };
   demand(fromBase64url(string(members["token"]))?.length === 16);
+  const drawn = "mandate" in members ? { mandate_id: string(members["mandate"]) } : {};
+  demand(drawn.mandate_id === undefined || /^[0-9a-f]{32}$/.test(drawn.mandate_id));
   const { ceiling, audiences, delegates, depth, not_before, not_after } = dimensions(members, first!.context);
   const alternatives = first!.alternatives;
   demand(alternatives !== null && alternatives.length > 0 && ceiling !== null && not_before !== null && not_after !== null);
@@ -155,7 +158,7 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
     carried(narrowed); // 9
     hops.push(narrowed);
   }
-  return { token_id: string(members["token"]), sponsor, hops };
+  return { token_id: string(members["token"]), ...drawn, sponsor, hops };
 }
 
 /** The parent's grant with the bounds that a hop states. */

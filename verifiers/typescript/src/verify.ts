@@ -98,6 +98,7 @@ export function verify(text: string, trust: Trust, at: number, audience: string,
   // [TOK-9] revocation
   const dead = new Set(view.revoked.map(([kind, id]) => JSON.stringify([kind, id])));
   const named = [["sponsor", found.sponsor.subject], ["token", found.token_id], ["audience", audience]];
+  if (found.mandate_id !== undefined) named.push(["mandate", found.mandate_id]);
   for (const { hop_id, agent, key } of found.hops) named.push(["hop", hop_id], ["agent", agent], ["key", thumbprint(key)]);
   demand(!named.some((pair) => dead.has(JSON.stringify(pair))), "REVOKED", "TOK-9");
   demand(0 <= view.age_ms && view.age_ms <= leaseMs, "REVOCATION_VIEW_STALE", "TOK-9");

@@ -7,6 +7,7 @@ from typing import Any
 
 from capabilities.keys import keys
 from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Scope
 from tests.vectors.tokens.cases import Accepted, Case, Faulty, Group, group
 from tests.vectors.tokens.ordinary import (
     CELL,
@@ -20,6 +21,7 @@ from tests.vectors.tokens.ordinary import (
     authority,
     hop,
     hop_id_of,
+    member,
 )
 from tests.vectors.tokens.sealing import p256_of, raw_of
 
@@ -279,4 +281,56 @@ P256 = group(
     odd_key("An x beyond the field, of a point", b"\2" + (FIELD + 5).to_bytes(32, "big")),
 )
 
-GROUPS: tuple[Group, ...] = (TIMES, TRUSTED, AUDIENCES, REVOCATION, P256)
+MANDATE = "0123456789abcdef" * 2
+DRAWN = "A token drawn from a mandate"
+DRAWN_ON = "A hop under a drawn token"
+ISSUED = "A token that its sponsor issued"
+
+
+def drawn(**changed: Any) -> Any:
+    return authority(SMALL, says=member(**{"mandate": MANDATE, **changed}))
+
+
+def of(token: str, title: str, *revoked: tuple[str, str], age_ms: int = 100, scope: Scope | None = None) -> Case:
+    expected = Faulty(FaultCode.REVOKED, "TOK-9") if scope is None else Accepted(scope)
+    return Case(title, "TOK-9", token, expected, view(*revoked, age_ms=age_ms))
+
+
+def odd_mandate(title: str, found: Any) -> Case:
+    return Case(title, "TOK-6", lambda: drawn(mandate=found), Faulty(FaultCode.CHAIN_BROKEN, "TOK-6"))
+
+
+MANDATES = group(
+    "mandates",
+    "A drawn token names its mandate, whose revocation kills it and every hop under it.",
+    Case(DRAWN, "TOK-6", drawn, Accepted(SMALL)),
+    Case(DRAWN_ON, "TOK-6", lambda: hop(drawn(), LESS, parent=SMALL), Accepted(ONE_LESS)),
+    Case(ISSUED, "TOK-6", lambda: authority(SMALL), Accepted(SMALL)),
+    of(DRAWN, "The mandate, revoked", ("mandate", MANDATE)),
+    of(DRAWN_ON, "The mandate of a hop above, revoked", ("mandate", MANDATE)),
+    of(DRAWN, "The mandate, revoked in a view that is too old", ("mandate", MANDATE), age_ms=2_001),
+    of(DRAWN, "The token of a mandate, revoked", ("token", TOKEN_ID)),
+    of(DRAWN, "Another mandate, revoked", ("mandate", "0" * 32), scope=SMALL),
+    of(DRAWN, "The id of the mandate as a hop's", ("hop", MANDATE), scope=SMALL),
+    of(DRAWN, "A mandate by the id of the token", ("mandate", TOKEN_ID), scope=SMALL),
+    of(DRAWN, "The mandate in capitals, revoked", ("mandate", MANDATE.upper()), scope=SMALL),
+    of(ISSUED, "A mandate, revoked, of a token that has none", ("mandate", MANDATE), scope=SMALL),
+    odd_mandate("A mandate in capitals", MANDATE.upper()),
+    odd_mandate("A mandate of 31 digits", MANDATE[1:]),
+    odd_mandate("A mandate of 33 digits", MANDATE + "0"),
+    odd_mandate("A mandate with a line end", MANDATE + "\n"),
+    odd_mandate("A mandate in base64url", TOKEN_ID),
+    odd_mandate("A mandate of digits that are not ASCII", "\u0661" * 32),
+    odd_mandate("An empty mandate", ""),
+    odd_mandate("A mandate of null", None),
+    odd_mandate("A mandate that is a number", 12345678901234567890123456789012),
+    odd_mandate("Mandates in a list", [MANDATE]),
+    Case(
+        "A hop that names a mandate",
+        "TOK-6",
+        lambda: hop(authority(SMALL), LESS, parent=SMALL, says=member(mandate=MANDATE)),
+        Faulty(FaultCode.CHAIN_BROKEN, "TOK-6"),
+    ),
+)
+
+GROUPS: tuple[Group, ...] = (TIMES, TRUSTED, AUDIENCES, REVOCATION, P256, MANDATES)
