@@ -21,11 +21,11 @@ from capabilities.values import algebra, text
 from capabilities.values.chain import HopGrant, Sponsor, make_attestation, make_grant, make_sponsor
 from capabilities.values.errors import CapabilityError, FaultCode, TokenError
 from capabilities.values.hashed_tuple import HashedTuple
-from capabilities.values.scope import Grant, Limit, Restriction, Scope, make_restriction, make_scope, tier
+from capabilities.values.scope import Budget, Grant, Limit, Restriction, Scope, make_restriction, make_scope, tier
 from capabilities.values.units import Parameter, kind_of
 
 if TYPE_CHECKING:
-    from capabilities.token.fact import Fact, FactContent
+    from capabilities.token.fact import BudgetRow, Fact, FactContent
     from capabilities.values.caps import Caps
     from capabilities.values.scope import Bound
 
@@ -92,6 +92,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 agent=hop.agent,
                 at=hop.attestation.at,
                 audiences=tuple(sorted(scope.audiences)),
+                budgets=_rows(scope.grants),
                 delegates=tuple(sorted(scope.delegates)),
                 depth=scope.depth,
                 evidence=hop.attestation.kind,
@@ -118,6 +119,7 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
                 agent=hop.agent,
                 at=hop.attestation.at,
                 audiences=None if restriction.audiences is None else tuple(sorted(restriction.audiences)),
+                budgets=_rows(restriction.grants or ()),
                 delegates=None if restriction.delegates is None else tuple(sorted(restriction.delegates)),
                 depth=restriction.depth,
                 evidence=hop.attestation.kind,
@@ -126,6 +128,15 @@ def _statement(block: AuthorityBlock | HopBlock) -> AuthorityStatement | HopStat
             )
         case _:
             assert_never(block)
+
+
+def _rows(grants: tuple[Grant, ...]) -> tuple[BudgetRow, ...]:
+    """Budgets of grants, each with the number of its own."""
+    return tuple(
+        (place, each.parameter, each.audience, each.window_s, each.most)
+        for place, grant in enumerate(grants)
+        for each in grant.budgets
+    )
 
 
 def _stated(block: AuthorityBlock | HopBlock) -> Restriction:
@@ -176,7 +187,7 @@ def authority_of(said: FactContent[AuthorityStatement], demanded: Checks, caps: 
             index=said.index,
             hop=_hop(said, sponsor.subject),
             scope=make_scope(
-                grants=_whole_grants(_present(demanded.alternatives), bytes(stated.parameters)),
+                grants=_whole_grants(_present(demanded.alternatives), bytes(stated.parameters), stated.budgets),
                 ceiling=tier(_present(demanded.ceiling)),
                 audiences=_ascending(stated.audiences),
                 delegates=_ascending(stated.delegates),
@@ -219,8 +230,10 @@ def hop_of(
     except (ValueError, CapabilityError) as error:
         raise TokenError(FaultCode.CHAIN_BROKEN, f"not a hop block: {type(error).__name__}") from None
     if demanded.alternatives is None:
+        if stated.budgets:
+            raise TokenError(FaultCode.CHAIN_BROKEN, "budgets of no grant")
         return HopBlock(index, hop, rest)
-    kept = _kept_grants(demanded.alternatives, parent.grants)
+    kept = _kept_grants(demanded.alternatives, parent.grants, stated.budgets)
     try:
         algebra.well_formed_grants(kept, caps)
     except CapabilityError as error:
@@ -263,17 +276,34 @@ def _ascending(texts: tuple[str, ...]) -> frozenset[str]:
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def _whole_grants(alternatives: tuple[Alternative, ...], spelled: bytes) -> tuple[Grant, ...]:
+def _whole_grants(
+    alternatives: tuple[Alternative, ...], spelled: bytes, rows: tuple[BudgetRow, ...]
+) -> tuple[Grant, ...]:
     """Grants of a first block: those that its check keeps, under the names and kinds that its statement spells."""
-    parameters = facts.parameters_of(spelled)
+    parameters, budgets = facts.parameters_of(spelled), _budgets(rows, len(alternatives))
     return HashedTuple(
         Grant(
             kept.object,
             kept.operation,
             tuple(_limit(name, bound) for name, bound in zip(names, kept.bounds, strict=True)),
+            some,
         )
-        for kept, names in zip(alternatives, parameters, strict=True)
+        for kept, names, some in zip(alternatives, parameters, budgets, strict=True)
     )
+
+
+def _budgets(rows: tuple[BudgetRow, ...], grants: int) -> list[tuple[Budget, ...]]:
+    """Budgets of each grant, from rows in ascending order.
+
+    Raises:
+        TokenError: `CHAIN_BROKEN` for rows in another order, or of no grant.
+    """
+    found: list[list[Budget]] = [[] for _ in range(grants)]
+    if list(rows) != sorted(rows) or not all(0 <= row[0] < grants for row in rows):
+        raise TokenError(FaultCode.CHAIN_BROKEN, "budgets out of order, or of no grant")
+    for place, parameter, audience, window_s, most in rows:
+        found[place].append(Budget(parameter, audience, window_s, most))
+    return [tuple(some) for some in found]
 
 
 def _limit(name: str, bound: Bound | None) -> Limit:
@@ -283,8 +313,10 @@ def _limit(name: str, bound: Bound | None) -> Limit:
 
 
 @functools.lru_cache(maxsize=REMEMBERED)
-def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...]) -> tuple[Grant, ...]:
-    """The grants that a hop keeps, each with the limits that it states, named as the parent names them."""
+def _kept_grants(
+    alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...], rows: tuple[BudgetRow, ...]
+) -> tuple[Grant, ...]:
+    """The grants that a hop keeps, each with the limits and budgets that it states, named as the parent names them."""
     known = {(grant.object, grant.operation): grant.limits for grant in parent}
     found = []
     for kept in alternatives:
@@ -299,7 +331,12 @@ def _kept_grants(alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...
                 tuple(Limit(limit.parameter, bound) for limit, bound in stated if bound is not None),
             )
         )
-    return HashedTuple(found)
+    if not rows:
+        return HashedTuple(found)
+    budgets = _budgets(rows, len(found))
+    return HashedTuple(
+        Grant(grant.object, grant.operation, grant.limits, some) for grant, some in zip(found, budgets, strict=True)
+    )
 
 
 # --- the rules of the values -----------------------------------------------------------------------------------------

@@ -17,6 +17,8 @@ PROFILE: Final = "ztpm/1"
 PREDICATE: Final = "hop"
 """The only fact of a block: ``hop(index, hop id, key, measurement, request digest, statement)``."""
 BYTE_STRINGS: Final = 5
+BudgetRow = tuple[int, str, str, int, int]
+"""A budget: number of its alternative in the request check, parameter, audience, seconds, most."""
 AUTHORITY_VERSION: Final = 3  # of a block's Datalog, as the Biscuit library writes it (schema.proto, Block.version)
 HOP_VERSION: Final = 5
 """Third-party blocks, in the signature version that binds them to their place, have this one."""
@@ -40,6 +42,7 @@ class HopStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
     agent: str
     at: int
     audiences: tuple[str, ...] | None = None
+    budgets: tuple[BudgetRow, ...] = ()
     delegates: tuple[str, ...] | None = None
     depth: int | None = None
     evidence: EvidenceKind
@@ -53,6 +56,7 @@ class AuthorityStatement(msgspec.Struct, frozen=True, kw_only=True, forbid_unkno
     agent: str
     at: int
     audiences: tuple[str, ...]
+    budgets: tuple[BudgetRow, ...] = ()
     delegates: tuple[str, ...]
     depth: int
     evidence: EvidenceKind

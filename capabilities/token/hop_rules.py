@@ -9,7 +9,7 @@ import functools
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.token.checks import REMEMBERED
-from capabilities.values import algebra
+from capabilities.values import algebra, budgets
 from capabilities.values.chain import EvidenceKind, make_hop
 from capabilities.values.errors import FaultCode, TokenError
 from capabilities.values.scope import tier
@@ -57,7 +57,8 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
     """The hop that `block` adds to `parents`.
 
     Raises:
-        TokenError: `CHAIN_BROKEN` for a wrong index or delegator, or an agent, key or hop id that occurs before;
+        TokenError: `CHAIN_BROKEN` for a wrong index or delegator, an agent, key or hop id that occurs before, or a
+            budget of no quantity or without a share for each audience;
             `KEY_WRONG_ROLE` for a key with another role; `TOO_MANY_HOPS` when no depth is left; `DELEGATE_NOT_ALLOWED`;
             `NOT_NARROWER` (`NotNarrowerError`) for a hop that is wider anywhere or strictly narrower nowhere;
             `HOP_NOT_ATTESTED` for a ceiling above what its evidence carries.
@@ -73,6 +74,9 @@ def next_hop(parents: tuple[Hop, ...], block: HopBlock, *, reserved: frozenset[b
         raise TokenError(FaultCode.DELEGATE_NOT_ALLOWED, f"hop {parent.index} does not name this delegate")
     hop = _hop(block.index, added, _narrower(parent.scope, block))
     _check_ceiling(hop, caps)
+    defect = budgets.defect(hop.scope)
+    if defect is not None:
+        raise TokenError(FaultCode.CHAIN_BROKEN, defect)
     return hop
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from capabilities.values import bounds
+from capabilities.values import bounds, budgets
 from capabilities.values.bounds import bound_to_json, limits_to_json, nearest, permits, size, within
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.hashed_tuple import HashedTuple
@@ -41,7 +41,7 @@ __all__ = [
 
 Grants: TypeAlias = tuple[Grant, ...]
 LayOver: TypeAlias = "Callable[[Grants, Grants], tuple[Grants, Narrowing]]"
-COUNTED: Final = ("grants", "limits", "ceiling", "audiences", "delegates")
+COUNTED: Final = ("grants", "limits", "budgets", "ceiling", "audiences", "delegates")
 """The dimensions in which a hop must take something away. Depth and window shrink at every hop anyway."""
 
 
@@ -118,6 +118,17 @@ def _compare_limits(child: Grant, parent: Grant, widenings: list[Widening], stri
             widenings.append(_limit(f"{child.object}/{child.operation}", below, above))
         elif not within(above.bound, below.bound):
             strict.add("limits")
+    if child.budgets is not parent.budgets:
+        _compare_budgets(child, parent, widenings, strict)
+
+
+def _compare_budgets(child: Grant, parent: Grant, widenings: list[Widening], strict: set[str]) -> None:
+    if not budgets.within(child.budgets, parent.budgets):
+        near = budgets.to_json(budgets.meet(child.budgets, parent.budgets))
+        stated = budgets.to_json(parent.budgets), budgets.to_json(child.budgets)
+        widenings.append(Widening("budgets", f"{child.object}/{child.operation}", *stated, near))
+    elif not budgets.within(parent.budgets, child.budgets):
+        strict.add("budgets")
 
 
 def _compare_names(
@@ -224,7 +235,7 @@ def _meet_grants(a: Grant, b: Grant) -> Grant | None:
         if both is None:
             return None
         limits.append(Limit(mine.parameter, both))
-    return Grant(a.object, a.operation, tuple(limits))
+    return Grant(a.object, a.operation, tuple(limits), budgets.meet(a.budgets, b.budgets))
 
 
 # --- one hop ---------------------------------------------------------------------------------------------------------
@@ -270,7 +281,7 @@ def _lay_over(parent: Grant | None, child: Grant) -> Grant:
     """The parent's signature with the child's bounds; limits of parameters that the parent does not know come last."""
     if parent is None:
         return child
-    if not child.limits:
+    if not child.limits and not child.budgets:
         return parent
     tightened = {limit.parameter.name: limit for limit in child.limits}
     limits = []
@@ -281,7 +292,8 @@ def _lay_over(parent: Grant | None, child: Grant) -> Grant:
         else:
             limits.append(tight)
             del tightened[limit.parameter.name]
-    return Grant(parent.object, parent.operation, (*limits, *tightened.values()))
+    kept = child.budgets or parent.budgets
+    return Grant(parent.object, parent.operation, (*limits, *tightened.values()), kept)
 
 
 def hop(parent: Scope, restriction: Restriction, *, lay: LayOver = lay_over) -> Scope | Narrowing:

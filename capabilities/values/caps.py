@@ -17,6 +17,8 @@ class Caps:
     """Grants in a scope."""
     parameters: int = 32
     """Parameters of one operation."""
+    budgets: int = 64
+    """Budgets of one grant."""
     one_of: int = 64
     """Members of a finite set."""
     text_bytes: int = 256

@@ -8,9 +8,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.values import algebra
+from capabilities.values import algebra, budgets
 from capabilities.values.bounds import kind_to_json, size
 from capabilities.values.boxes import boxes_of
+from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Grant, Restriction, Scope, Widening
 from capabilities.values.scope_json import restriction_to_json
 
@@ -71,9 +72,14 @@ def repair(parent: Scope, restriction: Restriction) -> Restriction | None:
     if parent.depth < 1:
         return None
     both = algebra.meet(replace(parent, depth=parent.depth - 1), algebra.stated(parent, restriction))
-    if both is None or not algebra.narrows(both, parent).strict:
+    if both is None or not algebra.narrows(both, parent).strict or _without_form(both):
         return None
     return difference(parent, both)
+
+
+def _without_form(child: Scope) -> bool:
+    """True where the budgets that a restriction asked for have no form of the profile, however narrow."""
+    return budgets.defect(child) is not None or any(len(each.budgets) > DEFAULT.budgets for each in child.grants)
 
 
 def difference(parent: Scope, child: Scope) -> Restriction:
@@ -94,7 +100,8 @@ def _tightened(parent: Scope, grant: Grant) -> Grant:
     kept: Iterable[Limit] = () if above is None else above.limits
     bound_of: dict[object, Bound] = {limit.parameter: limit.bound for limit in kept}
     limits = tuple(limit for limit in grant.limits if limit.bound != bound_of.get(limit.parameter))
-    return Grant(grant.object, grant.operation, limits)
+    stated = () if above is not None and grant.budgets == above.budgets else grant.budgets
+    return Grant(grant.object, grant.operation, limits, stated)
 
 
 def narrowable(parent: Scope) -> tuple[str, ...]:
@@ -102,6 +109,7 @@ def narrowable(parent: Scope) -> tuple[str, ...]:
     could = {
         "grants": len(parent.grants) > 1,
         "limits": any(size(limit.bound) > 1 for grant in parent.grants for limit in grant.limits),
+        "budgets": budgets.shrinkable(parent),
         "ceiling": parent.ceiling > 0,
         "audiences": len(parent.audiences) > 1,
         "delegates": bool(parent.delegates),
@@ -166,6 +174,8 @@ def _told(place: Widening, axis: tuple[str, int] | None) -> str:
             return f"{place.what} is not granted"
         case "limits", list():
             return f"{place.what} takes {_parameters(place.parent)}, not {_parameters(place.child)}"
+        case "budgets", _:
+            return f"{place.what}: at most {_rates(place.child)} asked, {_rates(place.parent)} permitted"
         case "depth", _ if place.nearest is None:
             return "no depth is left for a further hop"
         case _:
@@ -217,6 +227,15 @@ def _parameters(limits: object) -> str:
 
 def _listed(limits: object) -> list[dict[str, object]]:
     return limits if isinstance(limits, list) else []
+
+
+def _rates(budgets: object) -> str:
+    told = [
+        f"{each['most']} {'of ' + str(each['parameter']) if 'parameter' in each else 'acts'} in {each['per_s']} s at "
+        f"{each['audience']}"
+        for each in _listed(budgets)[:NAMED]
+    ]
+    return " and ".join(told) or "any number of acts"
 
 
 def _or(words: tuple[str, ...]) -> str:

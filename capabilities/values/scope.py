@@ -1,8 +1,8 @@
 """Scope of a token as a value; the order and the meet are in `capabilities.values.algebra`.
 
-A scope has seven dimensions: grants, limits per parameter, tier ceiling, audience, delegates, depth and time window.
-All numbers are integers (capabilities.values.units), all words canonical (capabilities.values.text). One meaning has
-one value: docs/spec.md 1.2 says which.
+A scope has eight dimensions: grants, limits per parameter, budgets, tier ceiling, audience, delegates, depth and time
+window. All numbers are integers (capabilities.values.units), all words canonical (capabilities.values.text). One
+meaning has one value: docs/spec.md 1.2 says which.
 """
 
 from __future__ import annotations
@@ -111,27 +111,46 @@ class Limit:
     bound: Bound
 
 
+@dataclass(frozen=True, slots=True, order=True)
+class Budget:
+    """Budget of one grant at one point: the most acts, or the most of a quantity, in any window.
+
+    Attributes:
+        parameter: the quantity that is counted, in its unit; "" counts acts.
+        audience: canonical URL of the point that counts.
+        window_s: length of every window, seconds.
+        most: highest sum in any window, from 1.
+    """
+
+    parameter: str
+    audience: str
+    window_s: int
+    most: int
+
+
 @dataclass(frozen=True, slots=True)
 class Grant:
-    """One (object, operation) pair with the limits of all its parameters, in the operation's order.
+    """One (object, operation) pair with the limits of all its parameters, in the operation's order, and its budgets.
 
     The limits are the operation's signature: a request must give exactly these parameters, each inside its bound.
+    Without budgets there may be any number of requests; in a restriction, the parent's are kept.
     """
 
     object: str
     operation: str
     limits: tuple[Limit, ...] = ()
+    budgets: tuple[Budget, ...] = ()
     _hash: int = field(default=0, init=False, repr=False, compare=False)
 
     def __hash__(self) -> int:
         # Computed once: memories about grants look them up by it.
         if not self._hash:
-            object.__setattr__(self, "_hash", hash((self.object, self.operation, self.limits)) or 1)
+            object.__setattr__(self, "_hash", hash((self.object, self.operation, self.limits, self.budgets)) or 1)
         return self._hash
 
-    def __reduce__(self) -> tuple[type[Grant], tuple[str, str, tuple[Limit, ...]]]:
+    def __reduce__(self) -> tuple[type[Grant], tuple[str, str, tuple[Limit, ...], tuple[Budget, ...]]]:
         # Without the hash, which another process computes differently.
-        return Grant, (self.object, self.operation, self.limits)
+        return Grant, (self.object, self.operation, self.limits, self.budgets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +193,8 @@ class Restriction:
     """Restriction by one hop; None keeps the parent's dimension as it is.
 
     Attributes:
-        grants: exactly the grants that stay; each names a pair of the parent and only those limits that it tightens.
+        grants: exactly the grants that stay; each names a pair of the parent, only
+            those limits that it tightens, and all its budgets where it tightens them.
         ceiling, audiences, delegates, depth, not_before, not_after: as in `Scope`.
     """
 
@@ -196,7 +216,7 @@ class Widening:
     """One place where a child has more than its parent.
 
     Attributes:
-        dimension: "grants", "limits", "ceiling", "audiences", "delegates", "depth" or "window".
+        dimension: "grants", "limits", "budgets", "ceiling", "audiences", "delegates", "depth" or "window".
         what: the grant or parameter concerned, e.g. "ur3e/move_joint/speed".
         parent, child: the two bounds as plain JSON values.
         nearest: the nearest allowed value in the same form: the meet of the two bounds, or, where they have

@@ -6,11 +6,13 @@ from typing import Any, Final
 
 from msgspec import UNSET, UnsetType
 
+from capabilities.values import budgets
 from capabilities.values.bounds import limits_to_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.form import Form, FormError, read
 from capabilities.values.scope import (
+    Budget,
     Each,
     Flags,
     Grant,
@@ -76,6 +78,7 @@ def _write_grants(grants: tuple[Grant, ...]) -> list[object]:
             "object": grant.object,
             "operation": grant.operation,
             "limits": limits_to_json(grant.limits),
+            **({"budgets": budgets.to_json(grant.budgets)} if grant.budgets else {}),
         }
         for grant in grants
     ]
@@ -114,10 +117,18 @@ class _Limit(_ScalarBound, frozen=True, kw_only=True):
     most: int | UnsetType = UNSET
 
 
+class _Budget(Form, frozen=True, kw_only=True):
+    parameter: str | UnsetType = UNSET
+    audience: str
+    most: int
+    per_s: int
+
+
 class _Grant(Form, frozen=True):
     object: str
     operation: str
     limits: tuple[_Limit, ...]
+    budgets: tuple[_Budget, ...] | UnsetType = UNSET
 
 
 _FORMS: Final[dict[str, Any]] = {
@@ -148,7 +159,10 @@ def _dimension(dimension: str, value: object) -> Any:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, f"{dimension}: {error}") from None
     match dimension:
         case "grants":
-            return tuple(Grant(each.object, each.operation, tuple(map(_limit, each.limits))) for each in stated)
+            return tuple(
+                Grant(each.object, each.operation, tuple(map(_limit, each.limits)), _budgets(each.budgets))
+                for each in stated
+            )
         case "ceiling" if not 0 <= stated <= max(Tier):
             raise ScopeError(FaultCode.OUT_OF_RANGE, "no such tier")
         case "ceiling":
@@ -157,6 +171,18 @@ def _dimension(dimension: str, value: object) -> Any:
             return _set(stated, "names not sorted, or one twice")
         case _:
             return stated
+
+
+def _budgets(stated: tuple[_Budget, ...] | UnsetType) -> tuple[Budget, ...]:
+    """Budgets of a grant; their order and form are checked with the rest of it."""
+    if isinstance(stated, UnsetType):
+        return ()
+    if not stated or any(each.parameter == "" for each in stated):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "no budgets are no member, and so is no parameter")
+    return tuple(
+        Budget("" if isinstance(each.parameter, UnsetType) else each.parameter, each.audience, each.per_s, each.most)
+        for each in stated
+    )
 
 
 def _limit(stated: _Limit) -> Limit:

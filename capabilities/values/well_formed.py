@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 from typing import TYPE_CHECKING, Final, assert_never
 
-from capabilities.values import text
+from capabilities.values import budgets, text
 from capabilities.values.bounds import canonical
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.hashed_tuple import HashedTuple
 from capabilities.values.scope import (
     Bound,
+    Budget,
     Each,
     Flags,
     Grant,
@@ -54,6 +55,9 @@ def well_formed(scope: Scope, caps: Caps) -> Scope:
     _integer(scope.depth, 0, caps.hops, "depth")
     _integer(scope.not_before, 0, TIME_LIMIT - 1, "not_before")
     _integer(scope.not_after, scope.not_before + 1, TIME_LIMIT - 1, "not_after")
+    defect = budgets.defect(scope)
+    if defect is not None:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, defect)
     return scope
 
 
@@ -98,18 +102,19 @@ def _integer(value: object, low: int, high: int, what: str) -> None:
 
 
 def _check_grants(grants: tuple[Grant, ...], caps: Caps) -> None:
-    within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
+    within = caps.grants, caps.parameters, caps.one_of, caps.text_bytes, caps.budgets
     if isinstance(
         grants, HashedTuple
     ):  # grants that were read are one object for all tokens that lend them; a refusal is not kept
         if grants.passed != within:
-            _check_each(grants, *within)
+            _check_each(grants, caps)
             grants.passed = within
     else:
-        _check_each(grants, *within)
+        _check_each(grants, caps)
 
 
-def _check_each(grants: tuple[Grant, ...], most: int, parameters: int, one_of: int, text_bytes: int) -> None:
+def _check_each(grants: tuple[Grant, ...], caps: Caps) -> None:
+    most, parameters, one_of, text_bytes = caps.grants, caps.parameters, caps.one_of, caps.text_bytes
     if len(grants) > most:
         raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} grants")
     pairs = [(grant.object, grant.operation) for grant in grants]
@@ -126,6 +131,21 @@ def _check_each(grants: tuple[Grant, ...], most: int, parameters: int, one_of: i
         for limit in grant.limits:
             text.name(limit.parameter.name, most_bytes=text_bytes)
             _check_bound(limit.parameter.kind, limit.bound, one_of, text_bytes)
+        if grant.budgets:
+            _check_budgets(grant.budgets, caps.budgets, text_bytes)
+
+
+def _check_budgets(stated: tuple[Budget, ...], most: int, text_bytes: int) -> None:
+    if len(stated) > most:
+        raise ScopeError(FaultCode.OUT_OF_RANGE, f"more than {most} budgets")
+    for each in stated:
+        if each.parameter:
+            text.name(each.parameter, most_bytes=text_bytes)
+        text.url(each.audience, most_bytes=text_bytes)
+        _integer(each.window_s, 1, budgets.LONGEST_S, "per_s")
+        _integer(each.most, 1, INT_LIMIT, "most")
+    if stated != budgets.least(stated):
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "budgets not sorted, or one that another implies")
 
 
 def _check_bound(kind: Kind, bound: Bound, one_of: int, text_bytes: int) -> None:

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from capabilities.values.algebra import stated
+from capabilities.values.budgets import least
+from capabilities.values.budgets import meet as meet_budgets
 from capabilities.values.bounds import canonical, meet, one_of, permits, within
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import (
     Bound,
+    Budget,
     Each,
     Flags,
     Grant,
@@ -164,11 +169,24 @@ def bounds_near(draw: st.DrawFn, bound: Bound) -> Bound:
     )
 
 
+rates = st.lists(st.tuples(st.sampled_from([2, 3, 4, 6]), st.integers(1, 6)), max_size=2)
+
+
+def shared(measures: list[tuple[int, int]]) -> tuple[Budget, ...]:
+    """Budgets of acts of these windows and numbers, the same at every audience."""
+    return least(Budget("", audience, window, most) for window, most in measures for audience in AUDIENCES)
+
+
+some_budgets = st.just(()) | rates.map(shared)
+
+
 @st.composite
 def scopes(draw: st.DrawFn) -> Scope:
     names = sorted(draw(st.sets(st.sampled_from(sorted(OPERATIONS)), min_size=1, max_size=4)))
     grants = tuple(
-        Grant("arm", name, tuple(Limit(each, draw(bounds_of(each.kind))) for each in OPERATIONS[name]))
+        Grant(
+            "arm", name, tuple(Limit(each, draw(bounds_of(each.kind))) for each in OPERATIONS[name]), draw(some_budgets)
+        )
         for name in names
     )
     start = draw(st.integers(0, 20))
@@ -189,8 +207,7 @@ def restrictions(draw: st.DrawFn) -> Restriction:
     other = draw(scopes())
     kept = {name: draw(st.booleans()) for name in Restriction.__dataclass_fields__}
     thinned = tuple(
-        Grant(grant.object, grant.operation, tuple(limit for limit in grant.limits if draw(st.booleans())))
-        for grant in other.grants
+        replace(grant, limits=tuple(limit for limit in grant.limits if draw(st.booleans()))) for grant in other.grants
     )
     values = {name: (thinned if name == "grants" else getattr(other, name)) for name, keep in kept.items() if keep}
     return Restriction(**values)
@@ -234,7 +251,9 @@ def restrictions_near(draw: st.DrawFn, parent: Scope) -> Restriction:
         ]
         if rarely():
             limits.append(Limit(Parameter("other", Unit.GRAM), draw(bounds)))
-        grants.append(Grant(grant.object, grant.operation, tuple(limits)))
+        pace = draw(some_budgets)
+        own = pace if rarely() else meet_budgets(grant.budgets, pace)
+        grants.append(Grant(grant.object, grant.operation, tuple(limits), own if draw(st.booleans()) else ()))
     if rarely():
         grants.append(Grant("arm", "z", ()))
     stated_grants = tuple(grants) or None

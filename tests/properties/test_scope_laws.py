@@ -11,7 +11,7 @@ from capabilities.values.algebra import COUNTED, apply, hop, meet, narrows, stat
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, ScopeError
 from capabilities.values.explanation import difference, explain, explanation_to_json, narrowable, repair
-from capabilities.values.scope import Each, Flags, OneOf, Range, Scope, Stems, Words
+from capabilities.values.scope import Budget, Each, Flags, OneOf, Range, Scope, Stems, Words
 from capabilities.values.scope_json import restriction_from_json, restriction_to_json, scope_from_json, scope_to_json
 from capabilities.values.well_formed import well_formed, well_formed_restriction
 from evaluation.tokens.campaigns import hop_laws, laws
@@ -35,7 +35,7 @@ from tests.properties.drawn import (
 )
 from tests.properties.drawn import bounds as any_bounds
 
-from capabilities.values import bounds
+from capabilities.values import bounds, budgets
 
 pytestmark = pytest.mark.long
 
@@ -227,6 +227,13 @@ def test_what_could_be_narrowed_can_be(scope):
                 names = sorted(getattr(scope, dimension))
                 least = dimension == "audiences"
                 return [replace(scope, **{dimension: frozenset(names[1:])})] if len(names) > least else []
+            case "budgets":
+                least = tuple(Budget("", audience, budgets.LONGEST_S, 1) for audience in sorted(scope.audiences))
+                return [
+                    replace(scope, grants=(*scope.grants[:g], replace(grant, budgets=own), *scope.grants[g + 1 :]))
+                    for g, grant in enumerate(scope.grants)
+                    for own in [budgets.meet(grant.budgets, least)]
+                ]
             case "limits":
                 return [
                     replace(scope, grants=(*scope.grants[:g], replace(grant, limits=limits), *scope.grants[g + 1 :]))

@@ -5,8 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values import budgets
 from capabilities.values.errors import FaultCode, TokenError
-from capabilities.values.scope import Bound, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Bound, Budget, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from evaluation.tokens.campaigns import kinds, twin
 from evaluation.tokens.campaigns.issuer import ATTESTED_AT, CELLS, SPONSOR, chain_of
@@ -90,6 +91,45 @@ def within_limit(limit: Limit, chance: Random) -> Bound:
     return inner(limit.bound, chance)
 
 
+# --- budgets ---------------------------------------------------------------------------------------------------------
+
+
+def _budgets(chance: Random) -> budgets.Budgets:
+    """One budget of acts, or two, with shares for every audience."""
+    windows = chance.sample((7, 60, 3_600, budgets.LONGEST_S), chance.choice((1, 1, 2)))
+    drawn = [(window, chance.choice((3, 50, 1_000))) for window in windows]
+    return budgets.least(Budget("", cell, window, most) for window, most in drawn for cell in CELLS)
+
+
+def tighter(held: budgets.Budgets, chance: Random) -> budgets.Budgets:
+    """Budgets that imply the held ones: fewer acts, a longer window, or a pace beside them."""
+    ways: tuple[tuple[int, int], ...] = tuple(
+        (window, most)
+        for each in held[:1]
+        for window, most in (
+            (each.window_s, each.most - 1),
+            (each.window_s + 1, each.most),
+            (each.window_s // 2, each.most // 2),
+            (3, max(2, each.most // 3)),
+        )
+        if most >= 1 <= window <= budgets.LONGEST_S
+    )
+    if not ways:
+        return held
+    window, most = chance.choice(ways)
+    return budgets.meet(held, tuple(Budget("", cell, window, most) for cell in CELLS))
+
+
+def beside(held: budgets.Budgets, chance: Random) -> budgets.Budgets:
+    """The held budgets with one of them at its line, or a step beside it, at every audience."""
+    line = chance.choice(held)
+    window, most = line.window_s + chance.choice((-1, 0, 1)), line.most + chance.choice((-1, 0, 1))
+    moved = Budget("", line.audience, min(max(window, 1), budgets.LONGEST_S), max(most, 1))
+    return budgets.least(
+        replace(moved, audience=each.audience) if each.window_s == line.window_s else each for each in held
+    )
+
+
 # --- chains ----------------------------------------------------------------------------------------------------------
 
 
@@ -102,7 +142,7 @@ def _first(chance: Random) -> Scope:
                 bound = _range(chance) if chance.random() < 0.5 else _set(chance)
                 limits.append(Limit(Parameter(f"p{n}", chance.choice(_UNITS)), bound))
             grants.append(Grant(thing, operation, tuple(limits)))
-    grants.append(Grant(*KEPT[0], (Limit(RANGE, _range(chance)), Limit(SET, _set(chance)))))
+    grants.append(Grant(*KEPT[0], (Limit(RANGE, _range(chance)), Limit(SET, _set(chance))), _budgets(chance)))
     grants.append(Grant(*KEPT[1], kinds.limits(chance)))
     return Scope(
         grants=tuple(sorted(grants, key=lambda grant: (grant.object, grant.operation))),
@@ -125,6 +165,7 @@ def narrower(held: Scope, further: tuple[str, ...], chance: Random) -> Restricti
                 g.object,
                 g.operation,
                 tuple(Limit(x.parameter, within_limit(x, chance)) for x in g.limits if chance.random() < 0.4),
+                tighter(g.budgets, chance) if g.budgets and chance.random() < 0.4 else (),
             )
             for g in kept
         )
@@ -192,7 +233,9 @@ def lay_over(held: Scope, restriction: Restriction) -> Scope:
         above = [each for each in held.grants if (each.object, each.operation) == (asked.object, asked.operation)]
         own = {limit.parameter: limit for limit in asked.limits}
         limits = tuple(own.get(limit.parameter, limit) for limit in above[0].limits) if above else asked.limits
-        grants.append(Grant(asked.object, asked.operation, limits))
+        grants.append(
+            Grant(asked.object, asked.operation, limits, asked.budgets or (above[0].budgets if above else ()))
+        )
     kept = {
         name: getattr(held if getattr(restriction, name) is None else restriction, name)
         for name in ("ceiling", "audiences", "delegates", "not_before", "not_after")
@@ -210,7 +253,7 @@ def whole(scope: Scope) -> Restriction:
 # --- forged hops -----------------------------------------------------------------------------------------------------
 
 FORGED: Final = (
-    *("grants", "ranges", "sets", *kinds.DIMENSIONS),
+    *("grants", "ranges", "sets", *kinds.DIMENSIONS, "budgets"),
     *("ceiling", "audience", "delegates", "depth", "window", "idle", "stranger"),
 )
 """Excess of a forged hop; "idle" narrows nothing, and no block names the agent of "stranger"."""
@@ -228,6 +271,8 @@ def too_much(what: str, held: Scope, chance: Random) -> Restriction:
             return replace(fair, grants=(_loosened(held, RANGE if what == "ranges" else SET, chance),))
         case _ if what in kinds.DIMENSIONS:
             return replace(fair, grants=(_of_a_kind(held, kinds.DIMENSIONS[what], chance),))
+        case "budgets":
+            return replace(fair, grants=(_faster(held, chance),))
         case "ceiling":
             return replace(fair, ceiling=Tier(min(held.ceiling + 1, Tier.SAFETY_CRITICAL)))
         case "audience":
@@ -262,6 +307,16 @@ def _loosened(held: Scope, parameter: Parameter, chance: Random) -> Grant:
         members = {bound.low} if isinstance(bound, Range) else set(bound.values)
         more = integers(members | {chance.choice([p for p in twin.points(bound) if p not in members])})
     return Grant(*KEPT[0], (Limit(parameter, more),))
+
+
+def _faster(held: Scope, chance: Random) -> Grant:
+    """The grant that every chain keeps, with an act more in one of its budgets, or a second less."""
+    own = _grant(held, KEPT[0]).budgets
+    line = chance.choice(own)
+    more = replace(line, most=line.most + 1)
+    if line.window_s > 1 and chance.random() < 0.5:
+        more = replace(line, window_s=line.window_s - 1)
+    return Grant(*KEPT[0], (), budgets.least(more if each == line else each for each in own))
 
 
 def _of_a_kind(held: Scope, parameter: Parameter, chance: Random) -> Grant:

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values import algebra, bounds, explanation
-from capabilities.values.scope import Each, Flags, Grant, Limit, OneOf, Range, Restriction, Scope, Stems, Words
+from capabilities.values.scope import Budget, Each, Flags, Grant, Limit, OneOf, Range, Restriction, Scope, Stems, Words
 
 if TYPE_CHECKING:
     from capabilities.values.scope import Bound, Widening
@@ -78,7 +78,7 @@ def take_nearest(parent: Scope, restriction: Restriction, places: tuple[Widening
     for place in places:
         near: Any = place.nearest
         match place.dimension:
-            case "limits":
+            case "limits" | "budgets":
                 grants = tuple(_with(parent, grant, place) for grant in taken.grants or ())
                 taken = replace(taken, grants=grants)
             case "window":
@@ -98,6 +98,8 @@ def _with(parent: Scope, grant: Grant, place: Widening) -> Grant:
     if isinstance(near, list):
         if place.what != where:
             return grant
+        if place.dimension == "budgets":
+            return replace(grant, budgets=tuple(map(budget_of, near)))
         limits = zip(above.limits, near, strict=True)
         return replace(grant, limits=tuple(Limit(limit.parameter, bound_of(told)) for limit, told in limits))
     return replace(
@@ -107,6 +109,11 @@ def _with(parent: Scope, grant: Grant, place: Widening) -> Grant:
             for limit in grant.limits
         ),
     )
+
+
+def budget_of(told: Any) -> Budget:
+    """The budget that plain JSON tells."""
+    return Budget(told.get("parameter", ""), told["audience"], told["per_s"], told["most"])
 
 
 def bound_of(told: Any) -> Bound:

@@ -269,7 +269,8 @@ def strict_is_less(child: Scope, parent: Scope, request: Request) -> bool:
     if found.widenings:
         return True
     if found.strict:
-        return refuses_something(child, parent)
+        # Of budgets no one request tells; what single ones imply is shown for courses of acts.
+        return "budgets" in found.strict or refuses_something(child, parent)
     during = child.not_before <= request.at < child.not_after
     return parent.delegates <= child.delegates and (
         not during or not allowed(parent, request) or allowed(child, request)

@@ -9,7 +9,7 @@ from capabilities.values.arguments import is_of
 from capabilities.values.scope import Tier
 from capabilities.values.units import Parameter, Quantity, Unit
 from evaluation.tokens.campaigns import kinds, twin
-from evaluation.tokens.campaigns.families import KEPT, RANGE, ROLE, SET, lay_over, narrower, too_much
+from evaluation.tokens.campaigns.families import KEPT, RANGE, ROLE, SET, beside, lay_over, narrower, too_much
 from evaluation.tokens.campaigns.issuer import CELLS
 from evaluation.tokens.campaigns.kinds import given
 from evaluation.tokens.campaigns.twin import Act, Lend
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _BOUNDS: Final = ("ranges", "sets", *kinds.DIMENSIONS)
 ACTING: Final = ("grants", *_BOUNDS, "ceiling", "audience", "window")
-LENDING: Final = ("delegates", "depth")
+LENDING: Final = ("delegates", "depth", "budgets")
 DIMENSIONS: Final = (*ACTING, *LENDING)
 _ODD: Final = 0.05
 """Probability that a request has other parameters than the operation."""
@@ -148,12 +148,18 @@ def lend(of: Family, dimension: str, chance: Random) -> Lend:
         depths = [twin.depth(of.blocks[: n + 1]) for n in range(len(of.blocks))]
         scope = replace(scope, depth=chance.choice(depths) + chance.choice((-2, -1, -1, 0)))
         agent, role = chance.choice(sorted(held.delegates - {f"role:{ROLE}"}) or names), ""
+    elif dimension == "budgets":
+        lines = [g.budgets for block in of.blocks for g in block.grants or () if g.budgets]
+        own = beside(chance.choice(lines), chance)
+        grants = tuple(replace(g, budgets=own) if (g.object, g.operation) == KEPT[0] else g for g in scope.grants)
+        scope = replace(scope, grants=grants)
+        agent, role = chance.choice(sorted(held.delegates - {f"role:{ROLE}"}) or names), ""
     else:
         agent, role = _delegate(names, chance)
         if chance.random() < 0.3:
             scope = replace(scope, delegates=scope.delegates | {chance.choice(names)})
     if chance.random() < 0.25:
-        what = chance.choice((*_BOUNDS, "ceiling", "audience", "window", "grants"))
+        what = chance.choice((*_BOUNDS, "budgets", "ceiling", "audience", "window", "grants"))
         scope = lay_over(held, too_much(what, held, chance))
     return Lend(agent, role, scope)
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from capabilities.values.arguments import Value
-    from capabilities.values.scope import Bound
+    from capabilities.values.scope import Bound, Budget
     from capabilities.values.units import Parameter
 
 Blocks = tuple[Restriction, ...]
@@ -151,8 +151,10 @@ def _sticks_out(block: Restriction, scope: Scope, *, first: bool) -> bool:
 
 
 def _grant_sticks_out(grant: Grant, above: Grant, *, whole: bool) -> bool:
-    """True where the grant has a value that `above` lacks, or other parameters than the first block."""
+    """True where the grant has a value or pace that `above` lacks, or other parameters than the first block."""
     if whole and [limit.parameter for limit in grant.limits] != [limit.parameter for limit in above.limits]:
+        return True
+    if any(not any(_implies(tight, loose) for tight in grant.budgets) for loose in above.budgets):
         return True
     for limit in grant.limits:
         for stated in above.limits:
@@ -165,13 +167,16 @@ def _grant_sticks_out(grant: Grant, above: Grant, *, whole: bool) -> bool:
 
 
 def less(blocks: Sequence[Restriction], scope: Scope) -> bool:
-    """True where a scope lacks an operation, value, tier, audience or delegate that all blocks have."""
+    """True where a scope lacks an operation, value, pace, tier, audience or delegate that all blocks have."""
     have = {(g.object, g.operation): g for g in scope.grants}
     for grant in blocks[0].grants or ():
         pair = grant.object, grant.operation
         if not all(b.grants is None or any((g.object, g.operation) == pair for g in b.grants) for b in blocks):
             continue
         if pair not in have:
+            return True
+        above = [each for b in blocks for g in b.grants or () if (g.object, g.operation) == pair for each in g.budgets]
+        if any(not any(_implies(tight, loose) for tight in above) for loose in have[pair].budgets):
             return True
         for limit in have[pair].limits:
             bounds = stated(blocks, pair, limit.parameter)
@@ -190,6 +195,13 @@ def _lacks(above: Sequence[frozenset[str] | None], below: frozenset[str]) -> boo
     return any(
         member not in below and all(members is None or member in members for members in above) for member in everything
     )
+
+
+def _implies(tight: Budget, loose: Budget) -> bool:
+    """True where the fullest course of one budget, all of it at once again and again, is inside the other."""
+    if tight.parameter != loose.parameter or tight.audience != loose.audience:
+        return False
+    return sum(tight.most for _ in range(0, loose.window_s, tight.window_s)) <= loose.most
 
 
 # --- bounds ----------------------------------------------------------------------------------------------------------

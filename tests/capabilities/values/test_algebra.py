@@ -8,11 +8,12 @@ from dataclasses import replace
 import pytest
 from capabilities.values.algebra import apply, hop, meet, narrows, stated, within
 from capabilities.values.bounds import nearest_bound, one_of
+from capabilities.values.budgets import LONGEST_S
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode, ScopeError, TokenError
 from capabilities.values.explanation import explain, explanation_to_json, narrowable, repair
 from capabilities.values.hashed_tuple import HashedTuple
-from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Budget, Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
 from tests.capabilities.world import CELL, FORCE, JOINTS, MOVE, NOW, READ, SCOPE, SLOWER, SPEED, STOP, WIDTH
 
@@ -208,10 +209,12 @@ def test_a_long_refusal_is_one_short_sentence():
 def test_nothing_taken_away_is_told():
     told = explain(SCOPE, Restriction(depth=0, not_after=NOW + 5))
     assert told.widenings == ()
-    assert told.could_narrow == ("grants", "limits", "ceiling", "audiences", "delegates") == narrowable(SCOPE)
+    assert told.could_narrow == ("grants", "limits", "budgets", "ceiling", "audiences", "delegates")
+    assert told.could_narrow == narrowable(SCOPE)
     assert told.repaired is None
     assert all(dimension in told.sentence for dimension in told.could_narrow)
-    least = replace(SCOPE, grants=(STOP,), ceiling=Tier.NO_EFFECT, audiences=frozenset({CELL}), delegates=frozenset())
+    once = replace(STOP, budgets=(Budget("", CELL, LONGEST_S, 1),))
+    least = replace(SCOPE, grants=(once,), ceiling=Tier.NO_EFFECT, audiences=frozenset({CELL}), delegates=frozenset())
     assert explain(least, Restriction()).could_narrow == ()
 
 

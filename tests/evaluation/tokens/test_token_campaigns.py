@@ -327,8 +327,8 @@ def forgiving(code, forgives=lambda refusal: True):
 
 
 SABOTAGE = {
-    **{f"no order of {each}": blind_to(each) for each in ("grants", "limits", "ceiling", "audiences", "delegates")},
-    **{f"no order of {each}": blind_to(each) for each in ("depth", "window")},
+    **{f"no order of {each}": blind_to(each) for each in ("grants", "limits", "budgets", "ceiling", "audiences")},
+    **{f"no order of {each}": blind_to(each) for each in ("delegates", "depth", "window")},
     "depth does not run out": (
         hop_rules,
         "_narrower",

@@ -29,6 +29,7 @@ def all_groups() -> tuple[Group, ...]:
     from tests.vectors.tokens.groups import (  # noqa: PLC0415 - what is minted from is needed here alone
         accepted,
         agreement,
+        budgets,
         chain,
         checks,
         container,
@@ -39,7 +40,7 @@ def all_groups() -> tuple[Group, ...]:
         values,
     )
 
-    modules = (container, contents, values, checks, chain, moment, requests, agreement, accepted, kinds)
+    modules = (container, contents, values, checks, chain, moment, requests, agreement, accepted, kinds, budgets)
     return tuple(group for module in modules for group in module.GROUPS)
 
 

@@ -76,7 +76,7 @@ def test_an_agents_life(run, live, tmp_path):
     nothing.write_text("{}")
     assert refused(*pass_on, "--restriction", nothing, "--out", tmp_path / "x") == (3, "NOT_NARROWER")
     told = run(*pass_on, "--restriction", nothing, "--out", tmp_path / "x", *data, "--json").json
-    assert told["explanation"]["could_narrow"] == ["grants", "limits", "ceiling", "delegates"]
+    assert told["explanation"]["could_narrow"] == ["grants", "limits", "budgets", "ceiling", "delegates"]
     more = arm_only(speed_high=9_000_000)
     nothing.write_text(json.dumps(restriction_to_json(more)))
     told = run(*pass_on, "--restriction", nothing, "--out", tmp_path / "x", *data)

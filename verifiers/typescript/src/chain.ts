@@ -1,13 +1,14 @@
 // [TOK-6]: from the messages of the blocks to hops, each of which narrows the one before it.
 
-import { type Context, checks, message } from "./block.js";
+import { type Alternative, type Context, checks, message } from "./block.js";
 import { demand } from "./faults.js";
 import { isQuantity, kind } from "./kinds.js";
 import {
-  type Bound, type Grant, type Limit, type Scope, type Stated, find, kindOf, laidOver, narrowsStrictly, wellFormed,
+  type Bound, type Budget, type Grant, type Limit, type Scope, type Stated, budgetsAlone, budgetsFit, find, kindOf,
+  laidOver, narrowsStrictly, wellFormed,
 } from "./scope.js";
 import {
-  CALENDAR_END, agentId, ascending, delegate, fromBase64url, hex, integer, key, list, name, seconds, sentence, string, url,
+  CALENDAR_END, LARGEST, agentId, ascending, delegate, fromBase64url, hex, integer, key, list, name, seconds, sentence, string, url,
 } from "./values.js";
 
 export interface Sponsor {
@@ -45,7 +46,7 @@ export const EVIDENCE: Readonly<Record<string, { readonly ceiling: number; reado
 
 const ALL = ["agent", "at", "evidence", "purpose"];
 const AUTHORITY = [...ALL, "audiences", "delegates", "depth", "parameters", "profile", "sponsor", "token"];
-const AT_WILL = ["role", "audiences", "delegates", "depth"];
+const AT_WILL = ["role", "audiences", "budgets", "delegates", "depth"];
 
 type Members = Readonly<Record<string, unknown>>;
 
@@ -94,13 +95,41 @@ function limit(parameter: string, kind: string, bound: Bound): Limit {
   return { parameter, [isQuantity(kind) ? "unit" : "kind"]: kind, ...wellFormed(kind, bound) };
 }
 
+/** Budgets of each of so many grants, from the rows of a statement. */
+function budgets(members: Members, grants: number): (readonly Budget[])[] {
+  const found: Budget[][] = Array.from({ length: grants }, () => []);
+  const rows = "budgets" in members ? list(members["budgets"]).map(list) : null;
+  demand(rows === null || rows.length > 0);
+  let before: readonly (string | number)[] = [];
+  for (const [place, measured, audience, perS, most, ...rest] of rows ?? []) {
+    demand(rest.length === 0);
+    const budget = {
+      ...(measured === "" ? {} : { parameter: name(measured) }),
+      audience: url(audience),
+      most: integer(most, 1, LARGEST),
+      per_s: integer(perS, 1, 604_800),
+    };
+    const row = [integer(place, 0, grants - 1), string(measured), budget.audience, budget.per_s, budget.most];
+    const differs = row.findIndex((each, i) => each !== before[i]);
+    demand(before.length === 0 || (differs >= 0 && before[differs]! < row[differs]!));
+    found[row[0] as number]!.push(budget);
+    before = row;
+  }
+  return found.map(budgetsAlone);
+}
+
+/** A grant with its budgets, where it has any. */
+function withBudgets(grant: Grant, own: readonly Budget[]): Grant {
+  return own.length > 0 ? { ...grant, budgets: own } : grant;
+}
+
 /** The chain of these blocks; `reserved` are the keys of the bundle, in hex. */
 export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<string>): Chain {
   // 1, 2 and 3: of every block, the form of what it says; then block by block the rest
   const said = payloads.map((payload, i) => message(payload, i === 0));
   const read = said.map((each) => ({ ...each, ...checks(each) }));
   const [first, ...further] = read;
-  const members = closed(first!.members, AUTHORITY, [...AUTHORITY, "role", "mandate"]);
+  const members = closed(first!.members, AUTHORITY, [...AUTHORITY, "role", "mandate", "budgets"]);
   const person = closed(members["sponsor"], ["authenticated_at", "issuer", "method", "subject"]);
   const sponsor = {
     issuer: url(person["issuer"]),
@@ -117,6 +146,7 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
   demand(not_before < not_after);
   const parameters = list(members["parameters"]).map((some) => list(some).map(parameter));
   demand(parameters.length === alternatives.length);
+  const spent = budgets(members, alternatives.length);
   const grants = alternatives.map(({ object, operation, bounds }, i): Grant => {
     const names = parameters[i]!;
     demand(names.length === bounds.length && new Set(names.map(([parameter]) => parameter)).size === names.length);
@@ -124,11 +154,12 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
       demand(bound !== null);
       return limit(...names[j]!, bound);
     });
-    return { object, operation, limits };
+    return withBudgets({ object, operation, limits }, spent[i]!);
   });
   const scope: Scope = {
     grants, ceiling, audiences: audiences!, delegates: delegates!, depth: depth!, not_before, not_after,
   };
+  budgetsFit(scope);
   const hops: Hop[] = [];
   const add = (hop: Hop) => {
     // 4 and 6
@@ -148,7 +179,9 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
     const added = holder(each.terms, stated);
     const hop = { index: hops.length, delegator: parent.agent, ...added, scope: parent.scope };
     demand(each.index === hops.length); // 4
-    const kept = each.alternatives?.map((alternative) => keptGrant(alternative, parent.scope)) ?? null; // 5
+    const grants = each.alternatives?.map((alternative) => keptGrant(alternative, parent.scope)) ?? null; // 5
+    const own = budgets(stated, grants?.length ?? 0);
+    const kept = grants?.map((grant, i) => withBudgets(grant, own[i]!)) ?? null;
     add(hop); // 6
     demand(parent.scope.depth > 0, "TOO_MANY_HOPS"); // 7
     const named = parent.scope.delegates;
@@ -156,17 +189,18 @@ export function chain(payloads: readonly Uint8Array[], reserved: ReadonlySet<str
     const narrowed = { ...hop, scope: laidOver(parent.scope, kept, dimension) };
     demand(narrowsStrictly(narrowed.scope, parent.scope), "NOT_NARROWER"); // 8
     carried(narrowed); // 9
+    budgetsFit(narrowed.scope); // 10
     hops.push(narrowed);
   }
   return { token_id: string(members["token"]), ...drawn, sponsor, hops };
 }
 
 /** The parent's grant with the bounds that a hop states. */
-function keptGrant({ object, operation, bounds }: { object: string; operation: string; bounds: readonly (Bound | null)[] }, parent: Scope): Grant {
+function keptGrant({ object, operation, bounds }: Alternative, parent: Scope): Grant {
   const above = find(parent, object, operation);
   demand(above !== undefined && above.limits.length === bounds.length, "NOT_NARROWER");
   const limits = above.limits.map((kept, i) => (bounds[i] ? limit(kept.parameter, kindOf(kept), bounds[i]) : kept));
-  return { object, operation, limits };
+  return withBudgets({ object, operation, limits }, above.budgets ?? []);
 }
 
 function carried(hop: Hop): void {

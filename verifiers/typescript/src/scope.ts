@@ -12,10 +12,18 @@ export type OneBound =
 export type Bound = OneBound | { readonly each: OneBound | null; readonly least: number; readonly most: number };
 export type Limit = { readonly parameter: string; readonly unit?: string; readonly kind?: string } & Bound;
 
+export interface Budget {
+  readonly parameter?: string;
+  readonly audience: string;
+  readonly most: number;
+  readonly per_s: number;
+}
+
 export interface Grant {
   readonly object: string;
   readonly operation: string;
   readonly limits: readonly Limit[];
+  readonly budgets?: readonly Budget[];
 }
 
 export interface Scope {
@@ -118,6 +126,37 @@ export function wellFormed(kind: string, bound: Bound): Bound {
   return bound;
 }
 
+/** Whether every course of acts inside one budget is inside the other. */
+function implies(tight: Budget, loose: Budget): boolean {
+  const windows = BigInt(Math.ceil(loose.per_s / tight.per_s));
+  const same = tight.parameter === loose.parameter && tight.audience === loose.audience;
+  return same && BigInt(tight.most) * windows <= BigInt(loose.most);
+}
+
+function budgetsWithin(child: readonly Budget[], parent: readonly Budget[]): boolean {
+  return parent.every((loose) => child.some((tight) => implies(tight, loose)));
+}
+
+/** The budgets of one grant, none of which implies another. */
+export function budgetsAlone(budgets: readonly Budget[]): readonly Budget[] {
+  demand(budgets.length <= 64);
+  demand(!budgets.some((tight) => budgets.some((loose) => tight !== loose && implies(tight, loose))));
+  return budgets;
+}
+
+/** Each budget of a scope is of a quantity from 0, or of acts, and each audience has a share. */
+export function budgetsFit(scope: Scope): void {
+  for (const { budgets = [], limits } of scope.grants) {
+    for (const { parameter } of budgets) {
+      demand(scope.audiences.every((one) => budgets.some((each) => each.parameter === parameter && each.audience === one)));
+      if (parameter === undefined) continue;
+      const limit = limits.find((each) => each.parameter === parameter);
+      demand(limit !== undefined && isQuantity(kindOf(limit)));
+      demand(("low" in limit && limit.low >= 0) || ("one_of" in limit && limit.one_of.every((value) => Number(value) >= 0)));
+    }
+  }
+}
+
 export function find(scope: Scope, object: string, operation: string): Grant | undefined {
   return scope.grants.find((grant) => grant.object === object && grant.operation === operation);
 }
@@ -135,7 +174,7 @@ export function laidOver(parent: Scope, grants: readonly Grant[] | null, stated:
   };
 }
 
-/** Whether the child is nowhere wider, lower in depth, and strictly less in one of the five dimensions that count. */
+/** Whether the child is nowhere wider, lower in depth, and strictly less in one of the six dimensions that count. */
 export function narrowsStrictly(child: Scope, parent: Scope): boolean {
   let strict = child.grants.length < parent.grants.length || child.ceiling < parent.ceiling;
   for (const grant of child.grants) {
@@ -145,6 +184,8 @@ export function narrowsStrictly(child: Scope, parent: Scope): boolean {
       if (!within(limit, above.limits[i]!)) return false;
       strict ||= !isDeepStrictEqual(boundOf(limit), boundOf(above.limits[i]!)); // each set of values has one form
     }
+    if (!budgetsWithin(grant.budgets ?? [], above.budgets ?? [])) return false;
+    strict ||= !budgetsWithin(above.budgets ?? [], grant.budgets ?? []);
   }
   for (const names of ["audiences", "delegates"] as const) {
     if (!child[names].every((one) => parent[names].includes(one))) return false;
