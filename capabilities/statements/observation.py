@@ -1,4 +1,7 @@
-"""A sensor's signed observation: people and objects as shapes in whole micrometres in the robot's base frame."""
+"""A sensor's signed observation: facts, and people and objects as shapes.
+
+Shapes are in whole micrometres in the robot's base frame.
+"""
 
 from __future__ import annotations
 
@@ -8,9 +11,10 @@ from msgspec import Meta
 from msgspec.structs import astuple
 
 from capabilities.statements import statement_form
-from capabilities.statements.claims import HexDigest, Id, Name, Whole, malformed, read, unique
-from capabilities.values import form
-from capabilities.values.form import Form, converted, plain, upto, within, words
+from capabilities.statements.claims import HexDigest, Id, Name, Signed, Whole, malformed, read, unique
+from capabilities.values import form, text
+from capabilities.values.form import Form, converted, plain, upto, whole, within, words
+from capabilities.values.units import Unit
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -40,6 +44,8 @@ VERTICES_MOST: Final = 64
 """Fewest and most vertices of a convex shape."""
 SIGHTING_AGE_MS: Final = 3_600_000
 """Oldest sighting that a frame may still tell of: an hour."""
+FACTS: Final = 64
+"""Most facts of a frame."""
 
 _Coordinate = Annotated[int, within(-REACH_UM, REACH_UM)]
 _Length = Annotated[int, within(1, REACH_UM)]
@@ -116,6 +122,14 @@ class ObservedObject(Form, frozen=True):
     age_ms: _Age = 0
 
 
+class ObservedFact(Form, frozen=True):
+    """One number that the sensor states, such as the people in its zone: an integer of a unit ([FCT-1])."""
+
+    name: Annotated[str, whole(text.OPERATION)]
+    unit: Annotated[str, words(*Unit)]
+    value: Signed
+
+
 class Observation(Form, frozen=True):
     """One frame.
 
@@ -127,6 +141,7 @@ class Observation(Form, frozen=True):
         calibration: SHA-256 (hex) of the calibration in force.
         complete: the frame covers the whole watched volume: an object that it does not show is not there.
         people, objects: each id once.
+        facts: each name once.
     """
 
     sensor: Name
@@ -137,6 +152,7 @@ class Observation(Form, frozen=True):
     complete: bool
     people: Annotated[tuple[ObservedPerson, ...], upto(PEOPLE)]
     objects: Annotated[tuple[ObservedObject, ...], upto(OBJECTS)]
+    facts: Annotated[tuple[ObservedFact, ...], Meta(min_length=1, max_length=FACTS)] = ()
 
 
 def sign(observation: Observation, key: PrivateKey) -> str:
@@ -160,6 +176,7 @@ def _read(claims: dict[str, object]) -> Observation:
     frame = read(Observation, claims)
     unique(frame.people, lambda person: person.id, "a person")
     unique(frame.objects, lambda thing: thing.id, "an object")
+    unique(frame.facts, lambda fact: fact.name, "a fact")
     for thing in frame.objects:
         check(thing.shape)
     return frame

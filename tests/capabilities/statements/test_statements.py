@@ -989,6 +989,53 @@ def test_a_frame_is_well_formed(path, value):
     assert code_of(observation, statement_form.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
+STATED = structs.replace(
+    FRAME,
+    facts=(observation.ObservedFact("people", "count", 2), observation.ObservedFact("oven", "mdegC", -INT_LIMIT)),
+)
+
+
+@pytest.mark.clause("STM-5", "FCT-1")
+def test_a_frame_with_facts_comes_back():
+    text = observation.sign(STATED, SIGNER)
+    assert observation.open(text, TRUSTED, DEFAULT) == STATED
+    assert observation.sign(structs.replace(STATED, facts=()), SIGNER) == observation.sign(FRAME, SIGNER)
+
+
+@pytest.mark.clause("STM-5", "FCT-1")
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("facts", 0, "value"), False),
+        (("facts", 0, "value"), "2"),
+        (("facts", 0, "value"), None),
+        (("facts", 0, "unit"), "metre"),
+        (("facts", 0, "unit"), "flag"),
+        (("facts", 0, "name"), "zone/people"),
+        (("facts", 0, "name"), ""),
+        (("facts", 0), {"name": "people", "value": 1}),
+        (("facts", 0), {"name": "people", "unit": "count", "value": 1, "age_ms": 1}),
+        (("facts", 1, "name"), "people"),
+        (("facts",), []),  # left out then: one spelling
+        (("facts",), None),
+        (("facts",), [{"name": f"f{n}", "unit": "count", "value": n} for n in range(65)]),
+    ],
+)
+def test_a_fact_is_well_formed(path, value):
+    claims = json.loads(jws.split(observation.sign(STATED, SIGNER), most_bytes=10**6).payload_raw)
+    wrong = put(claims, path, value)
+    assert code_of(observation, statement_form.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-5", "FCT-1")
+@pytest.mark.parametrize("value", [2**53, -(2**53), 0.5])
+def test_a_fact_that_not_every_reader_keeps_is_not_signed(value):
+    stated = structs.replace(STATED, facts=(observation.ObservedFact("people", "count", value),))
+    with pytest.raises(StatementError) as refused:
+        observation.sign(stated, SIGNER)
+    assert refused.value.code is FaultCode.STATEMENT_MALFORMED
+
+
 @pytest.mark.clause("STM-5")
 def test_what_was_seen_in_the_frame_itself_has_no_age_of_its_own():
     claims = claims_of(observation)
