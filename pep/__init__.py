@@ -13,11 +13,13 @@ from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
     from pep.base.declaration import Within, operation
+    from pep.base.fact_declaration import Fact
     from pep.point.guard_config import GuardConfig
     from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
     from pep.point.tool_server import guard, pins
 
 __all__ = [
+    "Fact",
     "GuardConfig",
     "GuardedFunctions",
     "NotPermittedError",
@@ -34,6 +36,7 @@ _HOMES: Final = {
     "NotPermittedError": "pep.point.guarded_functions",
     "function_pins": "pep.point.guarded_functions",
     "permitted": "pep.point.guarded_functions",
+    "Fact": "pep.base.fact_declaration",
     "Within": "pep.base.declaration",
     "guard": "pep.point.tool_server",
     "operation": "pep.base.declaration",

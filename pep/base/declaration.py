@@ -18,10 +18,13 @@ from capabilities.values import text as forms
 from capabilities.values.scope import Range, Tier
 from capabilities.values.units import INT_LIMIT, Parameter, Unit
 from pep.base.errors import DeclarationError, PepFault
+from pep.base.fact_declaration import fact_rows
 from pep.base.operation_row import ArgumentForm, BoundedParameter, Operation, OperationKind, TierRow, ToolArgument
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
+
+    from pep.base.fact_declaration import Fact
 
     F = TypeVar("F", bound="Callable[..., Any]")
 
@@ -58,13 +61,20 @@ class Within:
     elements: int = 0
 
 
-def operation(object: str, *, base_tier: int, exact: bool = False) -> Callable[[F], F]:  # noqa: A002 - a request's word
+def operation(
+    object: str,  # noqa: A002 - a request's word
+    *,
+    base_tier: int,
+    exact: bool = False,
+    when: Mapping[str, Fact] | None = None,
+) -> Callable[[F], F]:
     """Declares the function as the operation of its name on the object; the function itself stays as it is.
 
     Args:
         object: the thing acted on.
         base_tier: least tier of an act, 0 to 4; an operation of tier 0 changes nothing.
         exact: a number finer than its unit is refused; else it is rounded first.
+        when: facts of sensors that raise the tier, by "SENSOR/NAME".
 
     Raises:
         DeclarationError: naming function and argument.
@@ -73,7 +83,7 @@ def operation(object: str, *, base_tier: int, exact: bool = False) -> Callable[[
     def declare(function: F) -> F:
         name = function.__name__
         arguments = {each: stated for each, hint in _hints(function).items() if (stated := _stated(name, each, hint))}
-        setattr(function, ROW, row(object, name, arguments, base_tier=base_tier, exact=exact))
+        setattr(function, ROW, row(object, name, arguments, base_tier=base_tier, exact=exact, when=when))
         return function
 
     return declare
@@ -90,7 +100,7 @@ def row_from_toml(name: str, table: object) -> Operation:
 
     Args:
         name: of the tool.
-        table: `object`, `base_tier`, `arguments`, and maybe `exact`.
+        table: `object`, `base_tier`, `arguments`, and maybe `exact` and `when`.
 
     Raises:
         DeclarationError: naming tool and member.
@@ -101,7 +111,7 @@ def row_from_toml(name: str, table: object) -> Operation:
     if not isinstance(given, dict) or not isinstance(exact, bool):
         raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{name}.arguments")
     arguments = {each: _from_toml(f"{name}.{each}", stated) for each, stated in given.items()}
-    return row(table["object"], name, arguments, base_tier=table["base_tier"], exact=exact)
+    return row(table["object"], name, arguments, base_tier=table["base_tier"], exact=exact, when=table.get("when", {}))
 
 
 def row(
@@ -111,6 +121,7 @@ def row(
     *,
     base_tier: int,
     exact: bool,
+    when: Mapping[str, Fact] | None = None,
 ) -> Operation:
     """The row of a tool without a robot.
 
@@ -120,6 +131,7 @@ def row(
         arguments: the numbers of each, or `FLAG`, in their order.
         base_tier: least tier of an act.
         exact: a number finer than its unit is refused.
+        when: facts of sensors that raise the tier; None for none.
 
     Raises:
         DeclarationError: naming tool and argument.
@@ -150,10 +162,11 @@ def row(
     if len(set(names)) < len(names):
         raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{name}: two parameters of one name")
     kind = OperationKind.READ if tier is Tier.NO_EFFECT else OperationKind.ACT
-    return Operation(object, name, tuple(limits), kind, tier, arguments=tuple(form_of))
+    facts = fact_rows(f"{name}.when", {} if when is None else when, base_tier=tier)
+    return Operation(object, name, tuple(limits), kind, tier, arguments=tuple(form_of), facts=facts)
 
 
-_TABLE: Final = ("object", "base_tier", "arguments", "exact")
+_TABLE: Final = ("object", "base_tier", "arguments", "exact", "when")
 _MEMBERS: Final = frozenset(each.name for each in fields(Within))
 
 

@@ -8,12 +8,15 @@ from typing import TYPE_CHECKING
 
 from capabilities.values.chain import Refusal
 from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Tier
+from policies.evidence.fact_reading import FactReading
+from policies.evidence.tiers import FRESH, UNSEEN_FLOOR
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from capabilities.values.scope import Range, Tier
-    from capabilities.values.units import Parameter, Quantity
+    from capabilities.values.scope import Range
+    from capabilities.values.units import Parameter, Quantity, Unit
     from policies.evidence.model import Request
 
 
@@ -110,6 +113,42 @@ class TierRow:
 
 
 @dataclass(frozen=True, slots=True)
+class FactRow:
+    """Fact of a registered sensor that an operation's tier depends on ([FCT-3]).
+
+    Attributes:
+        sensor: its registered id.
+        name: of the fact.
+        unit: of its values.
+        fresh_ms: greatest age at which it says something about now.
+        tiers: values that raise the tier; at least one.
+    """
+
+    sensor: str
+    name: str
+    unit: Unit
+    fresh_ms: int
+    tiers: tuple[TierRow, ...]
+
+    @property
+    def fact(self) -> str:
+        """Sensor and name as one word."""
+        return f"{self.sensor}/{self.name}"
+
+    def unheard(self, fault: str = "") -> FactReading:
+        """Reading of the fact where its sensor said nothing that is believed."""
+        return FactReading(self.fact, "missing", fault, None, str(self.unit), None)
+
+    def tier_of(self, reading: FactReading | None) -> Tier:
+        """Tier that this row gives: the highest that it has, and at least 3, while the fact is not fresh."""
+        if reading is None or reading.state != FRESH or reading.value is None:
+            return max(UNSEEN_FLOOR, *(row.tier for row in self.tiers))
+        value = reading.value
+        given = (row.tier for row in self.tiers if row.values.low <= value <= row.values.high)
+        return max(given, default=Tier.NO_EFFECT)
+
+
+@dataclass(frozen=True, slots=True)
 class BoundedParameter:
     """Parameter with the operation's own bound, which holds beside every token.
 
@@ -148,6 +187,7 @@ class Operation:
         base_tier: least tier; the registry may ask for a higher one.
         robot: a robot's part of it; None for a tool without one, whose tier comes from class and rows alone.
         arguments: of the tool of its name, in the parameters' order; None without a tool.
+        facts: facts of sensors that its tier depends on, each once.
         parameters: the parameters of `limits`.
     """
 
@@ -158,6 +198,7 @@ class Operation:
     base_tier: Tier
     robot: RobotPart | None = None
     arguments: tuple[ToolArgument, ...] | None = None
+    facts: tuple[FactRow, ...] = ()
     parameters: tuple[Parameter, ...] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -193,13 +234,20 @@ class Operation:
                 )
         return None
 
-    def tier_of(self, values: Sequence[Quantity]) -> tuple[Tier, tuple[str, ...]]:
-        """Tier that the row gives to these values, and the parameters that raised it above the base tier."""
+    def tier_of(self, values: Sequence[Quantity], facts: Sequence[FactReading] = ()) -> tuple[Tier, tuple[str, ...]]:
+        """Tier that the row gives, and the parameters and facts that raised it above the base tier.
+
+        Args:
+            values: of the parameters, in their order.
+            facts: readings of the facts that it depends on; one that is not among them is missing.
+        """
+        read = {each.fact: each for each in facts}
         raised = [
             (row.tier, value.name)
             for limit, value in zip(self.limits, values, strict=True)
             for row in limit.tiers
             if row.values.low <= value.value <= row.values.high
         ]
+        raised += [(row.tier_of(read.get(row.fact)), row.fact) for row in self.facts]
         tier = max((self.base_tier, *(each for each, _ in raised)))
         return tier, tuple(dict.fromkeys(name for each, name in raised if each == tier > self.base_tier))

@@ -14,8 +14,10 @@ if TYPE_CHECKING:
     from capabilities.statements.conduct import AgentEntry
     from capabilities.statements.revocation import RevocationView
     from capabilities.values.scope import Tier
+    from pep.base.operation_row import FactRow
     from policies.conduct.report import Edge
     from policies.evidence.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
+    from policies.evidence.fact_reading import FactReading
     from policies.evidence.model import Request
 
 
@@ -102,6 +104,14 @@ class Sensors(Protocol):
 
     def sensors(self) -> Mapping[str, RegisteredSensor]:
         """By id; empty while no snapshot has been verified."""
+        ...
+
+
+class Facts(Protocol):
+    """Numbers that registered sensors state."""
+
+    def readings(self, rows: Sequence[FactRow]) -> tuple[FactReading, ...]:
+        """Reading of each row's fact, in one look, now. Never raises and never waits."""
         ...
 
 

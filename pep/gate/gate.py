@@ -41,7 +41,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
-    from pep.base.ports import Clock, Journal, MotionSlot, Registry
+    from pep.base.ports import Clock, Facts, Journal, MotionSlot, Registry
     from pep.gate.observe_only import Simulated
     from pep.gate.robot_ports import RobotPorts
     from pep.people.asks import Asks
@@ -96,6 +96,7 @@ class Gate(Edge):
         journal: durable; nothing moves before its answer.
         asks: deferrals, what people answered, and what was used of it.
         announcer: tells people of a new deferral.
+        facts: of sensors, for the rows that depend on them; None where nobody hears any, and each of them is missing.
         unsafe_observe: a simulated controller behind which nothing moves: what the policies deny or defer is recorded
             so, and happens all the same. None, as everywhere else, enforces.
 
@@ -114,6 +115,7 @@ class Gate(Edge):
         journal: Journal,
         asks: Asks,
         announcer: Announcer,
+        facts: Facts | None = None,
         unsafe_observe: Simulated | None = None,
     ) -> None:
         journal = journal if unsafe_observe is None else Marked(journal)
@@ -126,6 +128,7 @@ class Gate(Edge):
         self._robot = robot
         self._asks = asks
         self._announcer = announcer
+        self._facts = facts
         # A worker of its own, so that a long assessment never delays a record, nor a stop.
         self._assessor = ThreadPoolExecutor(1, "physics")
 
@@ -198,7 +201,7 @@ class Gate(Edge):
         evidence = self._cheap(call)
         ports = _robot_of(call, self._robot)
         if ports is None and not _fault(evidence):
-            evidence = replace(evidence, impact=DeclaredImpact(*call.operation.tier_of(call.request.values)))
+            evidence = replace(evidence, impact=self._declared(call))
         if ports is not None and call.readiness is not None and physical and not _fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
@@ -215,6 +218,12 @@ class Gate(Edge):
             evidence = self._asks.witness(call.request, evidence)
         decided_ms = self._clock.monotonic_ms()
         return evidence, decide(call.request, evidence, self._policies), decided_ms
+
+    def _declared(self, call: Call) -> DeclaredImpact:
+        """Impact by the operation's rows: over the request's values, and over facts as they are now."""
+        rows = call.operation.facts
+        facts = tuple(row.unheard() for row in rows) if self._facts is None or not rows else self._facts.readings(rows)
+        return DeclaredImpact(*call.operation.tier_of(call.request.values, facts), facts)
 
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""

@@ -6,14 +6,17 @@ import asyncio
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.gate.gate import Gate
+from pep.perception.fact_feed import FactFeed
 from pep.point.deferrals import Deferrals, recover_gate
 from pep.point.parts import PointParts, opened
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Coroutine
+    from collections.abc import AsyncIterator, Coroutine, Iterable
 
+    from pep.base.operation_row import Operation
     from pep.point.guard_config import GuardConfig
     from pep.request.edge import Edge
 
@@ -32,6 +35,7 @@ class DecidingPoint(PointParts):
 
     Attributes:
         asks: deferrals.
+        facts: of sensors.
         gate: decides and enforces.
     """
 
@@ -43,6 +47,8 @@ class DecidingPoint(PointParts):
         inputs = opened(config)
         trust, key = inputs["trust"], inputs["key"]
         super().__init__(config, trust=trust, key=key, http=inputs["http"])
+        self._sensor_address = config.sensor_address() if config.sensors else None
+        self.facts = FactFeed(self.follower, clock=self.clock, caps=CAPS, incident=self._frame_incident)
         people = Deferrals.of(self, journal=self.journal, timeout_ms=ASK_MS, trust=trust, key=key)
         self.asks, self._asking = people.asks, people.asking
         self.gate = Gate(
@@ -54,6 +60,7 @@ class DecidingPoint(PointParts):
             journal=self.journal,
             asks=self.asks,
             announcer=self._asking,
+            facts=self.facts,
         )
         recover_gate(self.journal, gate=self.gate, asks=self.asks, proofs=self.recover)
 
@@ -86,10 +93,32 @@ class DecidingPoint(PointParts):
             await self.declare()
             yield
         finally:
+            await self.facts.close()
             for task in tasks:
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             await self.release()
+
+    async def hear(self, rows: Iterable[Operation]) -> None:
+        """Hears the sensors on whose facts these rows depend.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, where a row depends on a fact and nothing is configured to hear it, or
+                the address cannot be listened at.
+        """
+        facts = {fact.fact: (fact, row.name) for row in rows for fact in row.facts}
+        if self._sensor_address is None:
+            for name, (_, tool) in sorted(facts.items()):
+                raise ConfigError(PepFault.CONFIG_INVALID, f"sensors is missing: {tool} depends on {name}")
+            return
+        host, port = self._sensor_address
+        try:
+            await self.facts.listen((fact for fact, _ in facts.values()), host=host, port=port)
+        except OSError as error:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"sensors: {type(error).__name__}") from error
+
+    def _frame_incident(self, sensor: str, fault: str, detail: str, count: int) -> None:
+        self.note({"what": "perception", "sensor": sensor, "fault": fault, "detail": detail, "count": count})
 
     def check_registered(self, name: str, digest: str) -> None:
         """Checks that a tool is registered as it is now.

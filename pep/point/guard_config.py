@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pep.base.declaration import row_from_toml
+from pep.base.errors import ConfigError, PepFault
 from pep.point.config_text import check_url, read_text, spelled
 
 if TYPE_CHECKING:
@@ -14,7 +15,8 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
 
-OPTIONAL: Final = frozenset({"policy", "tool"})
+OPTIONAL: Final = frozenset({"policy", "tool", "sensors"})
+PORT_MOST: Final = 65_535
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +32,7 @@ class GuardConfig:
         folder: of the journal and of all other state over restarts; it is made where it is missing.
         policy: name of a shipped set, or a path.
         tool: declarations of tools that cannot be decorated, by the tool's name.
+        sensors: "HOST:PORT" at which sensors push their frames; "" where no row depends on a fact.
     """
 
     audience: str
@@ -40,6 +43,7 @@ class GuardConfig:
     folder: Path
     policy: str = "tools"
     tool: Mapping[str, Any] = field(default_factory=dict)
+    sensors: str = ""
 
     @classmethod
     def read(cls, path: Path | str) -> GuardConfig:
@@ -54,7 +58,20 @@ class GuardConfig:
         config = cls(**{**given, **{name: home / each for name, each in given.items() if isinstance(each, Path)}})
         for name, url in (("audience", config.audience), ("issuer", config.issuer)):
             check_url(name, url)
+        if config.sensors:
+            config.sensor_address()
         return config
+
+    def sensor_address(self) -> tuple[str, int]:
+        """Host and TCP port of `sensors`.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`.
+        """
+        host, colon, port = self.sensors.rpartition(":")
+        if not colon or not host or not port.isascii() or not port.isdigit() or not int(port) <= PORT_MOST:
+            raise ConfigError(PepFault.CONFIG_INVALID, 'sensors must be "HOST:PORT", such as "127.0.0.1:8950"')
+        return host.removeprefix("[").removesuffix("]"), int(port)
 
     @property
     def journal_file(self) -> Path:

@@ -104,6 +104,7 @@ class GuardedFunctions(DecidingPoint):
         """
         for name, digest in self._digests.items():
             self.check_registered(name, digest)
+        await self.hear(self._rows.values())
 
     def enforced(self, function: Callable[..., Any]) -> Callable[..., Awaitable[Any]]:
         """The function behind the gate: it takes the caller's credentials first, and its arguments by name.

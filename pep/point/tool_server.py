@@ -114,4 +114,5 @@ class GuardedServer(DecidingPoint):
         rows = rows_of(served, decorated=decorated(self._server), configured=self._configured)
         for tool in served:
             self.check_registered(tool.name, definition_digest(tool))
+        await self.hear(rows.values())
         self._rows.update(rows)

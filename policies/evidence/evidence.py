@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Tier
     from policies.evidence.conduct_readings import BehaviourReading, SequenceReading
     from policies.evidence.content_readings import ContextReading, InstructionReading, MessageReading
+    from policies.evidence.fact_reading import FactReading
 
 
 class NotCollected(Enum):
@@ -127,11 +128,13 @@ class DeclaredImpact:
 
     Attributes:
         tier: of these values: the row's base tier, or the highest to which one of them is raised.
-        raised_by: names of the parameters that raised it to that tier.
+        raised_by: names of the parameters and facts that raised it to that tier.
+        facts: every fact of a sensor that the row depends on, as it was read.
     """
 
     tier: Tier
     raised_by: tuple[str, ...] = ()
+    facts: tuple[FactReading, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

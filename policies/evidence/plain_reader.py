@@ -13,7 +13,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final, Union, get_args, get_origin, get_type_hints
 
 from capabilities.values import chain, errors, scope, units
-from policies.evidence import conduct_readings, content_readings, evidence, model
+from policies.evidence import conduct_readings, content_readings, evidence, fact_reading, model
 from policies.words import canonical, labels, reason_table
 from policies.words.errors import PolicyError, PolicyFault
 
@@ -31,6 +31,7 @@ _MODULES: Final = (
     model,
     reason_table,
     content_readings,
+    fact_reading,
 )
 _NAMES: Final = {name: value for module in _MODULES for name, value in vars(module).items() if isinstance(value, type)}
 """Types that the annotations of readings name; some are imported there for the type checker alone."""

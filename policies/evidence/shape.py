@@ -18,7 +18,7 @@ from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Ref
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Bound, OneOf, Range, Scope, Tier
 from capabilities.values.units import Quantity, Unit
-from policies.evidence import conduct_readings, content_readings, evidence
+from policies.evidence import conduct_readings, content_readings, evidence, fact_reading
 from policies.evidence.model import Point, Request
 from policies.words import labels
 from policies.words.reason_table import Reason
@@ -35,6 +35,7 @@ NAMES: Final[dict[str, Any]] = {
     **vars(conduct_readings),
     **vars(labels),
     **vars(content_readings),
+    **vars(fact_reading),
     **vars(evidence),
     **{kind.__name__: kind for kind in (Attestation, Chain, EvidenceKind, Fault, FaultCode, Hop, Refusal, Sponsor)},
     **{kind.__name__: kind for kind in (OneOf, Point, Quantity, Range, Scope, Tier, Unit)},

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 FRESH: Final = "fresh"
 """The one state of perception that adds nothing to the tier."""
 UNSEEN_FLOOR: Final = Tier.HIGH_CONSEQUENCE
-"""Least tier of a motion in a cell that nothing sees freshly (docs/physics.md, PHY-8)."""
+"""Least tier of an act whose world nothing sees freshly (docs/physics.md, PHY-8; [FCT-3])."""
 
 
 class TierRule(StrEnum):
@@ -56,6 +56,16 @@ def base_tier(evidence: Evidence) -> Tier | None:
     return Tier(tool.base_tier)
 
 
+def declared_tier(impact: DeclaredImpact) -> Tier:
+    """Tier that declared rows give to an act: at least 3 where one of their facts is not fresh."""
+    return Tier(impact.tier) if facts_fresh(impact) else max(Tier(impact.tier), UNSEEN_FLOOR)
+
+
+def facts_fresh(impact: DeclaredImpact) -> bool:
+    """True where every fact that the rows depend on is fresh, also where there is none."""
+    return all(fact.state == FRESH for fact in impact.facts)
+
+
 def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
     """Runtime tier of the request: the base tier, raised by the declared or, for a physical act, the computed one.
 
@@ -68,7 +78,7 @@ def runtime_tier(evidence: Evidence, *, physical: bool) -> Tier | None:
     """
     base, impact = base_tier(evidence), evidence.impact
     if base is not None and isinstance(impact, DeclaredImpact):
-        return max(base, Tier(impact.tier))
+        return max(base, declared_tier(impact))
     if base is None or not physical:
         return base
     if not isinstance(impact, ImpactReading):

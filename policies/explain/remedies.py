@@ -17,7 +17,7 @@ from capabilities.values.scope import Tier
 from policies.decision.approval import APPROVERS_OF_TIER
 from policies.decision.obligations import SPEED
 from policies.decision.pdp import decide
-from policies.evidence.evidence import NOT_COLLECTED, ImpactReading
+from policies.evidence.evidence import NOT_COLLECTED, DeclaredImpact, ImpactReading
 from policies.evidence.model import Effect
 from policies.evidence.tiers import runtime_tier
 from policies.explain import counterfactuals
@@ -212,7 +212,9 @@ def _changes(finding: Finding, request: Request, evidence: Evidence, policies: P
         detail: dict[str, object] = {"people": people, "prior_leave": tier is Tier.SAFETY_CRITICAL}
         yield _Change(Means.APPROVAL, detail, lambda r, e: (r, counterfactuals.approved(r, e, policies, people)))
     if reason is Reason.PERCEPTION_MISSING:
-        yield _Change(Means.NEWS, {"of": "sensors"}, lambda r, e: (r, counterfactuals.sighted(e)))
+        # what a silent sensor would say of a fact cannot be supposed
+        said = isinstance(evidence.impact, DeclaredImpact)
+        yield _Change(Means.NEWS, {"of": "sensors"}, None if said else lambda r, e: (r, counterfactuals.sighted(e)))
     if reason is Reason.BEHAVIOUR_OLD and evidence.behaviour is not NOT_COLLECTED:
         news = replace(evidence.behaviour, age_ms=0)
         yield _Change(Means.NEWS, {"of": "behaviour"}, lambda r, e: (r, replace(e, behaviour=news)))

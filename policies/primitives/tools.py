@@ -18,7 +18,7 @@ from policies.evidence.evidence import (
     ToolReading,
     prior_leave,
 )
-from policies.evidence.tiers import FRESH, RULES, TierRule, base_tier, runtime_tier
+from policies.evidence.tiers import FRESH, RULES, TierRule, base_tier, facts_fresh, runtime_tier
 from policies.primitives.base import (
     Case,
     Defers,
@@ -215,6 +215,11 @@ def impact_detail(case: Case, chain: Chain, tier: Tier) -> dict[str, object]:
         }
     elif isinstance(impact, DeclaredImpact):
         detail["raised_by"] = list(impact.raised_by)
+        if impact.facts:
+            detail["facts"] = [
+                {"fact": f.fact, "state": f.state, "value": f.value, "unit": f.unit, "age_ms": f.age_ms}
+                for f in impact.facts
+            ]
     return detail
 
 
@@ -259,7 +264,7 @@ class PhysicalImpactGate:
     def _reading(self, case: Case, chain: Chain, impact: ImpactReading | DeclaredImpact) -> Verdict:
         """The verdict on an impact whose base tier is known."""
         tier = runtime_tier(case.evidence, physical=True)
-        unseen = isinstance(impact, ImpactReading) and impact.perception != FRESH
+        unseen = impact.perception != FRESH if isinstance(impact, ImpactReading) else not facts_fresh(impact)
         if tier is None or (isinstance(impact, ImpactReading) and not 0 <= impact.index_milli <= 4000):
             return fails(self.id, Reason.PHYSICS_FAULT)
         detail = impact_detail(case, chain, tier)

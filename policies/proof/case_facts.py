@@ -23,7 +23,7 @@ from policies.evidence.evidence import (
     prior_leave,
 )
 from policies.evidence.model import Point
-from policies.evidence.tiers import FRESH, base_tier, runtime_tier
+from policies.evidence.tiers import FRESH, base_tier, declared_tier, runtime_tier
 from policies.primitives.base import Case, Defers, Fails, Holds
 from policies.primitives.cognition import BELIEVED
 from policies.primitives.tools import StatePreconditions
@@ -120,7 +120,7 @@ def _tool(evidence: Evidence) -> dict[str, Any]:
     tool, trust, base = evidence.tool, evidence.trust, base_tier(evidence)
     registered = isinstance(tool, ToolReading) and bool(tool.approved_digest) and base is not None
     if base is not None and isinstance(evidence.impact, DeclaredImpact):
-        base = max(base, evidence.impact.tier)  # rows raise the class, with physics or without
+        base = max(base, declared_tier(evidence.impact))  # rows raise the class, with physics or without
     return {
         "tool_pinned": isinstance(tool, ToolReading) and registered and tool.actual_digest == tool.approved_digest,
         "base_known": base is not None,
@@ -139,7 +139,7 @@ def _world(case: Case, policies: PolicySet) -> dict[str, Any]:
     return {
         "impact_read": declared or read is not None,
         "impact_fault": isinstance(impact, ImpactFault),
-        "impact_tier": int(impact.tier) if isinstance(impact, ImpactReading | DeclaredImpact) else _ANY,
+        "impact_tier": _impact_tier(impact),
         "index_valid": declared or (read is not None and 0 <= read.index_milli <= 4000),
         "violated": read is not None and read.violations != (),
         "seen_fresh": declared or (read is not None and read.perception == FRESH),
@@ -151,6 +151,17 @@ def _world(case: Case, policies: PolicySet) -> dict[str, Any]:
         "robot_known": isinstance(case.evidence.robot, RobotReading),
         "robot_ready": isinstance(StatePreconditions().judge(case), Holds),
     }
+
+
+def _impact_tier(impact: object) -> int:
+    """Tier of the impact as it was read; any number where none was."""
+    match impact:
+        case ImpactReading():
+            return int(impact.tier)
+        case DeclaredImpact():
+            return int(declared_tier(impact))
+        case _:
+            return _ANY
 
 
 def _approval(case: Case, policies: PolicySet) -> dict[str, Any]:

@@ -173,7 +173,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         ),
         Reason.PERCEPTION_INVALID: ReasonRow("The view of the cell must not be believed.", _REPORT, ("CII-4", "TEA-4")),
         Reason.PERCEPTION_MISSING: ReasonRow(
-            "There is no fresh view of the cell.", "Wait for a person's answer, or for the sensor.", ("TEA-4",)
+            "There is no fresh view of what this depends on.",
+            "Wait for a person's answer, or for the sensor.",
+            ("TEA-4",),
         ),
         Reason.ROBOT_SAFETY_STOP: ReasonRow("The robot is stopped for safety.", _AT_THE_ROBOT, ("TEA-5",)),
         Reason.ROBOT_NOT_RUNNING: ReasonRow("The robot is not running, or says nothing.", _AT_THE_ROBOT, ("TEA-5",)),

@@ -5,10 +5,12 @@ from typing import Annotated
 
 import pytest
 from capabilities.values.scope import Range, Tier
-from capabilities.values.units import Unit
+from capabilities.values.units import INT_LIMIT, Unit
 from pep.base.declaration import Within, declared, operation, row_from_toml
+from pep.base.fact_declaration import Fact
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm, OperationKind, TierRow
+from policies.evidence.fact_reading import FactReading
 
 SCALE = 10
 
@@ -130,3 +132,91 @@ def test_an_annotation_that_is_no_number_is_refused():
         def tool(x: Annotated[str, Within(0, 1)]) -> None: ...
 
     assert refused.value.code is PepFault.DECLARATION_MALFORMED
+
+
+# --- facts of sensors -------------------------------------------------------------------------------------------------
+
+
+@operation(
+    "press",
+    base_tier=1,
+    when={
+        "zone-a/people": Fact(at_least={1: 3, 4: 4}),
+        "tank/level": Fact(at_most={100: 3, 20: 4}, unit="permille", fresh_ms=2_000),
+    },
+)
+def close_press() -> None:
+    """Close the press."""
+
+
+PRESS = """
+object = "press"
+base_tier = 1
+[when]
+"zone-a/people" = { at_least = { 1 = 3, 4 = 4 } }
+"tank/level" = { at_most = { 100 = 3, 20 = 4 }, unit = "permille", fresh_ms = 2000 }
+"""
+
+
+def test_both_spellings_of_facts_are_one_row():
+    found = declared(close_press)
+    assert found == row_from_toml("close_press", tomllib.loads(PRESS))
+    level, people = found.facts
+    assert [(each.fact, each.unit, each.fresh_ms) for each in found.facts] == [
+        ("tank/level", Unit.PERMILLE, 2_000), ("zone-a/people", Unit.COUNT, 500),
+    ]  # fmt: skip
+    assert people.tiers == (TierRow(Range(1, INT_LIMIT), Tier(3)), TierRow(Range(4, INT_LIMIT), Tier(4)))
+    assert level.tiers == (TierRow(Range(-INT_LIMIT, 20), Tier(4)), TierRow(Range(-INT_LIMIT, 100), Tier(3)))
+
+
+@pytest.mark.parametrize(
+    ("level", "people", "tier", "raised_by"),
+    [
+        (500, 0, 1, ()), (100, 0, 3, ("tank/level",)), (101, 1, 3, ("zone-a/people",)), (20, 3, 4, ("tank/level",)),
+        (20, 4, 4, ("tank/level", "zone-a/people")), (None, 0, 4, ("tank/level",)), (500, None, 4, ("zone-a/people",)),
+    ],
+)  # fmt: skip
+def test_the_highest_of_all_facts_counts_and_an_unknown_one_as_its_highest(level, people, tier, raised_by):
+    readings = tuple(
+        FactReading(name, "fresh", "", value, "", 1)
+        for name, value in (("tank/level", level), ("zone-a/people", people))
+        if value is not None
+    )
+    assert declared(close_press).tier_of((), readings) == (tier, raised_by)
+
+
+@pytest.mark.parametrize(
+    ("when", "code", "place"),
+    [
+        ('"people" = { at_least = { 1 = 3 } }', PepFault.DECLARATION_MALFORMED, "people"),
+        ('"zone a/people" = { at_least = { 1 = 3 } }', PepFault.DECLARATION_MALFORMED, "zone a/people"),
+        ('"Zone-a/people" = { at_least = { 1 = 3 } }', PepFault.DECLARATION_MALFORMED, "Zone-a/people"),
+        ('"zone-a/b/people" = { at_least = { 1 = 3 } }', PepFault.DECLARATION_MALFORMED, "zone-a/b/people"),
+        ('"zone-a/people" = {}', PepFault.BOUND_EMPTY, "zone-a/people"),
+        ('"zone-a/people" = 3', PepFault.DECLARATION_MALFORMED, "zone-a/people"),
+        ('"zone-a/people" = { above = { 1 = 3 } }', PepFault.DECLARATION_MALFORMED, "at_least"),
+        ('"zone-a/people" = { at_least = 3 }', PepFault.DECLARATION_MALFORMED, "zone-a/people"),
+        ('"zone-a/people" = { at_least = { many = 3 } }', PepFault.DECLARATION_MALFORMED, "zone-a/people"),
+        ('"zone-a/people" = { at_least = { 1 = 5 } }', PepFault.DECLARATION_MALFORMED, "at_least"),
+        ('"zone-a/people" = { at_least = { 1 = true } }', PepFault.DECLARATION_MALFORMED, "at_least"),
+        ('"zone-a/people" = { at_least = { 1 = 1 } }', PepFault.ROW_LOWERS, "zone-a/people"),
+        ('"zone-a/people" = { at_least = { 1 = 4, 2 = 3 } }', PepFault.ROW_LOWERS, "zone-a/people"),
+        ('"zone-a/people" = { at_most = { 1 = 4, 2 = 4 } }', PepFault.ROW_LOWERS, "zone-a/people"),
+        ('"zone-a/people" = { at_least = { 1 = 3 }, unit = "cats" }', PepFault.UNIT_UNKNOWN, "zone-a/people"),
+        ('"zone-a/people" = { at_least = { 1 = 3 }, fresh_ms = 0 }', PepFault.BOUND_EMPTY, "fresh_ms"),
+        ('"zone-a/people" = { at_least = { 1 = 3 }, fresh_ms = 60001 }', PepFault.BOUND_EMPTY, "fresh_ms"),
+        ('"zone-a/people" = { at_least = { 9007199254740992 = 3 } }', PepFault.DECLARATION_MALFORMED, "at_least"),
+    ],
+)
+def test_a_wrong_fact_never_serves(when, code, place):
+    table = tomllib.loads(f'object = "press"\nbase_tier = 1\n[when]\n{when}')
+    with pytest.raises(DeclarationError) as refused:
+        row_from_toml("close_press", table)
+    assert (refused.value.code, "close_press.when" in refused.value.detail) == (code, True)
+    assert place in refused.value.detail
+
+
+@pytest.mark.parametrize("state", ["stale", "missing", "invalid"])
+def test_a_value_that_is_not_fresh_is_as_none(state):
+    readings = (FactReading("tank/level", "fresh", "", 500, "", 1), FactReading("zone-a/people", state, "", 0, "", 9))
+    assert declared(close_press).tier_of((), readings) == (4, ("zone-a/people",))

@@ -4,8 +4,9 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from pep.base.declaration import declared
+from pep.base.declaration import declared, row_from_toml
 from pep.base.errors import PepFault
+from pep.base.fact_declaration import FRESH_MOST_MS, FRESH_MS
 from pep.point.guard_config import GuardConfig
 from tests.house.pages import BLOCK, rows
 from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture
@@ -45,3 +46,13 @@ def test_the_page_has_every_unit_and_every_code_of_the_start():
     codes = {word for row in rows(PAGE, "code at start", "what is wrong") for word in row[0].split("`") if "_" in word}
     assert codes <= set(PepFault)
     assert {code for code in PepFault if code.startswith("TOOL_")} <= codes
+
+
+def test_the_pages_fact_is_one_row_in_both_forms(names):
+    source = next(text for kind, text in BLOCKS if kind == "python" and "Fact(" in text)
+    exec(compile(source, "docs/guard.md", "exec"), names)  # noqa: S102 - the page itself
+    line = next(word for word in PAGE.split("`") if word.startswith('"zone-a/people" ='))
+    table = tomllib.loads(f'object = "press"\nbase_tier = 1\n[when]\n{line}')
+    assert row_from_toml("close_press", table) == declared(names["close_press"])
+    assert f"{FRESH_MS} where none is stated" in PAGE
+    assert f"1 to {FRESH_MOST_MS}" in PAGE

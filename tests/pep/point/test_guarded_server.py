@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import socket
 from typing import Annotated
 
 import pytest
@@ -13,10 +14,12 @@ from pep.base.ports import RegisteredTool
 from pep.mcp.tool_digest import definition_digest
 from pep.point.guard_config import GuardConfig
 from pep.point.tool_server import GuardedServer
-from tests.pep.kit import AUDIENCE, ISSUER, PEP, issuer_keys
+from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, PEP, Registry, issuer_keys
+from tests.ztpm_idp.test_process import free_port
 
 import pep
 from capabilities.keys import keys
+from capabilities.statements import observation
 from pep import Within, operation, pins
 
 PASSPHRASE = "correct horse battery staple"
@@ -138,7 +141,19 @@ def test_the_digest_of_a_pin_is_the_served_tools():
 
 
 @pytest.mark.parametrize(
-    "line", ["audience = 1", 'audience = "http://example.org/mcp"', 'issuer = ""', "further = 1", "tool = 3"]
+    "line",
+    [
+        "audience = 1",
+        'audience = "http://example.org/mcp"',
+        'issuer = ""',
+        "further = 1",
+        "tool = 3",
+        'sensors = "8950"',
+        'sensors = "127.0.0.1:x"',
+        'sensors = "127.0.0.1:65536"',
+        'sensors = ":1"',
+        "sensors = 8950",
+    ],
 )
 def test_the_configuration_is_read_strictly(written, line):
     path = written()
@@ -149,6 +164,78 @@ def test_the_configuration_is_read_strictly(written, line):
         GuardConfig.read(path)
     assert refused.value.code is PepFault.CONFIG_INVALID
     assert name in refused.value.detail
+
+
+DEPENDS = (
+    TABLE
+    + """[tool.open_valve.when]
+"zone-a/people" = { at_least = { 1 = 3 } }
+"""
+)
+
+
+def test_the_sensors_of_the_rows_are_heard_at_the_configured_address(written):
+    """`sensors` in guard.toml is all that it takes; a sensor that no row names is a stranger."""
+    port = free_port()
+    path = written(f'sensors = "127.0.0.1:{port}"\n{DEPENDS}')
+    guarded, registry = GuardedServer(lowlevel(), GuardConfig.read(path)), Registry()
+    signing = {name: registry.add_sensor(name) for name in ("zone-a", "zone-b")}
+    (row,), (pin,) = guarded._configured.values(), pins(lowlevel(), path)
+
+    def frame(name):
+        at_ms = int(guarded.clock.wall_s() * 1000)
+        counted = (observation.ObservedFact("people", "count", 0),)
+        seen = observation.Observation(name, "0" * 32, 1, at_ms, CALIBRATION, False, (), (), counted)
+        return observation.sign(seen, signing[name]).encode() + b"\n"
+
+    async def push(name):
+        reader, writer = await asyncio.open_connection("127.0.0.1", port)
+        writer.write(frame(name))
+        writer.write_eof()
+        await reader.read()  # it is judged when the other side has closed
+        writer.close()
+
+    async def start():
+        try:
+            guarded.follower.tool = {"open_valve": pinned(pin)}.get
+            guarded.follower.sensors = registry.sensors
+            await guarded.declare()
+            await push("zone-a")
+            (known,) = guarded.facts.readings(row.facts)
+            await push("zone-b")
+            (noisy,) = guarded.facts.readings(row.facts)
+            return known, noisy
+        finally:
+            await guarded.facts.close()
+            await guarded.release()
+
+    known, noisy = asyncio.run(start())
+    assert (known.state, known.value, 20 <= known.age_ms < 500) == ("fresh", 0, True)
+    assert (noisy.state, noisy.fault) == ("invalid", "UNKNOWN_SENSOR")
+    assert guarded.gate._facts is guarded.facts
+
+
+def test_a_row_that_depends_on_a_fact_which_nothing_hears_ends_the_start(written):
+    path = written(DEPENDS)
+    (pin,) = pins(lowlevel(), path)
+    guarded = GuardedServer(lowlevel(), GuardConfig.read(path))
+    with pytest.raises(ConfigError) as refused:
+        declared(guarded, pinned(pin))
+    assert refused.value.code is PepFault.CONFIG_INVALID
+    assert {word for word in ("sensors", "open_valve", "zone-a/people") if word in refused.value.detail} == {
+        "sensors", "open_valve", "zone-a/people"
+    }  # fmt: skip
+    assert guarded._rows == {}, "and nothing can be called"
+
+
+def test_an_address_that_is_taken_ends_the_start(written):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        path = written(f'sensors = "127.0.0.1:{taken.getsockname()[1]}"\n{DEPENDS}')
+        (pin,) = pins(lowlevel(), path)
+        with pytest.raises(ConfigError) as refused:
+            declared(GuardedServer(lowlevel(), GuardConfig.read(path)), pinned(pin))
+    assert (refused.value.code, "sensors" in refused.value.detail) == (PepFault.CONFIG_INVALID, True)
 
 
 def test_a_set_of_its_own_is_the_default(written):

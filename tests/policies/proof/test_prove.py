@@ -11,8 +11,11 @@ from pathlib import Path
 
 import pytest
 from capabilities.values.scope import Tier
+from pep.base.declaration import row
+from pep.base.fact_declaration import Fact
 from policies.decision.combine import AllOf, Check
 from policies.decision.policy import Concern, requirement
+from policies.evidence.fact_reading import FactReading
 from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case, Defers, Fails, Holds
 from policies.proof.case_facts import observe, what_it_says
@@ -443,13 +446,82 @@ def test_class_and_rows_are_never_lowered():
     assert solver.check() == z3.unsat
 
 
+def given_by_fact(fresh, holds, tiers, *, choose, most):
+    """Tier that the row of a fact gives: the highest that holds, or of all where it is not fresh.
+
+    With z3's `choose` and `most` it is a formula, with Python's the twin of the code.
+    """
+    none, unseen = 0, 3
+    holding = none
+    for inside, to in zip(holds, tiers, strict=True):
+        holding = most(holding, choose(inside, to, none))
+    highest = unseen
+    for to in tiers:
+        highest = most(highest, to)
+    return choose(fresh, holding, highest)
+
+
+@needs_z3
+@pytest.mark.clause("FCT-3")
+def test_rows_of_facts_never_lower_and_unknown_is_never_the_milder():
+    """For every class and values' tier, every two tiers of a row, every fact, known or not."""
+    import z3
+
+    def most(one, other):
+        return z3.If(one > other, one, other)
+
+    before, tiers = z3.Int("before"), (z3.Int("inner"), z3.Int("outer"))
+    bounds = [z3.And(0 <= each, each <= 4) for each in (before, *tiers)]
+    fresh, holds = z3.Bool("fresh"), (z3.Bool("inside inner"), z3.Bool("inside outer"))
+    after = most(before, given_by_fact(fresh, holds, tiers, choose=z3.If, most=most))
+    unknown = most(before, given_by_fact(z3.BoolVal(False), holds, tiers, choose=z3.If, most=most))
+    lowered = after < before
+    unanswered = z3.And(z3.Not(fresh), after < 3)
+    ignored = z3.And(fresh, z3.Or(*(z3.And(inside, after < to) for inside, to in zip(holds, tiers, strict=True))))
+    milder = unknown < after
+    invented = z3.And(fresh, z3.Not(z3.Or(*holds)), after != before)
+    for wrong in (lowered, unanswered, ignored, milder, invented):
+        solver = z3.Solver()
+        solver.add(*bounds, wrong)
+        assert solver.check() == z3.unsat
+
+
+@pytest.mark.clause("FCT-3")
+def test_the_code_gives_the_tier_of_the_formula():
+    pick = random.Random(3).choice
+    for _ in range(300):
+        edges, tiers = (
+            sorted(random.Random(pick(range(99))).sample(range(9), 2)),
+            sorted(pick([(1, 3), (2, 4), (3, 4)])),
+        )
+        declared = row(
+            "o", "p", {}, base_tier=0, exact=False, when={"s/f": Fact(at_least=dict(zip(edges, tiers, strict=True)))}
+        )
+        value, state = pick(range(-1, 11)), pick(["fresh", "stale", "missing", "invalid"])
+        reading = FactReading("s/f", state, "", None if state == "missing" else value, "count", 1)
+        held = [value >= at for at in edges]
+        wanted = given_by_fact(state == "fresh", held, tiers, choose=lambda c, a, b: a if c else b, most=max)
+        tier, raised_by = declared.tier_of((), pick([(reading,), (reading,), ()]) if state == "missing" else (reading,))
+        assert (tier, raised_by) == (wanted, ("s/f",) if wanted else ())
+        # whatever a gate makes of it, evidence that says so itself is not milder
+        evidence = dataclasses.replace(
+            triples.evidence(pick),
+            impact=DeclaredImpact(Tier(0), (), (reading,)),
+            tool=ToolReading("p", "d", "d", Tier(0)),
+        )
+        assert runtime_tier(evidence, physical=False) == (0 if state == "fresh" else 3)
+
+
 def test_the_formulas_know_declared_impacts():
     pick, policies = random.Random(77).choice, load_shipped("tools")
     seen = {effect: 0 for effect in Effect}
     for number in range(ROUNDS):
         request = dataclasses.replace(triples.request(pick), points=frozenset({Point.TOOL}))
         evidence = triples.evidence(pick)
-        declared = DeclaredImpact(Tier(pick(range(5))), pick([(), ("opening",)]))
+        facts = tuple(
+            FactReading("zone-a/people", state, "", 0, "count", 1) for state in pick([(), ("fresh",), ("stale",)])
+        )
+        declared = DeclaredImpact(Tier(pick(range(5))), pick([(), ("opening",)]), facts)
         evidence = dataclasses.replace(evidence, impact=declared)
         evidence = triples.approved(pick, evidence, policies, decide(request, evidence, policies).tier)
         answer = decided(request, evidence, policies)
