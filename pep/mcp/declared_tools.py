@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from mcp_types import Tool
 
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm
+from pep.mcp import fastmcp_server
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from pep.base.operation_row import Operation, ToolArgument
+    from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.guard import AnyServer
 
 SCHEMA_TYPES: Final[Mapping[ArgumentForm, str]] = {
@@ -26,8 +28,10 @@ SCHEMA_TYPES: Final[Mapping[ArgumentForm, str]] = {
 """Type that a tool's schema states for an argument of a form."""
 
 
-def decorated(server: AnyServer) -> dict[str, Operation]:
+async def decorated(server: AnyServer) -> dict[str, Operation]:
     """Rows of the server's functions that declare one, by the name of their tool; a low-level server has none."""
+    if fastmcp_server.is_fastmcp(server):
+        return await fastmcp_server.decorated(cast("FastMCPServer", server))
     table = getattr(server, "_tool_manager", None)
     tools = () if table is None else table.list_tools()
     return {tool.name: row for tool in tools if (row := declared(tool.fn)) is not None}

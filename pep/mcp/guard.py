@@ -4,8 +4,8 @@
 
     app = guard(server, gate=..., authority=..., ...)
 
-is the addition to an existing `MCPServer`, or low-level server of the SDK; `pep.mcp.guard` itself is this module. A
-tool that is not in the guard's table cannot be called at all.
+is the addition to an existing `MCPServer`, FastMCP server, or low-level server of the SDK; `pep.mcp.guard` itself is
+this module. A tool that is not in the guard's table cannot be called at all.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import json
 import secrets
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 from urllib.parse import urlsplit
 
 from mcp.server.lowlevel.server import HandlerEntry, Server
@@ -29,7 +29,7 @@ from pep.base.errors import ActuationRefusedError, JournalError
 from pep.gate import records
 from pep.gate.gate import EffectResult, Gate, GateResult
 from pep.gate.observe_only import OBSERVED
-from pep.mcp import deferred_result
+from pep.mcp import deferred_result, fastmcp_server
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
+    from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.provenance import Vouching
     from pep.people.asks import Asks
     from pep.request.authority import Authority
@@ -60,8 +61,11 @@ if TYPE_CHECKING:
     CallTool = Callable[[ServerRequestContext[Any, Any], CallToolRequestParams], Awaitable[HandlerResult]]
     ListTools = Callable[[ServerRequestContext[Any, Any]], Awaitable[Sequence[Tool]]]
 
-AnyServer: TypeAlias = "MCPServer[Any] | Server[Any]"
+SdkServer: TypeAlias = "MCPServer[Any] | Server[Any]"
+AnyServer: TypeAlias = "MCPServer[Any] | Server[Any] | FastMCPServer"
 EXTENSION: Final = "dev.ztpm/pep"
+SETTINGS: Final[Mapping[str, Any]] = {"version": "1", "proof": ["dpop"]}
+"""Told to clients under `EXTENSION`."""
 DECISION_META: Final = "dev.ztpm/decision"
 """Key in a result's `_meta` under which the decision stands, also for a PERMIT."""
 
@@ -191,8 +195,9 @@ class Guard:
 
     async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
-        served = next((tool for tool in await self._served(ctx) if tool.name == operation.name), None)
-        digest = "" if served is None else definition_digest(served)
+        served = [tool for tool in await self._served(ctx) if tool.name == operation.name]
+        # Of two tools of one name nobody knows which would be called.
+        digest = definition_digest(served[0]) if len(served) == 1 else ""
         return tool_reading(operation.name, self._registry.tool(operation.name), digest)
 
     async def _stop(
@@ -269,14 +274,11 @@ def guard(
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
 
     Raises:
+        ConfigError: a FastMCP server that cannot be guarded as it is.
         RuntimeError: when this SDK does not let the guard stand before the tools.
     """
-    low = lowlevel(server)
-    own = low.get_request_handler("tools/call")
-    if own is None:
-        raise RuntimeError("the server has no tools")
-    stands = Guard(
-        call=own.handler,
+    standing = partial(
+        Guard,
         served=partial(tools_of, server),
         gate=gate,
         registry=registry,
@@ -287,8 +289,25 @@ def guard(
         clock=clock,
         vouching=vouching,
     )
+    if fastmcp_server.is_fastmcp(server):
+        foreign = cast("FastMCPServer", server)
+        stands = standing(call=fastmcp_server.call)
+        fastmcp_server.stand_before(foreign, stands, extension=EXTENSION, settings=SETTINGS)
+        app = fastmcp_server.app_of(foreign, urlsplit(audience))
+    else:
+        app = _guarded(cast("SdkServer", server), standing, audience)
+    return DPoPLayer(app, authority=authority, edge=gate, tools=tools, audience=audience, issuer=issuer, clock=clock)
+
+
+def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -> ASGIApp:
+    """App of one of the SDK's own servers, with the guard before its tools."""
+    low = lowlevel(server)
+    own = low.get_request_handler("tools/call")
+    if own is None:
+        raise RuntimeError("the server has no tools")
+    stands = standing(call=own.handler)
     low.add_request_handler("tools/call", CallToolRequestParams, stands)
-    low.extensions[EXTENSION] = {"version": "1", "proof": ["dpop"]}
+    low.extensions[EXTENSION] = dict(SETTINGS)
     parts = urlsplit(audience)
     app = server.streamable_http_app(
         streamable_http_path=parts.path,
@@ -302,10 +321,10 @@ def guard(
     )
     if low.get_request_handler("tools/call") != HandlerEntry(CallToolRequestParams, stands):
         raise RuntimeError("the guard does not stand before the tools")
-    return DPoPLayer(app, authority=authority, edge=gate, tools=tools, audience=audience, issuer=issuer, clock=clock)
+    return app
 
 
-def lowlevel(server: AnyServer) -> Server[Any]:
+def lowlevel(server: SdkServer) -> Server[Any]:
     """The SDK's low-level server behind it.
 
     Raises:
@@ -324,9 +343,11 @@ async def tools_of(server: AnyServer, ctx: ServerRequestContext[Any, Any] | None
         server: with or without the SDK's own table of tools.
         ctx: of the request; None at start, when a server without such a table is asked for nobody.
     """
+    if fastmcp_server.is_fastmcp(server):
+        return await fastmcp_server.tools_of(cast("FastMCPServer", server))
     if isinstance(server, MCPServer):
         return await server.list_tools()
-    own = server.get_request_handler("tools/list")
+    own = cast("Server[Any]", server).get_request_handler("tools/list")
     if own is None:
         return ()
     listed: ListToolsResult = await own.handler(ctx, PaginatedRequestParams())  # type: ignore[arg-type, assignment]

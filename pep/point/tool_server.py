@@ -52,8 +52,8 @@ def pins(server: AnyServer, config: GuardConfig | Path | str | None = None) -> t
         PepError: a tool is declared wrongly or not at all.
     """
     stated = GuardConfig.read(config) if isinstance(config, str | Path) else config
-    served = asyncio.run(tool_guard.tools_of(server))
-    rows = rows_of(served, decorated=decorated(server), configured={} if stated is None else stated.rows())
+    served, own = asyncio.run(tool_guard.tools_of(server)), asyncio.run(decorated(server))
+    rows = rows_of(served, decorated=own, configured={} if stated is None else stated.rows())
     return tuple(ToolPin(each.name, definition_digest(each), each.name, rows[each.name].base_tier) for each in served)
 
 
@@ -111,7 +111,7 @@ class GuardedServer(DecidingPoint):
             DeclarationError: a tool is declared wrongly or not at all, unknown to the registry, or another one there.
         """
         served = await tool_guard.tools_of(self._server)
-        rows = rows_of(served, decorated=decorated(self._server), configured=self._configured)
+        rows = rows_of(served, decorated=await decorated(self._server), configured=self._configured)
         for tool in served:
             self.check_registered(tool.name, definition_digest(tool))
         await self.hear(rows.values())

@@ -1,4 +1,4 @@
-"""The extras `all`, `bench`, `viz` and `retrieval` together hold every package that a command of `ztpm eval` imports."""
+"""The extras that are listed here together hold every package that a command of `ztpm eval` imports."""
 
 import ast
 import re
@@ -13,12 +13,13 @@ from packaging.requirements import Requirement
 
 TOP = Path(__file__).parents[2]
 OWN = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
-EXTRAS = ("all", "bench", "viz", "retrieval")
+EXTRAS = ("all", "bench", "viz", "retrieval", "fastmcp")
 
 
 ELSEWHERE = {
     "pinocchio": "pin",
     "coal": "coal",
+    "fastmcp": "fastmcp-slim",
     "rtde_control": "ur-rtde",
     "rtde_io": "ur-rtde",
     "rtde_receive": "ur-rtde",

@@ -63,6 +63,7 @@ BREAKS = [
     ("physics-fence", "pep/world/world.py", "import pinocchio"),
     ("kernel-fence", "pep/pit/search/engine.py", "import numba"),
     ("mcp-fence", "pep/world/world.py", "import mcp"),
+    ("fastmcp-fence", "pep/mcp/guard.py", "import fastmcp"),
     ("stores-fence", "pep/mcp/guard.py", "import chromadb"),
     ("stores-fence", "pep/journal/file_journal.py", "import sqlite3"),
     ("admission-is-pure", "pep/context/memory.py", "import pep.context.stores.sqlite"),
