@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 if TYPE_CHECKING:
     from pep.base.declaration import Within, operation
     from pep.base.fact_declaration import Fact
+    from pep.point.carriage import acting
     from pep.point.guard_config import GuardConfig
     from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
     from pep.point.tool_server import guard, pins
@@ -24,6 +25,7 @@ __all__ = [
     "GuardedFunctions",
     "NotPermittedError",
     "Within",
+    "acting",
     "function_pins",
     "guard",
     "operation",
@@ -34,6 +36,7 @@ _HOMES: Final = {
     "GuardConfig": "pep.point.guard_config",
     "GuardedFunctions": "pep.point.guarded_functions",
     "NotPermittedError": "pep.point.guarded_functions",
+    "acting": "pep.point.carriage",
     "function_pins": "pep.point.guarded_functions",
     "permitted": "pep.point.guarded_functions",
     "Fact": "pep.base.fact_declaration",

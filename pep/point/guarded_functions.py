@@ -5,17 +5,19 @@
     async with point.living():                         # the feeds run
         await point.enforced(delete_record)(presented, id=3)
 
+`point.carried(function)` is the same for an agent framework: the credentials are those of the block `acting` around it.
 `permitted(point, function)` is the same as a dependency of an ASGI framework: the endpoint runs inside the permit.
 """
 
 from __future__ import annotations
 
 import asyncio
+import inspect
 import json
 import secrets
 from contextlib import asynccontextmanager
 from functools import wraps
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 from urllib.parse import urlsplit
 
 from starlette.exceptions import HTTPException
@@ -27,12 +29,14 @@ from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, PepFault
 from pep.gate import records
 from pep.gate.gate import EffectResult, GateResult
+from pep.mcp import deferred_result
 from pep.mcp.body_screen import BODY_BYTES, DEPTH
 from pep.mcp.declared_tools import definition_of
 from pep.mcp.http_request import headers_of, token_in
 from pep.mcp.mapping import Misfit, bare_request, decided_arguments, to_request
 from pep.mcp.provenance import unvouched
 from pep.mcp.tool_digest import ToolPin, definition_digest, tool_reading
+from pep.point import carriage
 from pep.point.deciding_point import DecidingPoint
 from pep.request.authority import PresentedRequest
 from pep.request.call import Call
@@ -42,10 +46,14 @@ from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
+    from contextlib import AbstractAsyncContextManager
+    from types import TracebackType
 
     from pep.base.operation_row import Operation
     from pep.point.guard_config import GuardConfig
     from pep.request.permit import Permit
+
+    F = TypeVar("F", bound="Callable[..., Any]")
 
 
 class NotPermittedError(Exception):
@@ -94,7 +102,22 @@ class GuardedFunctions(DecidingPoint):
         stated = _rows(functions)
         self._rows = {name: row for name, (row, _) in stated.items()}
         self._digests = {name: definition_digest(definition_of(*each)) for name, each in stated.items()}
+        self._loop: asyncio.AbstractEventLoop | None = None
         super().__init__(config)
+
+    @asynccontextmanager
+    async def living(self) -> AsyncIterator[None]:
+        """The feeds run inside, and threads may call; everything is released afterwards.
+
+        Raises:
+            DeclarationError: as `declare`.
+        """
+        async with super().living():
+            self._loop = asyncio.get_running_loop()
+            try:
+                yield
+            finally:
+                self._loop = None
 
     async def declare(self) -> None:
         """Checks that every function is registered as it is now.
@@ -117,10 +140,54 @@ class GuardedFunctions(DecidingPoint):
         @wraps(function)
         async def run(presented: PresentedRequest, **arguments: Any) -> Any:
             async with self.act(row, presented, arguments) as decided:
-                found = function(**decided)
-                return await found if asyncio.iscoroutine(found) else found
+                with carriage.nobody():
+                    found = function(**decided)
+                    return await found if asyncio.iscoroutine(found) else found
 
         return run
+
+    def carried(self, function: F, *, refused: Callable[[NotPermittedError], Any] | None = None) -> F:
+        """The function behind the gate, called as it was: with the credentials of the block `acting`, or with none.
+
+        A coroutine function stays one. Any other runs in the thread that calls it, which must not be the event loop's
+        own; agent frameworks call such functions in threads.
+
+        Args:
+            function: one of this point's; each of its parameters is declared.
+            refused: gives the result of a call that did not happen, such as words for a model; without it the error
+                is raised.
+
+        Raises:
+            DeclarationError: `TOOL_UNDECLARED`, or `TOOL_SCHEMA_DIFFERS` for a parameter that nothing would decide on.
+        """
+        row, signature = self._row(function), inspect.signature(function)
+        for name in signature.parameters.keys() ^ {each.name for each in row.arguments or ()}:
+            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{row.name}.{name}: not declared")
+
+        def begun(given: tuple[Any, ...], named: dict[str, Any]) -> _Act:
+            bound = signature.bind(*given, **named)
+            bound.apply_defaults()
+            arguments, at = bound.arguments, self.clock.wall_s()
+            shown = carriage.presented(row.name, arguments, audience=self.config.audience, at=at)
+            return _Act(self.act(row, shown, arguments), refused)
+
+        @wraps(function)
+        async def run(*given: Any, **named: Any) -> Any:
+            async with begun(given, named) as act:
+                if act.decided is None:
+                    return act.found
+                with carriage.nobody():
+                    act.found = await function(**act.decided)
+            return act.found
+
+        @wraps(function)
+        def run_here(*given: Any, **named: Any) -> Any:
+            with carriage.from_thread(self._loop, begun(given, named)) as act, carriage.nobody():
+                if act.decided is not None:
+                    act.found = function(**act.decided)
+            return act.found
+
+        return cast("F", run if inspect.iscoroutinefunction(function) else run_here)
 
     @asynccontextmanager
     async def act(
@@ -191,6 +258,38 @@ class GuardedFunctions(DecidingPoint):
         )
 
 
+class _Act:
+    """One carried call: its way in and out, and its result.
+
+    Attributes:
+        decided: the arguments; None for a call that does not happen.
+        found: the function's result, or that of `refused`.
+    """
+
+    def __init__(
+        self, act: AbstractAsyncContextManager[dict[str, Any]], refused: Callable[[NotPermittedError], Any] | None
+    ) -> None:
+        self._act = act
+        self._refused = refused
+        self.decided: dict[str, Any] | None = None
+        self.found: Any = None
+
+    async def __aenter__(self) -> Self:
+        try:
+            self.decided = await self._act.__aenter__()
+        except NotPermittedError as error:
+            if self._refused is None:
+                raise
+            self.found = self._refused(error)
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self.decided is not None:
+            await self._act.__aexit__(kind, error, trace)
+
+
 def permitted(
     point: GuardedFunctions, function: Callable[..., Any]
 ) -> Callable[[HttpRequest], AsyncIterator[dict[str, Any]]]:
@@ -232,4 +331,4 @@ def permitted(
 
 def _told(answer: GateResult) -> dict[str, object]:
     told = records.told(answer.decision)
-    return told if answer.ask is None else told | {"ask_id": answer.ask.ask_id, "url": answer.ask.url}
+    return told | deferred_result.told(answer)
