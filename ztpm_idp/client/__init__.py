@@ -2,7 +2,7 @@
 
 from ztpm_idp.client.caller import ClientError, Issued, Revocation
 from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
-from ztpm_idp.client.denials import Deferred, Denied, raise_refused
+from ztpm_idp.client.denials import Deferred, Denied, raise_refused, refusal_in
 from ztpm_idp.client.signing import ProofAuth
 
 __all__ = [
@@ -18,4 +18,5 @@ __all__ = [
     "delegate_request",
     "issue_request",
     "raise_refused",
+    "refusal_in",
 ]

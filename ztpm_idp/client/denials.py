@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
@@ -41,6 +42,21 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
         self.remedy = str(told.get("remedy") or "")
         super().__init__(": ".join(part for part in (reason, self.remedy) if part))
 
+    @property
+    def words(self) -> str:
+        """The denial in sentences, for a model to go on from."""
+        unit = f" {self.unit}" if self.unit else ""
+        said = [f"Denied: {self.reason}."]
+        if self.parameter is not None and self.value is not None:
+            by = self.set_by if isinstance(self.set_by, dict) else {}
+            who = f", set by {by['agent']} for {by['sponsor']}" if {"agent", "sponsor"} <= by.keys() else ""
+            said.append(f"{self.parameter} is {self.value}{unit}; the limit is {_limit(self.limit)}{unit}{who}.")
+        elif self.told.get("argument") is not None:
+            said.append(f"{self.told['argument']}: {self.told.get('detail', '')}.")
+        if self.nearest_permitted is not None:
+            said.append(f"The nearest permitted is {_limit(self.nearest_permitted)}{unit}.")
+        return " ".join([*said, "Nothing has happened.", self.remedy]).strip()
+
 
 class Deferred(Exception):  # noqa: N818 - the word of a decision
     """A call that waits for people: the same call again uses their answer, once.
@@ -63,6 +79,21 @@ class Deferred(Exception):  # noqa: N818 - the word of a decision
         self.retry_after_s = int(told.get("retry_after_s") or 1)
         super().__init__(f"{reason}: people are asked at {self.page}")
 
+    @property
+    def words(self) -> str:
+        """The deferral in sentences, for a model to go on from."""
+        return (
+            f"Deferred: {self.reason}. People are asked at {self.page}. Nothing has happened; "
+            "exactly the same call again uses their answer, once."
+        )
+
+
+def _limit(limit: object) -> str:
+    """A bound or value in words."""
+    if isinstance(limit, dict) and limit.keys() == {"low", "high"}:
+        return f"{limit['low']} to {limit['high']}"
+    return limit if isinstance(limit, str) else json.dumps(limit)
+
 
 def error_of(told: object) -> Denied | Deferred | None:
     """The error that a server's decision is; None for a PERMIT, and for what is no decision.
@@ -79,6 +110,26 @@ def error_of(told: object) -> Denied | Deferred | None:
             return Deferred(reason, told)
         case _:
             return None
+
+
+def refusal_in(error: BaseException) -> Denied | Deferred | None:
+    """The denial or deferral that an error holds as its `told`, message, cause or group.
+
+    Args:
+        error: of a framework's own client of MCP, such as pydantic-ai's, or of a guarded function.
+    """
+    if isinstance(error, Denied | Deferred):
+        return error
+    if (told := error_of(getattr(error, "told", None))) is not None:
+        return told
+    held = error.exceptions if isinstance(error, BaseExceptionGroup) else ()
+    for each in (*held, error.__cause__):
+        if each is not None and (found := refusal_in(each)) is not None:
+            return found
+    try:
+        return error_of(json.loads(str(getattr(error, "message", error))))
+    except ValueError:
+        return None
 
 
 async def raise_refused(response: httpx2.Response) -> None:

@@ -80,6 +80,8 @@ async def living(path, server, approved=None):
             client.kinds = lambda: [
                 (r["kind"], r["body"].get("outcome") or r["body"].get("reason")) for r in guarded.journal.records()
             ]
+            client.app, client.auth, client.feed = guarded, Signed(holder, clock), guarded.follower
+            client.holder = holder
             yield client
     finally:
         await heard.put({"type": "lifespan.shutdown"})
