@@ -10,20 +10,21 @@ from urllib.parse import urlsplit
 import uvicorn
 from mcp.server import MCPServer
 
-from pep import GuardConfig, Within, guard, operation
+from pep import GuardConfig, Within, Word, guard, operation
 
 server = MCPServer("plant", log_level="ERROR")
 celsius, opened = 20.0, {}
+DOCUMENTS = ("pump 7: how to vent it", "pump 7: spare parts", "oven: how to light it")
 
 Metres = Annotated[float, Within(-50_000_000, 50_000_000, "um")]
 Number = Annotated[int, Within(1, 999)]
 
 
 @server.tool()
-@operation("plant", base_tier=0)
-def read_page(page: Number) -> str:
-    """Read a page of the plant's documents."""
-    return f"page {page}"
+@operation("docs", base_tier=0)
+def search_docs(query: str) -> list[str]:
+    """Search the plant's documents."""
+    return [title for title in DOCUMENTS if query.lower() in title]
 
 
 @server.tool()
@@ -66,7 +67,7 @@ def move_agv(
 
 @server.tool()
 @operation("records", base_tier=3)
-def delete_record(id: Number) -> str:
+def delete_record(id: Annotated[str, Word("path", under=["/records"])]) -> str:
     """Delete a record of the plant for good."""
     return f"record {id} is deleted"
 

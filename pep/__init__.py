@@ -12,8 +12,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from pep.base.declaration import Within, operation
+    from pep.base.declaration import operation
     from pep.base.fact_declaration import Fact
+    from pep.base.stated_values import Free, Length, Within, Word
     from pep.point.carriage import acting
     from pep.point.guard_config import GuardConfig
     from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
@@ -21,10 +22,13 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Fact",
+    "Free",
     "GuardConfig",
     "GuardedFunctions",
+    "Length",
     "NotPermittedError",
     "Within",
+    "Word",
     "acting",
     "function_pins",
     "guard",
@@ -40,7 +44,10 @@ _HOMES: Final = {
     "function_pins": "pep.point.guarded_functions",
     "permitted": "pep.point.guarded_functions",
     "Fact": "pep.base.fact_declaration",
-    "Within": "pep.base.declaration",
+    "Free": "pep.base.stated_values",
+    "Length": "pep.base.stated_values",
+    "Within": "pep.base.stated_values",
+    "Word": "pep.base.stated_values",
     "guard": "pep.point.tool_server",
     "operation": "pep.base.declaration",
     "pins": "pep.point.tool_server",

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from msgspec import Meta
-from msgspec.structs import astuple
 
 from capabilities.statements import statement_form
 from capabilities.statements.claims import (
@@ -23,10 +22,14 @@ from capabilities.statements.claims import (
     read,
     unique,
 )
-from capabilities.values import form
+from capabilities.values import form, strict_json
+from capabilities.values.arguments import Argument, kind_given, restated
+from capabilities.values.arguments import plain as plain_value
+from capabilities.values.bounds import kind_to_json
+from capabilities.values.errors import FaultCode, QuantityError
 from capabilities.values.form import Form, converted, plain, upto, whole, within, words
 from capabilities.values.scope import Tier
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.units import DeclaredUnit, Quantity, Unit, kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -42,6 +45,8 @@ VALUES: Final = 32
 CONTRIBUTORS: Final = 64
 REASONS: Final = 16
 """Most parameters, contributors and reasons of one ask."""
+READ_BYTES: Final = 16_384
+"""Most bytes of an ask's values, as canonical JSON: nobody reads more before they vote."""
 JOINTS: Final = 6
 APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
 """Number of different people that a tier needs; every other tier that asks people needs one."""
@@ -49,14 +54,25 @@ APPROVERS_OF_TIER: Final = {Tier.SAFETY_CRITICAL: 2}
 
 class _Value(Form, frozen=True):
     name: Name
-    unit: Unit
-    value: Signed
+    value: Any
+    unit: str = ""
+    kind: str = ""
+
+
+def _value(stated: object) -> Quantity | Argument:
+    """The value that an ask states."""
+    read: _Value = form.read(_Value, stated)
+    kind = kind_of(read.unit or read.kind)
+    if bool(read.kind) is isinstance(kind, (Unit, DeclaredUnit)) or (read.unit and read.kind):
+        raise QuantityError(FaultCode.PARAMETERS_WRONG, "a unit is a quantity's, a kind any other value's")
+    return restated(read.name, kind, read.value)
 
 
 if TYPE_CHECKING:
-    Value = Quantity
+    Value = Quantity | Argument
 else:
-    Value = converted(Quantity, lambda value: Quantity(*astuple(form.read(_Value, value))))
+    Value = converted(Quantity, _value)
+    Value.register(Argument)
 _Reason = Annotated[str, whole("[A-Z][A-Z0-9_]{0,63}")]
 _IndexMilli = Annotated[int, within(0, 4_000)]
 
@@ -86,7 +102,7 @@ class Ask(Form, frozen=True):
         issuer, sponsor: of the chain's human root.
         token_id: of the root token.
         agent, agent_key: the chain's leaf and its key's thumbprint (RFC 7638).
-        object, operation, values: the typed request, in the operation's order.
+        object, operation, values: the typed request, in the operation's order; of a free value size and digest.
         request_digest: SHA-256 (hex) of the request (`policies.evidence.model.Request.digest`).
         start_urad: joint angles from which it was assessed, six integers, or none for an act without motion.
         model_digest, policy_digest, scene_digest: SHA-256 (hex) of robot model, policy set and scene.
@@ -134,7 +150,17 @@ NAMES: Final = Ask.__struct_fields__
 
 def sign(ask: Ask, key: PrivateKey) -> str:
     """The ask, signed by the PEP."""
-    return statement_form.seal(KIND, plain(ask), key, _read)
+    return statement_form.seal(KIND, claims(ask), key, _read)
+
+
+def claims(ask: Ask) -> dict[str, object]:
+    """The ask's members as plain JSON values."""
+    return {**plain(ask), "values": [stated(value) for value in ask.values]}
+
+
+def stated(value: Quantity | Argument) -> dict[str, object]:
+    """A value as an ask states it: its name, its `unit` or else its `kind`, and itself."""
+    return {"name": value.name, **kind_to_json(kind_given(value)), "value": plain_value(value)}
 
 
 def open(text: str, keys: Collection[bytes], caps: Caps) -> Ask:  # noqa: A001 - read as ask.open
@@ -151,6 +177,8 @@ def _read(claims: dict[str, object]) -> Ask:
     ask = read(Ask, claims)
     unique(ask.values, lambda value: value.name, "a parameter")
     unique(ask.reasons, lambda reason: reason, "a reason")
+    if len(strict_json.canonical([plain_value(value) for value in ask.values])) > READ_BYTES:
+        raise malformed("more than people can read")
     if len(ask.start_urad) not in (0, JOINTS):
         raise malformed("start_urad has not six angles")
     looked = ask.index_milli or ask.start_urad or ask.contributors or ask.perception_age_ms is not None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
@@ -16,6 +17,7 @@ from capabilities.values.well_formed import LIST_LENGTH
 if TYPE_CHECKING:
     from capabilities.values.bounds import Measured
 
+_SHA256: Final = re.compile("[0-9a-f]{64}", re.ASCII)
 WORD_BYTES: Final = 1_024
 """Most bytes of UTF-8 of a text, path or URL in a request."""
 
@@ -84,6 +86,32 @@ def fingerprint(value: object) -> Fingerprint:
     except (rfc8785.CanonicalizationError, ValueError, RecursionError):
         raise QuantityError(FaultCode.NOT_CANONICAL, "no JSON value that has one form") from None
     return Fingerprint(len(spelled), hashlib.sha256(spelled).hexdigest())
+
+
+def plain(value: Value) -> object:
+    """The value as plain JSON, in digests, records and questions; a fingerprint is `{"sha256", "size_bytes"}`."""
+    match value.value:
+        case Fingerprint(size_bytes, sha256):
+            return {"sha256": sha256, "size_bytes": size_bytes}
+        case tuple() as members:
+            return list(members)
+        case scalar:
+            return scalar
+
+
+def restated(name: str, kind: Kind, stated: object) -> Value:
+    """The parameter whose value is stated as `plain` states it.
+
+    Raises:
+        QuantityError: as `argument`; `PARAMETERS_WRONG` also for what is no fingerprint.
+    """
+    if kind is not Sort.FREE:
+        return argument(name, kind, stated)
+    match stated:
+        case {"sha256": str(sha256), "size_bytes": int(size), **rest} if not rest and type(size) is int:
+            if 1 <= size <= INT_LIMIT and _SHA256.fullmatch(sha256):
+                return Argument(name, kind, Fingerprint(size, sha256))
+    raise QuantityError(FaultCode.PARAMETERS_WRONG, "no fingerprint")
 
 
 def kind_given(value: Value) -> Kind:

@@ -131,7 +131,8 @@ class ListOf:
 
 Kind: TypeAlias = Unit | DeclaredUnit | Sort | ListOf
 """Kind of a parameter."""
-_DECLARED: Final = re.compile(r"(x-[a-z][a-z0-9_]{0,30}|cur-[A-Z]{3})/([1-9][0-9]{0,8}|1000000000)", re.ASCII)
+DECLARED: Final = re.compile(r"(x-[a-z][a-z0-9_]{0,30}|cur-[A-Z]{3})/([1-9][0-9]{0,8}|1000000000)", re.ASCII)
+"""Spelling of a declared unit with its scale."""
 _KINDS: Final[dict[str, Unit | Sort]] = {**{str(each): each for each in Unit}, **{str(each): each for each in Sort}}
 
 
@@ -149,7 +150,7 @@ def kind_of(spelled: str) -> Kind:
     found = _KINDS.get(spelled)
     if found is not None:
         return found
-    declared = _DECLARED.fullmatch(spelled)
+    declared = DECLARED.fullmatch(spelled)
     if declared is None:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "no such kind of parameter")
     return DeclaredUnit(declared[1], int(declared[2]))

@@ -27,8 +27,9 @@ from capabilities.values.units import INT_LIMIT, DeclaredUnit, Kind, ListOf, Sor
 
 if TYPE_CHECKING:
     from capabilities.values.caps import Caps
+    from capabilities.values.scope import Limit
 
-__all__ = ["TIME_LIMIT", "well_formed", "well_formed_grants", "well_formed_restriction"]
+__all__ = ["TIME_LIMIT", "check_limit", "well_formed", "well_formed_grants", "well_formed_restriction"]
 
 REMEMBERED: Final = 512
 """Grants of which is remembered that they are well formed."""
@@ -146,6 +147,16 @@ def _check_budgets(stated: tuple[Budget, ...], most: int, text_bytes: int) -> No
         _integer(each.most, 1, INT_LIMIT, "most")
     if stated != budgets.least(stated):
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "budgets not sorted, or one that another implies")
+
+
+def check_limit(limit: Limit, caps: Caps) -> None:
+    """Checks that a limit is one of its kind, in its one form.
+
+    Raises:
+        ScopeError: it is not.
+    """
+    text.name(limit.parameter.name, most_bytes=caps.text_bytes)
+    _check_bound(limit.parameter.kind, limit.bound, caps.one_of, caps.text_bytes)
 
 
 def _check_bound(kind: Kind, bound: Bound, one_of: int, text_bytes: int) -> None:

@@ -10,16 +10,26 @@ from __future__ import annotations
 
 import inspect
 import re
-from dataclasses import dataclass, field, fields, replace
-from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar, get_args, get_origin, get_type_hints
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
 from capabilities.values import text as forms
-from capabilities.values.scope import Range, Tier
-from capabilities.values.units import INT_LIMIT, Parameter, Unit
+from capabilities.values.scope import Tier
+from capabilities.values.units import Parameter, Sort
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.fact_declaration import fact_rows
-from pep.base.operation_row import ArgumentForm, BoundedParameter, Operation, OperationKind, TierRow, ToolArgument
+from pep.base.operation_row import ArgumentForm, BoundedParameter, Operation, OperationKind, ToolArgument
+from pep.base.stated_values import (
+    Free,
+    Length,
+    Listed,
+    Stated,
+    Within,
+    Word,
+    is_whole,
+    parameter_of,
+    tier_stated,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -30,35 +40,10 @@ if TYPE_CHECKING:
 
 ROW: Final = "__ztpm_operation__"
 """Attribute of a decorated function that holds its row."""
+ELEMENTS: Final = 32
+"""Most elements of a list that are parameters of their own; an ask holds no more values."""
 FLAG: Final = "flag"
 """The word of TOML for an argument that is true or false; in Python it is `bool`."""
-SCALE_MOST: Final = 1_000_000_000
-ELEMENTS: Final = 32
-"""Most elements of a list; an ask holds no more values."""
-
-
-@dataclass(frozen=True, slots=True)
-class Within:
-    """Numbers that an argument may be, in integers of a unit; both ends included.
-
-    Attributes:
-        low, high: the bounds.
-        unit: of the integers, as `capabilities.values.units` spells it; "count" for plain numbers.
-        scale: so many of the unit make one of the argument's numbers; None where the argument is in SI.
-        above: tier of an act with a greater value, by value.
-        below: tier of an act with a smaller value, by value.
-        integer: the argument has whole numbers alone; `int` in an annotation says so, too.
-        elements: number of elements of an argument that is a list; 0 for one that is none.
-    """
-
-    low: int
-    high: int
-    unit: str = "count"
-    scale: int | None = None
-    above: Mapping[int, int] = field(default_factory=dict)
-    below: Mapping[int, int] = field(default_factory=dict)
-    integer: bool = False
-    elements: int = 0
 
 
 def operation(
@@ -82,7 +67,8 @@ def operation(
 
     def declare(function: F) -> F:
         name = function.__name__
-        arguments = {each: stated for each, hint in _hints(function).items() if (stated := _stated(name, each, hint))}
+        hints = _hints(function)
+        arguments = {each: stated for each in hints if (stated := _stated(f"{name}.{each}", hints[each])) is not None}
         setattr(function, ROW, row(object, name, arguments, base_tier=base_tier, exact=exact, when=when))
         return function
 
@@ -117,7 +103,7 @@ def row_from_toml(name: str, table: object) -> Operation:
 def row(
     object: str,  # noqa: A002 - a request's word
     name: str,
-    arguments: Mapping[str, Within | str],
+    arguments: Mapping[str, Stated],
     *,
     base_tier: int,
     exact: bool,
@@ -128,7 +114,7 @@ def row(
     Args:
         object: the thing acted on.
         name: of the tool and its operation.
-        arguments: the numbers of each, or `FLAG`, in their order.
+        arguments: the values of each, in their order.
         base_tier: least tier of an act.
         exact: a number finer than its unit is refused.
         when: facts of sensors that raise the tier; None for none.
@@ -139,23 +125,23 @@ def row(
     for word, form in ((object, forms.NAME), (name, re.compile(forms.OPERATION, re.ASCII))):
         if form.fullmatch(str(word)) is None:
             raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{name}: {word!r} is no name")
-    tier = _tier(base_tier, name)
+    tier = tier_stated(base_tier, name)
     limits: list[BoundedParameter] = []
     form_of: list[ToolArgument] = []
     for each, stated in arguments.items():
         place = f"{name}.{each}"
+        limit = parameter_of(place, each, stated, base_tier=tier, exact=exact)
         if not isinstance(stated, Within):
-            limits.append(BoundedParameter(Parameter(each, Unit.COUNT), Range(0, 1), 1))
-            form_of.append(ToolArgument(each, ArgumentForm.FLAG))
+            limits.append(limit)
+            form_of.append(ToolArgument(each, _form(stated)))
             continue
-        limit = _limit(place, each, stated, base_tier=tier, exact=exact)
         if not stated.elements:
             limits.append(limit)
             form_of.append(ToolArgument(each, ArgumentForm.INTEGER if stated.integer else ArgumentForm.NUMBER))
             continue
         if stated.integer or not 1 <= stated.elements <= ELEMENTS:
             raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: a list of 1 to {ELEMENTS} numbers")
-        named = (Parameter(f"{each}_{at}", limit.parameter.unit) for at in range(stated.elements))
+        named = (Parameter(f"{each}_{at}", limit.parameter.kind) for at in range(stated.elements))
         limits.extend(replace(limit, parameter=parameter) for parameter in named)
         form_of.append(ToolArgument(each, ArgumentForm.VECTOR, stated.elements))
     names = [limit.parameter.name for limit in limits]
@@ -167,45 +153,12 @@ def row(
 
 
 _TABLE: Final = ("object", "base_tier", "arguments", "exact", "when")
-_MEMBERS: Final = frozenset(each.name for each in fields(Within))
 
 
-def _limit(place: str, name: str, stated: Within, *, base_tier: Tier, exact: bool) -> BoundedParameter:
-    try:
-        unit = Unit(stated.unit)
-    except ValueError as error:
-        raise DeclarationError(PepFault.UNIT_UNKNOWN, f"{place}: {stated.unit!r}") from error
-    scale = unit.per_si if stated.scale is None else stated.scale
-    if not _whole(scale) or not 1 <= scale <= SCALE_MOST:
-        raise DeclarationError(PepFault.SCALE_INVALID, f"{place}: {scale!r}")
-    low, high = stated.low, stated.high
-    if not (_whole(low) and _whole(high) and -INT_LIMIT <= low <= high <= INT_LIMIT):
-        raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}: {low!r} to {high!r}")
-    # An edge is inside the bound: beyond one that is not there is no value to raise.
-    if not all(_whole(at) for at in (*stated.above, *stated.below)):
-        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: an edge is an integer")
-    if not all(low <= at < high for at in stated.above) or not all(low < at <= high for at in stated.below):
-        raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}: an edge outside of {low} to {high}")
-    above = [TierRow(Range(at + 1, high), _tier(to, place)) for at, to in sorted(stated.above.items())]
-    below = [TierRow(Range(low, at - 1), _tier(to, place)) for at, to in sorted(stated.below.items())]
-    # Outwards, each row is above the class and above the row before it: one that is not would lower.
-    for rows in (above, list(reversed(below))):
-        tiers = [base_tier, *(each.tier for each in rows)]
-        if any(outer <= inner for inner, outer in pairwise(tiers)):
-            raise DeclarationError(PepFault.ROW_LOWERS, f"{place}: {[int(each) for each in tiers]}")
-    # What is counted is never rounded to another thing.
-    exact = exact or stated.integer or scale == 1
-    return BoundedParameter(Parameter(name, unit), Range(low, high), scale, exact, (*above, *below))
-
-
-def _tier(value: object, place: str) -> Tier:
-    if not _whole(value) or value not in set(Tier):
-        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {value!r} is no tier")
-    return Tier(value)  # type: ignore[arg-type]  # an integer, as it was just found
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)
+def _form(stated: Word | Free | Listed | str) -> ArgumentForm:
+    if isinstance(stated, Listed) and isinstance(stated.element, Within):
+        return ArgumentForm.INTEGERS if stated.element.integer else ArgumentForm.NUMBERS
+    return ArgumentForm.VALUE
 
 
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
@@ -214,36 +167,76 @@ def _hints(function: Callable[..., Any]) -> dict[str, Any]:
     return {name: hints[name] for name in inspect.signature(function).parameters if name in hints}
 
 
-def _stated(function: str, name: str, hint: Any) -> Within | str | None:
-    """The numbers of one annotated parameter, or `FLAG`; None for one that is no argument of ours.
+def _stated(place: str, hint: Any) -> Stated | None:
+    """The values of one annotated parameter; None for one that is no argument of ours.
 
     A server's own parameter, such as its context, is none; an argument that is left out so is found at start, when the
     row is compared with the tool's schema.
     """
-    if hint is bool:
-        return FLAG
-    if get_origin(hint) is not Annotated:
-        return None
-    kind, *extras = get_args(hint)
-    found = next((each for each in extras if isinstance(each, Within)), None)
-    if found is None:
-        return None
-    if kind in (int, float):
-        return replace(found, integer=kind is int)
-    if kind == list[float] and found.elements:
-        return found
-    raise DeclarationError(
-        PepFault.DECLARATION_MALFORMED, f"{function}.{name}: int, float, or list[float] of `elements`"
-    )
+    kind, *extras = get_args(hint) if get_origin(hint) is Annotated else (hint,)
+    own = [each for each in extras if isinstance(each, (Within, Word, Free, Length))]
+    lengths, found = [each for each in own if isinstance(each, Length)], [e for e in own if not isinstance(e, Length)]
+    if len(lengths) > 1 or len(found) > 1:
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: stated twice")
+    said = found[0] if found else None
+    if isinstance(said, Within) and said.elements:
+        if kind == list[float] and not lengths:
+            return said
+    elif isinstance(said, Free):
+        if kind is not str and not lengths:
+            return said
+    elif get_origin(kind) is list:
+        element = _one(get_args(kind)[0], said)
+        if element is not None:
+            return Listed(element, *(lengths or (Length(),)))
+    elif not lengths and (one := _one(kind, said)) is not None:
+        return one
+    if own:
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: annotation and values do not go together")
+    return None
 
 
-def _from_toml(place: str, stated: object) -> Within | str:
-    if stated == FLAG:
-        return FLAG
-    if not isinstance(stated, dict) or not {"low", "high"} <= set(stated) <= _MEMBERS:
-        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: low, high, ... or the word {FLAG}")
+def _one(kind: Any, said: object) -> Within | Word | str | None:
+    """Values of a parameter of this type, or of a list's member; None where the two do not go together."""
+    match said:
+        case Within() if kind in (int, float):
+            return replace(said, integer=kind is int)
+        case Word() if kind is str:
+            return said
+        case None if kind in (bool, str):
+            return FLAG if kind is bool else Word()
+        case None if get_origin(kind) is Literal and all(isinstance(each, str) for each in get_args(kind)):
+            return Word(one_of=get_args(kind))
+        case None if get_origin(kind) is Literal and all(map(is_whole, get_args(kind))):
+            return Within(one_of=get_args(kind), integer=True)
+        case _:
+            return None
+
+
+def _from_toml(place: str, stated: object) -> Stated:
+    if isinstance(stated, str):
+        stated = {"kind": stated}
+    if not isinstance(stated, dict):
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: a kind, or a table")
+    given = dict(stated)
+    length, kind = given.pop("list", None), given.pop("kind", None)
     try:
-        rows = {side: {int(at): to for at, to in stated[side].items()} for side in ("above", "below") if side in stated}
-        return Within(**{**stated, **rows})
+        rows = {side: {int(at): to for at, to in given[side].items()} for side in ("above", "below") if side in given}
+        for way in ("one_of", "starts_with", "under"):
+            if way in given:
+                given[way] = tuple(list.copy(given[way]))
+        one: Stated
+        match kind:
+            case None:
+                one = Within(**{**given, **rows})
+            case str() if kind == FLAG and not given:
+                one = FLAG
+            case str() if kind == Sort.FREE:
+                one = Free(**given)
+            case _:
+                one = Word(kind, **{**given, **rows})
+        if length is None:
+            return one
+        return Listed(one, Length(*length))  # type: ignore[arg-type]  # free values are refused with their place
     except (AttributeError, ValueError, TypeError) as error:
-        raise DeclarationError(PepFault.DECLARATION_MALFORMED, place) from error
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {error}"[:200]) from error

@@ -6,17 +6,21 @@ from dataclasses import dataclass, field
 from enum import Enum
 from typing import TYPE_CHECKING
 
+from capabilities.values import bounds
+from capabilities.values.arguments import kind_given, measured
 from capabilities.values.chain import Refusal
 from capabilities.values.errors import FaultCode
-from capabilities.values.scope import Tier
+from capabilities.values.scope import Range, Tier
+from capabilities.values.units import Sort
 from policies.evidence.fact_reading import FactReading
 from policies.evidence.tiers import FRESH, UNSEEN_FLOOR
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
-    from capabilities.values.scope import Range
-    from capabilities.values.units import Parameter, Quantity, Unit
+    from capabilities.values.arguments import Value
+    from capabilities.values.scope import Bound
+    from capabilities.values.units import Parameter, Unit
     from policies.evidence.model import Request
 
 
@@ -87,6 +91,12 @@ class ArgumentForm(Enum):
     """A list of 1 to `WAYPOINTS` lists of six numbers."""
     FLAG = "flag"
     """True or false, 1 or 0 in the request. A number is none."""
+    VALUE = "value"
+    """A flag, word, free value or list of them, as it is."""
+    NUMBERS = "numbers"
+    """A list of numbers of any length, one parameter."""
+    INTEGERS = "integers"
+    """A list of whole numbers, likewise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,18 +163,29 @@ class BoundedParameter:
     """Parameter with the operation's own bound, which holds beside every token.
 
     Attributes:
-        parameter: its name and unit.
-        bound: its lowest and highest value.
+        parameter: its name and kind.
+        bound: its values.
         scale: so many of the unit make one of the argument's numbers; None for those of SI, exactly.
         exact: a number off the unit's grid is refused; else it is rounded to it, before anything is decided.
         tiers: values that raise the tier.
     """
 
     parameter: Parameter
-    bound: Range
+    bound: Bound
     scale: int | None = None
     exact: bool = True
     tiers: tuple[TierRow, ...] = ()
+
+    @property
+    def range(self) -> Range:
+        """Lowest and highest value of a number without a set.
+
+        Raises:
+            TypeError: when it is none.
+        """
+        if isinstance(self.bound, Range):
+            return self.bound
+        raise TypeError("not a number in a range")
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,23 +239,30 @@ class Operation:
         """First parameter outside of the operation's own limits, or None. A request for another one is refused."""
         if (request.object, request.operation) != (self.object, self.name):
             return Refusal(FaultCode.NOT_GRANTED, detail="not the operation")
-        if [(v.name, v.unit) for v in request.values] != [(each.name, each.unit) for each in self.parameters]:
+        if [(v.name, kind_given(v)) for v in request.values] != [(each.name, each.kind) for each in self.parameters]:
             return Refusal(FaultCode.PARAMETERS_WRONG, detail="not the operation's parameters")
         for value, limit in zip(request.values, self.limits, strict=True):
-            bound = limit.bound
-            if not bound.low <= value.value <= bound.high:
+            kind, given = limit.parameter.kind, measured(value)
+            if not bounds.permits(limit.bound, given):
                 return Refusal(
                     FaultCode.LIMIT_EXCEEDED_BY_REQUEST,
                     parameter=value.name,
-                    value=value.value,
-                    unit=value.unit,
-                    bound=bound,
-                    nearest=min(max(value.value, bound.low), bound.high),
+                    value=given,
+                    unit=kind,
+                    bound=limit.bound,
+                    nearest=None if kind is Sort.FREE else bounds.nearest(limit.bound, given),
                     detail="the operation's own limit",
                 )
         return None
 
-    def tier_of(self, values: Sequence[Quantity], facts: Sequence[FactReading] = ()) -> tuple[Tier, tuple[str, ...]]:
+    def stated(self) -> Iterator[tuple[ToolArgument, tuple[BoundedParameter, ...]]]:
+        """Each argument of the tool with its parameters, in their order."""
+        left = self.limits
+        for argument in self.arguments or ():
+            yield argument, left[: argument.parameters]
+            left = left[argument.parameters :]
+
+    def tier_of(self, values: Sequence[Value], facts: Sequence[FactReading] = ()) -> tuple[Tier, tuple[str, ...]]:
         """Tier that the row gives, and the parameters and facts that raised it above the base tier.
 
         Args:
@@ -246,8 +274,14 @@ class Operation:
             (row.tier, value.name)
             for limit, value in zip(self.limits, values, strict=True)
             for row in limit.tiers
-            if row.values.low <= value.value <= row.values.high
+            if any(row.values.low <= number <= row.values.high for number in _numbers(value))
         ]
         raised += [(row.tier_of(read.get(row.fact)), row.fact) for row in self.facts]
         tier = max((self.base_tier, *(each for each, _ in raised)))
         return tier, tuple(dict.fromkeys(name for each, name in raised if each == tier > self.base_tier))
+
+
+def _numbers(value: Value) -> tuple[int, ...]:
+    """Integers of a parameter: of a quantity its own, of a list each member's."""
+    given = measured(value)
+    return given if isinstance(given, tuple) else (given,)  # type: ignore[return-value]  # only numbers have tiers

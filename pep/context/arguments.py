@@ -14,8 +14,9 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
 
+from capabilities.values.arguments import Fingerprint, fingerprint, plain
 from capabilities.values.errors import QuantityError
-from capabilities.values.units import Unit, parse
+from capabilities.values.units import Quantity, Unit, parse
 from pep.context import json_value as values
 from pep.context import receipts
 from pep.context.flow import own
@@ -27,8 +28,8 @@ from policies.words.labels import NOBODY, Integrity, Label, joined, tainted
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from capabilities.values.arguments import Value
     from capabilities.values.caps import Caps
-    from capabilities.values.units import Quantity
     from pep.context.flow import Holder
     from policies.evidence.model import Request
 
@@ -98,14 +99,15 @@ def arguments(
 
     A parameter equals what stands in an admitted value when the last name on the way there ends in its unit and the
     integer is the same ("speed_urad_s": 500000), or in the SI unit and the number is the same ("speed_rad_s": 0.5,
-    "q_rad": [0.1, ...]). A number without a unit is vouched for only where the parameter has none.
+    "q_rad": [0.1, ...]). A number without a unit is vouched for only where the parameter has none. Of another kind a
+    value equals itself, and a free one each value with its digest.
 
     Args:
         request: in integers.
         presented: receipts that came with the call.
         known: the context of the judgement.
     """
-    wanted: dict[str, _Test] = {quantity.name: _quantity(quantity) for quantity in request.values}
+    wanted: dict[str, _Test] = {value.name: _test(value) for value in request.values}
     return _readings(wanted, presented, known)
 
 
@@ -124,6 +126,21 @@ def named_arguments(
 
 
 # --- one argument ----------------------------------------------------------------------------------------------------
+
+
+def _test(value: Value) -> _Test:
+    if isinstance(value, Quantity):
+        return _quantity(value)
+    if isinstance(value.value, Fingerprint):
+        return lambda stated, _: _fingerprint(stated) == value.value
+    return _json(plain(value))
+
+
+def _fingerprint(stated: object) -> Fingerprint | None:
+    try:
+        return fingerprint(stated)
+    except QuantityError:
+        return None
 
 
 def _quantity(quantity: Quantity) -> _Test:

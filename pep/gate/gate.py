@@ -17,7 +17,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from capabilities.values.chain import Chain, Refusal
-from capabilities.values.errors import Fault
+from capabilities.values.errors import Fault, StatementError
 from pep.base.errors import ActuationRefusedError, JournalError
 from pep.base.operation_row import OperationKind
 from pep.base.operations import touchable
@@ -395,9 +395,14 @@ class Gate(Edge):
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
         ask: AskNotice | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
+            state: AskState | None
             # On the recorder: a question or an expiry is on record before people are told.
             consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
-            state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
+            try:
+                state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
+            except StatementError as error:
+                # People are asked nothing that they could not read.
+                state, decision = None, denial(decision, Reason(error.code), decision.primitive, cause=error.detail)
             if state is AskState.OPEN and ask is not None:
                 # nothing will move: the slot waits for no provider
                 self._free(call)

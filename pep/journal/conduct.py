@@ -180,7 +180,7 @@ def near_permille(request: Request, evidence: Evidence) -> int | None:
         return None
     grant = chain.scope.find(request.object, request.operation)
     bounds = {} if grant is None else {limit.parameter.name: limit.bound for limit in grant.limits}
-    near = [_near(value.value, bounds[value.name]) for value in request.values if value.name in bounds]
+    near = [_near(value.value, bounds[value.name]) for value in request.quantities if value.name in bounds]
     highest = int(chain.scope.ceiling)
     if isinstance(evidence.impact, ImpactReading) and highest:
         near.append(min(1_000, evidence.impact.index_milli // highest))

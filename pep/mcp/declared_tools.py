@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from mcp_types import Tool
 
+from capabilities.values.scope import Each
+from capabilities.values.units import ListOf, Sort
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm
@@ -15,17 +17,20 @@ from pep.mcp import fastmcp_server
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from pep.base.operation_row import Operation, ToolArgument
+    from capabilities.values.units import Kind
+    from pep.base.operation_row import BoundedParameter, Operation, ToolArgument
     from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.guard import AnyServer
 
-SCHEMA_TYPES: Final[Mapping[ArgumentForm, str]] = {
+_TYPES: Final[Mapping[ArgumentForm, str]] = {
     ArgumentForm.NUMBER: "number",
     ArgumentForm.INTEGER: "integer",
     ArgumentForm.VECTOR: "array",
     ArgumentForm.FLAG: "boolean",
+    ArgumentForm.NUMBERS: "number",
+    ArgumentForm.INTEGERS: "integer",
 }
-"""Type that a tool's schema states for an argument of a form."""
+"""Type that a tool's schema states for an argument of a form, or for each member of its list."""
 
 
 async def decorated(server: AnyServer) -> dict[str, Operation]:
@@ -72,15 +77,7 @@ def definition_of(row: Operation, description: str) -> Tool:
         row: of the function.
         description: of it.
     """
-    properties: dict[str, Any] = {}
-    for argument in row.arguments or ():
-        properties[argument.name] = {"type": SCHEMA_TYPES[argument.form]}
-        if argument.form is ArgumentForm.VECTOR:
-            properties[argument.name] |= {
-                "items": {"type": "number"},
-                "minItems": argument.parameters,
-                "maxItems": argument.parameters,
-            }
+    properties = {argument.name: _schema(argument, limits[0]) for argument, limits in row.stated()}
     schema = {"type": "object", "properties": properties, "required": list(properties)}
     return Tool(name=row.name, description=description, input_schema=schema)
 
@@ -92,19 +89,41 @@ def check_schema(row: Operation, tool: Tool) -> None:
         DeclarationError: `TOOL_SCHEMA_DIFFERS`, naming tool and argument.
     """
     properties: Mapping[str, Any] = tool.input_schema.get("properties") or {}
-    arguments = {argument.name: argument for argument in row.arguments or ()}
-    for name in sorted(properties.keys() ^ arguments.keys()):
-        where = "declared, and not in the schema" if name in arguments else "in the schema, and not declared"
+    wanted = {argument.name: _schema(argument, limits[0]) for argument, limits in row.stated()}
+    for name in sorted(properties.keys() ^ wanted.keys()):
+        where = "declared, and not in the schema" if name in wanted else "in the schema, and not declared"
         raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {where}")
-    for name, argument in arguments.items():
-        if not _fits(argument, properties[name]):
-            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {SCHEMA_TYPES[argument.form]}")
+    for name, schema in wanted.items():
+        if not _fits(schema, properties[name]):
+            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {_words(schema)}")
 
 
-def _fits(argument: ToolArgument, schema: Any) -> bool:
-    if not isinstance(schema, dict) or schema.get("type") != SCHEMA_TYPES.get(argument.form):
-        return False
-    if argument.form is not ArgumentForm.VECTOR:
+def _schema(argument: ToolArgument, limit: BoundedParameter) -> dict[str, Any]:
+    """Schema of an argument, whose first parameter is of this limit; a free value's has no type."""
+    kind = limit.parameter.kind
+    if argument.form is ArgumentForm.VECTOR:
+        number = argument.parameters
+        return {"type": "array", "items": {"type": "number"}, "minItems": number, "maxItems": number}
+    if not isinstance(kind, ListOf):
+        return _one(argument.form, kind)
+    length = {"minItems": limit.bound.least, "maxItems": limit.bound.most} if isinstance(limit.bound, Each) else {}
+    return {"type": "array", "items": _one(argument.form, kind.element)} | length
+
+
+def _one(form: ArgumentForm, kind: Kind) -> dict[str, Any]:
+    if form is not ArgumentForm.VALUE:
+        return {"type": _TYPES[form]}
+    return {} if kind is Sort.FREE else {"type": "boolean" if kind is Sort.FLAG else "string"}
+
+
+def _fits(wanted: Mapping[str, Any], schema: Any) -> bool:
+    """True where a tool's schema is of the wanted type, its members too."""
+    if "type" not in wanted:
         return True
-    items = schema.get("items")
-    return isinstance(items, dict) and items.get("type") == "number"
+    if not isinstance(schema, dict) or schema.get("type") != wanted["type"]:
+        return False
+    return "items" not in wanted or _fits(wanted["items"], schema.get("items"))
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    return f"{schema['type']} of {schema['items']['type']}" if "items" in schema else str(schema["type"])

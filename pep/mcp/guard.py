@@ -144,7 +144,9 @@ class Guard:
         sent = params
         if operation.robot is None:
             # The tool gets the arguments that were decided, and no others.
-            sent = params.model_copy(update={"arguments": decided_arguments(operation, request)})
+            sent = params.model_copy(
+                update={"arguments": decided_arguments(operation, request, params.arguments or {})}
+            )
 
         async def effect(permit: Permit) -> EffectResult:
             if operation.robot is None:

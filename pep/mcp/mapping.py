@@ -1,4 +1,4 @@
-"""Mapping from the arguments of a tool call to a Request in integers.
+"""Mapping from the arguments of a tool call to a Request, each value in its one spelling.
 
 Pure. An argument that does not fit is refused. A number finer than its unit is, too, unless its row rounds it: then it
 is rounded once, here, before anything is decided, and the tool gets the rounded one (`decided_arguments`).
@@ -6,11 +6,17 @@ is rounded once, here, before anything is decided, and the tool gets the rounded
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
-from capabilities.values.errors import QuantityError
-from capabilities.values.units import Quantity, parse, scaled
+import rfc8785
+
+from capabilities.values.arguments import Argument
+from capabilities.values.arguments import argument as argument_value
+from capabilities.values.errors import FaultCode, QuantityError
+from capabilities.values.units import DeclaredUnit, ListOf, Quantity, Sort, Unit, parse, scaled
+from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.operation_row import ArgumentForm, OperationKind
 from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, padded
 from policies.evidence.model import Point, Request
@@ -19,6 +25,8 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from capabilities.values.arguments import Value
+    from capabilities.values.units import Kind
     from pep.base.operation_row import BoundedParameter, Operation, ToolArgument
 
 TOOL: Final = frozenset({Point.TOOL})
@@ -87,23 +95,17 @@ def to_request(
         The request; or `PARAMETERS_WRONG` for a missing or extra argument or a list of another length, and the codes of
         `capabilities.values.units.parse` for a number that is none, not finite, out of range or off the grid.
     """
-    wanted = operation.arguments or ()
-    if not {each.name for each in wanted}.issuperset(arguments):
+    stated = operation.arguments or ()
+    if not {each.name for each in stated}.issuperset(arguments):
         return Misfit(Reason.PARAMETERS_WRONG, "", "an argument that the tool does not have")
-    values: list[Quantity] = []
-    for argument in wanted:
+    values: list[Value] = []
+    for argument, limits in operation.stated():
         if argument.name not in arguments:
             return Misfit(Reason.PARAMETERS_WRONG, argument.name, "the argument is missing")
-        numbers = _numbers(argument, arguments[argument.name])
-        if numbers is None:
-            return Misfit(Reason.PARAMETERS_WRONG, argument.name, _wanted(argument))
-        limits = operation.limits[len(values) : len(values) + argument.parameters]
-        for place, (limit, number) in enumerate(zip(limits, numbers, strict=True)):
-            try:
-                values.append(_quantity(limit, number))
-            except QuantityError as error:
-                element = f"{argument.name}[{place}]" if argument.form is ArgumentForm.VECTOR else argument.name
-                return Misfit(Reason(error.code), element, error.detail)
+        read = _read(argument, limits, arguments[argument.name])
+        if isinstance(read, Misfit):
+            return read
+        values.extend(read)
     return Request(
         request_id=request_id,
         points=points_of(operation),
@@ -115,43 +117,102 @@ def to_request(
     )
 
 
-def _quantity(limit: BoundedParameter, number: Any) -> Quantity:
-    """The parameter with this number.
+def _read(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any) -> Sequence[Value] | Misfit:
+    """The argument's parameters with the given value."""
+    match argument.form:
+        case ArgumentForm.VALUE | ArgumentForm.NUMBERS | ArgumentForm.INTEGERS:
+            (limit,) = limits
+            if isinstance(limit.parameter.kind, ListOf):
+                return _list(argument.name, limit, limit.parameter.kind.element, given)
+            parts: Sequence[Any] | None = (given,)
+        case _:
+            parts = _numbers(argument, given)
+    if parts is None:
+        return Misfit(Reason.PARAMETERS_WRONG, argument.name, _wanted(argument))
+    values: list[Value] = []
+    for place, (limit, part) in enumerate(zip(limits, parts, strict=True)):
+        try:
+            values.append(_value(limit, limit.parameter.kind, part))
+        except QuantityError as error:
+            element = f"{argument.name}[{place}]" if argument.form is ArgumentForm.VECTOR else argument.name
+            return Misfit(Reason(error.code), element, error.detail)
+    return values
+
+
+def _list(name: str, limit: BoundedParameter, element: Kind, given: Any) -> Sequence[Value] | Misfit:
+    """The one parameter of a list, each of its members read like a value of its own."""
+    if not isinstance(given, list):
+        return Misfit(Reason.PARAMETERS_WRONG, name, "a list is wanted")
+    if len(given) > LIST_LENGTH:
+        return Misfit(Reason.OUT_OF_RANGE, name, f"a list of more than {LIST_LENGTH}")
+    members: list[Any] = []
+    for place, member in enumerate(given):
+        try:
+            members.append(_value(limit, element, member).value)
+        except QuantityError as error:
+            return Misfit(Reason(error.code), f"{name}[{place}]", error.detail)
+    return (Argument(name, limit.parameter.kind, tuple(members)),)  # type: ignore[arg-type]  # the kind of a list
+
+
+def _value(limit: BoundedParameter, kind: Kind, given: Any) -> Value:
+    """The parameter with this value, or the member of its list.
 
     Raises:
-        QuantityError: the number is none for it.
+        QuantityError: the value is none for it.
     """
-    name, unit, scale = limit.parameter.name, limit.parameter.unit, limit.scale
-    if scale is None:
-        return Quantity(name, unit, parse(number, unit))
-    return Quantity(name, unit, scaled(number, scale, exact=limit.exact))
+    name = limit.parameter.name
+    if not isinstance(kind, (Unit, DeclaredUnit)):
+        if kind is Sort.FREE and isinstance(given, str):
+            # A server of tools may read JSON in a text that it takes for something else.
+            raise QuantityError(FaultCode.PARAMETERS_WRONG, "a text is no free value")
+        return argument_value(name, kind, given)
+    if limit.scale is None:
+        return Quantity(name, kind, parse(given, kind))
+    return Quantity(name, kind, scaled(given, limit.scale, exact=limit.exact))
 
 
-def decided_arguments(operation: Operation, request: Request) -> dict[str, Any]:
+def decided_arguments(operation: Operation, request: Request, given: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of a declared tool that the request holds: what was decided, and nothing else.
 
     Args:
         operation: of a tool without a robot.
         request: made of its arguments.
+        given: those arguments; only free values are taken from there, as their canonical JSON says them.
     """
     decided: dict[str, Any] = {}
-    left = list(zip(operation.limits, request.values, strict=True))
-    for argument in operation.arguments or ():
-        mine, left = left[: argument.parameters], left[argument.parameters :]
-        decided[argument.name] = _argument(argument.form, [(limit.scale or 1, value.value) for limit, value in mine])
+    left = request.values
+    for argument, limits in operation.stated():
+        mine, left = left[: len(limits)], left[len(limits) :]
+        if limits[0].parameter.kind is Sort.FREE:
+            decided[argument.name] = json.loads(rfc8785.dumps(given[argument.name]))
+        else:
+            decided[argument.name] = _argument(argument.form, limits[0].scale or 1, [each.value for each in mine])
     return decided
 
 
-def _argument(form: ArgumentForm, integers: Sequence[tuple[int, int]]) -> Any:
-    """An argument of (scale, integer) pairs."""
+def _argument(form: ArgumentForm, scale: int, values: Sequence[Any]) -> Any:
+    """An argument of its parameters' values.
+
+    Args:
+        form: of the argument.
+        scale: of all its numbers.
+        values: of its parameters.
+    """
     match form:
-        case ArgumentForm.NUMBER | ArgumentForm.INTEGER | ArgumentForm.FLAG:
-            ((scale, value),) = integers
-            if form is ArgumentForm.NUMBER:
-                return value / scale
-            return value // scale if form is ArgumentForm.INTEGER else value == 1
+        case ArgumentForm.NUMBER:
+            return values[0] / scale
+        case ArgumentForm.INTEGER:
+            return values[0] // scale
+        case ArgumentForm.FLAG:
+            return values[0] == 1
+        case ArgumentForm.VALUE:
+            return list(values[0]) if isinstance(values[0], tuple) else values[0]
         case ArgumentForm.VECTOR:
-            return [value / scale for scale, value in integers]
+            return [value / scale for value in values]
+        case ArgumentForm.NUMBERS:
+            return [value / scale for value in values[0]]
+        case ArgumentForm.INTEGERS:
+            return [value // scale for value in values[0]]
         case ArgumentForm.WAYPOINTS:
             raise ValueError("a path is a robot's")
         case _:
@@ -178,7 +239,7 @@ def _numbers(argument: ToolArgument, given: Any) -> Sequence[Any] | None:
                 return None
             return tuple(q for point in padded(points) for q in point)
         case _:
-            assert_never(argument.form)
+            raise ValueError("a value, or a list of any length")
 
 
 def _wanted(argument: ToolArgument) -> str:

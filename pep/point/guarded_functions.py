@@ -204,7 +204,7 @@ class GuardedFunctions(DecidingPoint):
             NotPermittedError: nothing must happen.
         """
         call = self._call(row, presented, arguments)
-        decided = decided_arguments(row, call.request)
+        decided = decided_arguments(row, call.request, arguments)
         entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
 
         async def effect(permit: Permit) -> EffectResult:

@@ -40,7 +40,7 @@ def _within(at_most: Quantity | None, request: Request) -> bool:
     """True where the request has that parameter, in that unit, no higher."""
     return at_most is not None and any(
         (value.name, value.unit) == (at_most.name, at_most.unit) and value.value <= at_most.value
-        for value in request.values
+        for value in request.quantities
     )
 
 

@@ -56,9 +56,9 @@ class Act:
 
 def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> Act:
     """The act that the request is, from that start."""
-    values = tuple((value.name, value.unit, value.value) for value in request.values)
+    values = tuple((value.name, value.unit, value.value) for value in request.quantities)
     act = Act(agent, (request.object, request.operation), values, at_ms)
-    numbers = tuple(value.value for value in request.values)
+    numbers = tuple(value.value for value in request.quantities)
     if len(start_urad) != JOINTS:
         return act
     operation = operation_of(request.object, request.operation)

@@ -386,7 +386,7 @@ def scene_of(seen: Seen, cell: CellParameters) -> Scene:
 
 def _motion(request: Request, state: JointState, robot: Robot, cell: CellParameters) -> Motion | None:
     """Motion of a request from that state; None where physics knows none."""
-    values = tuple(si(v.value, v.unit) for v in request.values)
+    values = tuple(si(v.value, v.unit) for v in request.quantities)
     operation, here = operation_of(request.object, request.operation), state.q_rad
     moves = Moves.NOTHING if operation is None else operation.moves
     # Six joints, counted where they were read or bounded: hence the ignored argument types.
@@ -415,7 +415,7 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
             # Closed over the whole stroke at the fingers' highest speed. G1: FOR is 0 then, the least force.
             return GripperMove(here, 0.0, robot.tool.finger_speed_limit_m_s, robot.tool.force_min_n)  # type: ignore[arg-type]
         case Moves.OUTPUT:
-            return OutputSet(request.values[0].value, bool(request.values[1].value))
+            return OutputSet(request.quantities[0].value, bool(request.quantities[1].value))
         case Moves.STANDS:
             return MoveJ(here, here, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is
         case _:
@@ -431,4 +431,4 @@ def _goes_on(request: Request, state: JointState) -> bool:
     operation = operation_of(request.object, request.operation)
     if operation is None or operation.moves is not Moves.AT_JOINT_SPEEDS:
         return False
-    return moves_with(_stream([si(v.value, v.unit) for v in request.values], state), state.qd_rad_s)
+    return moves_with(_stream([si(v.value, v.unit) for v in request.quantities], state), state.qd_rad_s)

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.values.errors import ScopeError
+from capabilities.values.units import DeclaredUnit, Unit, kind_of
 from policies.conduct.report import Report, ReportError
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
@@ -41,6 +43,11 @@ class RecordedDecision:
     role: str
 
 
+def _is_quantity(spelled: str) -> bool:
+    """True for the kind of a number: what a report has of values, since only numbers have a usual range."""
+    return isinstance(kind_of(spelled), (Unit, DeclaredUnit))
+
+
 def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDecision | None:
     """Decision that a record states; None for another record, or where no agent was proven to have asked.
 
@@ -68,11 +75,11 @@ def decided(body: Mapping[str, Any], *, reporter: str, at_ms: int) -> RecordedDe
             effect=decision["effect"],
             reason=decision["reason"],
             outcome="none",
-            values=tuple((name, value) for name, _, value in request["values"]),
+            values=tuple((name, value) for name, kind, value in request["values"] if _is_quantity(kind)),
             near_permille=body.get("near_permille"),
         )
         audience, hop_id, role = request["audience"], chain["hops"][-1]["hop_id"], chain["hops"][-1]["role"]
-    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ReportError):
+    except (KeyError, IndexError, TypeError, ValueError, AttributeError, ReportError, ScopeError):
         return None
     if not all(type(name) is str for name in (audience, hop_id, role)):
         return None

@@ -90,7 +90,7 @@ def of_permit(plan: Plan, case: Case, approval: ApprovalUse | None) -> tuple[Obl
         owed.append(CONSUME)
     if plan.needs.physical:
         # the impact was computed for this speed, and the decision is for no higher one
-        owed += [Obligation(ObligationKind.CLAMP, value) for value in case.request.values if value.name == SPEED]
+        owed += [Obligation(ObligationKind.CLAMP, value) for value in case.request.quantities if value.name == SPEED]
     return _sorted(owed)
 
 

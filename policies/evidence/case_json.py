@@ -10,8 +10,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values.arguments import kind_given, plain, restated
 from capabilities.values.chain import Chain
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.errors import FaultCode, QuantityError, ScopeError
+from capabilities.values.units import DeclaredUnit, Quantity, Unit, kind_of
 from policies.evidence.evidence import Evidence
 from policies.evidence.model import Point, Request
 from policies.evidence.plain_reader import (
@@ -27,6 +29,7 @@ from policies.words import canonical
 from policies.words.errors import PolicyError, PolicyFault
 
 if TYPE_CHECKING:
+    from capabilities.values.arguments import Value
     from capabilities.values.scope import Scope
 
 FORM: Final = "ztpm/case/1"
@@ -53,7 +56,7 @@ def request_to_plain(request: Request) -> dict[str, object]:
         "audience": request.audience,
         "object": request.object,
         "operation": request.operation,
-        "values": [[v.name, str(v.unit), v.value] for v in request.values],
+        "values": [[v.name, str(kind_given(v)), plain(v)] for v in request.values],
         "at": canonical.plain(request.at),
     }
 
@@ -121,7 +124,7 @@ def read_request(plain: object) -> Request:
         object=read_text(table["object"], "request.object"),
         operation=read_text(table["operation"], "request.operation"),
         values=tuple(
-            _quantity(value, f"request.values[{i}]")
+            _value(value, f"request.values[{i}]")
             for i, value in enumerate(read_list(table["values"], "request.values"))
         ),
         at=read_number(table["at"], "request.at"),
@@ -141,11 +144,21 @@ def read_evidence(plain: object) -> Evidence:
     return evidence
 
 
-def _quantity(plain: object, where: str) -> Quantity:
-    listed = read_list(plain, where)
+def _value(stated: object, where: str) -> Value:
+    listed = read_list(stated, where)
     if len(listed) != 3:
-        raise PolicyError(PolicyFault.OUT_OF_RANGE, where, "name, unit and value")
-    name, unit, value = listed
-    return Quantity(
-        read_text(name, f"{where}[0]"), reader_of(Unit)(unit, f"{where}[1]"), read_integer(value, f"{where}[2]")
-    )
+        raise PolicyError(PolicyFault.OUT_OF_RANGE, where, "name, kind and value")
+    name, spelled, value = listed
+    try:
+        kind = kind_of(read_text(spelled, f"{where}[1]"))
+    except ScopeError:
+        raise PolicyError(PolicyFault.UNKNOWN_VALUE, f"{where}[1]", "a unit, or another kind") from None
+    named = read_text(name, f"{where}[0]")
+    if isinstance(kind, (Unit, DeclaredUnit)):
+        return Quantity(named, kind, read_integer(value, f"{where}[2]"))
+    try:
+        return restated(named, kind, value)
+    except QuantityError as error:
+        wrong = error.code is FaultCode.PARAMETERS_WRONG
+        fault = PolicyFault.WRONG_TYPE if wrong else PolicyFault.OUT_OF_RANGE
+        raise PolicyError(fault, f"{where}[2]", error.detail) from None

@@ -6,7 +6,8 @@ import types
 from dataclasses import is_dataclass
 from typing import TYPE_CHECKING, Any, Final, Union, get_args, get_origin
 
-from capabilities.values.units import Unit
+from capabilities.values.units import DECLARED, Sort, Unit
+from capabilities.values.well_formed import LIST_LENGTH
 from policies.evidence import case_json
 from policies.evidence.evidence import Evidence
 from policies.evidence.model import Point
@@ -49,6 +50,15 @@ _BYTES: Final[dict[str, object]] = {
     "required": ["hex"],
     "additionalProperties": False,
 }
+_FINGERPRINT: Final[dict[str, object]] = {
+    "type": "object",
+    "properties": {
+        "sha256": {"type": "string", "pattern": "^[0-9a-f]{64}$"},
+        "size_bytes": {"type": "integer", "minimum": 1},
+    },
+    "required": ["sha256", "size_bytes"],
+    "additionalProperties": False,
+}
 _LEAVES: Final[dict[Any, dict[str, object]]] = {
     str: _TEXT, bool: {"type": "boolean"}, int: _INTEGER, float: _NUMBER, bytes: _BYTES, type(None): {"type": "null"},
 }  # fmt: skip
@@ -58,13 +68,16 @@ def schema() -> dict[str, object]:
     """The schema, whole."""
     defined: dict[str, object] = {}
     evidence = _schema(Evidence, defined)
-    quantity = {
-        "type": "array",
-        "description": "name, unit and value",
-        "prefixItems": [_TEXT, _schema(Unit, defined), _INTEGER],
-        "items": False,
-        "minItems": 3,
+    units: dict[str, object] = {
+        "anyOf": [_schema(Unit, defined), {"type": "string", "pattern": f"^({DECLARED.pattern})$"}]
     }
+    values = [
+        _value(units, _INTEGER),
+        _value({"const": str(Sort.FLAG)}, {"type": "boolean"}),
+        _value({"enum": [str(Sort.TEXT), str(Sort.PATH), str(Sort.URL)]}, _TEXT),
+        _value({"const": str(Sort.FREE)}, _FINGERPRINT),
+        _value({"type": "string", "pattern": r"^\[.+\]$"}, {"type": "array", "maxItems": LIST_LENGTH}),
+    ]
     request = {
         "id": _TEXT,
         "digest": {"type": "string", "pattern": "^[0-9a-f]{64}$", "description": "checked where it is stated"},
@@ -72,7 +85,7 @@ def schema() -> dict[str, object]:
         "audience": _TEXT,
         "object": _TEXT,
         "operation": _TEXT,
-        "values": {"type": "array", "items": quantity},
+        "values": {"type": "array", "items": {"anyOf": values}},
         "at": _NUMBER,
     }
     return {
@@ -93,6 +106,16 @@ def schema() -> dict[str, object]:
         "required": ["form", "request", "evidence"],
         "additionalProperties": False,
         "$defs": dict(sorted(defined.items())),
+    }
+
+
+def _value(kind: dict[str, object], value: dict[str, object]) -> dict[str, object]:
+    return {
+        "type": "array",
+        "description": "name, kind and value",
+        "prefixItems": [_TEXT, kind, value],
+        "items": False,
+        "minItems": 3,
     }
 
 

@@ -15,14 +15,16 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 import rfc8785
 
+from capabilities.values.arguments import kind_given, plain
+from capabilities.values.units import Quantity
 from policies.words.canonical import EXACT
 from policies.words.errors import PolicyError, PolicyFault
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from capabilities.values.arguments import Value
     from capabilities.values.scope import Tier
-    from capabilities.values.units import Quantity
     from policies.evidence.evidence import Evidence
     from policies.words.reason_table import Reason
 
@@ -58,7 +60,7 @@ SEVERITY: Final[Mapping[Effect, int]] = MappingProxyType({Effect.PERMIT: 0, Effe
 
 @dataclass(frozen=True, slots=True)
 class Request:
-    """One canonical request: the act to be done, in integers.
+    """One canonical request: the act to be done, each value in its one spelling.
 
     Attributes:
         request_id: unique, made by the PEP.
@@ -75,8 +77,13 @@ class Request:
     audience: str
     object: str
     operation: str
-    values: tuple[Quantity, ...]
+    values: tuple[Value, ...]
     at: float
+
+    @property
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Values that are quantities, in their order; of a robot's request that is all of them."""
+        return tuple(value for value in self.values if type(value) is Quantity)
 
     @property
     def digest(self) -> str:
@@ -88,10 +95,10 @@ class Request:
             "audience": self.audience,
             "object": self.object,
             "operation": self.operation,
-            "values": [[v.name, str(v.unit), v.value] for v in self.values],
+            "values": [[v.name, str(kind_given(v)), plain(v)] for v in self.values],
         }
         # of names and of integers that every reader keeps, the quick encoder writes the RFC 8785 form
-        usual = all(type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
+        usual = all(type(v) is Quantity and type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
         return hashlib.sha256(_QUICK.encode(content) if usual else rfc8785.dumps(content)).hexdigest()
 
 

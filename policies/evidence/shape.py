@@ -14,10 +14,11 @@ from functools import cache
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, Union, get_args, get_origin, get_type_hints
 
+from capabilities.values.arguments import Argument, Fingerprint, Value
 from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Refusal, Sponsor
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Bound, OneOf, Range, Scope, Tier
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.units import Kind, Quantity, Unit
 from policies.evidence import conduct_readings, content_readings, evidence, fact_reading
 from policies.evidence.model import Point, Request
 from policies.words import labels
@@ -39,7 +40,10 @@ NAMES: Final[dict[str, Any]] = {
     **vars(evidence),
     **{kind.__name__: kind for kind in (Attestation, Chain, EvidenceKind, Fault, FaultCode, Hop, Refusal, Sponsor)},
     **{kind.__name__: kind for kind in (OneOf, Point, Quantity, Range, Scope, Tier, Unit)},
+    **{kind.__name__: kind for kind in (Argument, Fingerprint)},
     "Bound": Bound,
+    "Kind": Kind,
+    "Value": Value,
 }
 """Types that the annotations of readings name; most of their imports are for the type checker alone."""
 

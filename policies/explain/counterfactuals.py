@@ -6,7 +6,7 @@ None of them is ever evidence of anything. They are made of readings that were v
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
 from capabilities.token.scope_check import refusal
 from capabilities.values.chain import Chain, Refusal
@@ -26,6 +26,7 @@ from policies.primitives.tools import RUNNING
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from capabilities.values.bounds import Measured
     from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Request
@@ -57,9 +58,12 @@ def refused(request: Request, evidence: Evidence) -> Refusal | None:
     )
 
 
-def valued(request: Request, values: Mapping[str, int]) -> Request:
+def valued(request: Request, values: Mapping[str, Measured]) -> Request:
     """The request with other values."""
-    changed = (replace(value, value=values.get(value.name, value.value)) for value in request.values)
+    changed = (
+        replace(value, value=cast("Any", values[value.name])) if value.name in values else value
+        for value in request.values
+    )
     return replace(request, values=tuple(changed))
 
 

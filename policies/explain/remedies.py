@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values.arguments import kind_given
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import FaultCode
 from capabilities.values.scope import Tier
@@ -27,6 +28,7 @@ from policies.words.reason_table import REASONS, Reason
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from capabilities.values.bounds import Measured
     from policies.decision.policy import PolicySet
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Decision, Finding, Request
@@ -266,17 +268,17 @@ def _of_authority(reason: Reason, request: Request, evidence: Evidence) -> Itera
 
 def _inside(request: Request, evidence: Evidence) -> Iterator[_Change]:
     """The nearest request that neither token nor robot refuses, each parameter that is outside moved inside."""
-    nearest: dict[str, int] = {}
+    nearest: dict[str, Measured] = {}
     faults = [evidence.request_fault, evidence.robot_fault]
     while faults:
         fault = faults.pop()
         if not isinstance(fault, Refusal) or fault.code is not FaultCode.LIMIT_EXCEEDED_BY_REQUEST:
             continue
-        if fault.parameter is None or type(fault.nearest) is not int or fault.parameter in nearest:
+        if fault.parameter is None or fault.nearest is None or fault.parameter in nearest:
             return
         nearest[fault.parameter] = fault.nearest
         faults.append(counterfactuals.refused(counterfactuals.valued(request, nearest), evidence))
-    units = {value.name: str(value.unit) for value in request.values}
+    units = {value.name: str(kind_given(value)) for value in request.values}
     told: list[object] = [{"parameter": n, "unit": units.get(n), "nearest": value} for n, value in nearest.items()]
 
     def suppose(asked: Request, seen: Evidence) -> Supposed:
@@ -291,7 +293,7 @@ def _inside(request: Request, evidence: Evidence) -> Iterator[_Change]:
 def _slower(request: Request, evidence: Evidence) -> Iterator[_Change]:
     """The highest speed at which the assessment that was made says that the tier falls."""
     impact = evidence.impact
-    speed = next((value for value in request.values if value.name == SPEED), None)
+    speed = next((value for value in request.quantities if value.name == SPEED), None)
     if not isinstance(impact, ImpactReading) or impact.lower_tier_speed is None or speed is None or impact.tier < 1:
         return
     if not 0 < impact.lower_tier_speed < speed.value:

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar, Final, assert_never
 
 from capabilities.token.scope_check import set_ceiling
-from capabilities.values.algebra import bound_to_json
+from capabilities.values.bounds import bound_to_json, kind_to_json, permits
 from capabilities.values.chain import Chain, Refusal
 from capabilities.values.errors import Fault, FaultCode
+from capabilities.values.scope import Each
 from policies.evidence.evidence import (
     DeclaredImpact,
     ImpactFault,
@@ -39,11 +40,12 @@ if TYPE_CHECKING:
 
 
 def refusal_detail(refusal: Refusal) -> dict[str, object]:
-    """Details of a refusal for the holder: parameter, value, unit, limit, its hop, nearest permitted value."""
+    """Details of a refusal for the holder: parameter, value, unit or kind, limit, its hop, nearest permitted value."""
     return {
         "parameter": refusal.parameter,
         "value": refusal.value,
-        "unit": None if refusal.unit is None else str(refusal.unit),
+        **({"unit": None} if refusal.unit is None else kind_to_json(refusal.unit)),
+        **_member(refusal),
         "limit": None if refusal.bound is None else bound_to_json(refusal.bound),
         "set_by": {
             "hop": refusal.hop,
@@ -53,6 +55,16 @@ def refusal_detail(refusal: Refusal) -> dict[str, object]:
         },
         "nearest_permitted": refusal.nearest,
     }
+
+
+def _member(refusal: Refusal) -> dict[str, object]:
+    """Place of the first member of a list that is outside; none for a list of another length."""
+    if not isinstance(refusal.bound, Each) or not isinstance(refusal.value, tuple):
+        return {}
+    least, most, element = refusal.bound.least, refusal.bound.most, refusal.bound.element
+    if element is None or not least <= len(refusal.value) <= most:
+        return {}
+    return {"member": next(at for at, member in enumerate(refusal.value) if not permits(element, member))}
 
 
 def scope_answer(primitive: str, case: Case) -> Refusal | Fails | None:

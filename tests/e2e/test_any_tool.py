@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import secrets
 import signal
 import subprocess
@@ -23,7 +24,7 @@ from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
 
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
-from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Stems, Tier
 from pep import pins
 from pep.base.declaration import declared
 from ztpm_idp.client import Agent, Operator
@@ -31,8 +32,10 @@ from ztpm_idp.client import Agent, Operator
 pytestmark = pytest.mark.e2e
 TOP = Path(__file__).parents[2]
 EXAMPLE = TOP / "examples" / "plant.py"
-LINES = 80
-"""Most lines of a whole example."""
+LINES, ADDED = 80, 30
+"""Most lines of a whole example, and of those that guard its tools, with the six of guard.toml."""
+OURS = re.compile(r"\b(Annotated|Metres|Number|operation|guard|config|GuardConfig|door)\b")
+"""Names of which a line has one that a server without guard does not need."""
 DEADLINE_S = 30.0
 REVOKED_S = 1.0
 """Time within which a revocation reaches the guard."""
@@ -43,13 +46,10 @@ MEASUREMENT = bytes(range(32))
 ROWS = {tool.name: declared(tool.fn) for tool in server._tool_manager.list_tools()}
 
 
-def grant(name, **high):
-    """Grant of a tool as wide as its row, but for the named highest values."""
+def grant(name, **tighter):
+    """Grant of a tool as wide as its row, but for the named bounds."""
     row = ROWS[name]
-    limits = (
-        Limit(each.parameter, Range(each.bound.low, high.get(each.parameter.name, each.bound.high)))
-        for each in row.limits
-    )
+    limits = (Limit(each.parameter, tighter.get(each.parameter.name, each.bound)) for each in row.limits)
     return Grant(row.object, name, tuple(limits))
 
 
@@ -123,7 +123,7 @@ class Plant:
         return made
 
     def lend(self, planner, worker):
-        """The planner has all six tools; the worker has four, a narrower valve and no more to lend."""
+        """The planner has all six tools; the worker has each narrower where it has more than one value, but one."""
         now = int(time.time())
         scope = Scope(
             grants=tuple(sorted((grant(name) for name in ROWS), key=lambda each: (each.object, each.operation))),
@@ -136,7 +136,13 @@ class Plant:
         )
         with self.provider.operator() as alice:
             whole = alice.issue(planner, scope, purpose="run the plant")
-        kept = (grant("open_valve", percent=900), grant("read_sensor"), grant("move_agv"), grant("set_temperature"))
+        kept = (
+            grant("open_valve", percent=Range(0, 900)),
+            grant("search_docs", query=Stems(frozenset({"oven", "pump 7"}), "")),
+            grant("delete_record", id=Stems(frozenset({"/records/2026"}), "/")),
+            grant("read_sensor"),
+            grant("move_agv"),
+        )
         kept = tuple(sorted(kept, key=lambda each: (each.object, each.operation)))
         less = planner.delegate(whole.token, worker, Restriction(grants=kept), purpose="air the hall")
         return whole, less
@@ -217,7 +223,10 @@ def approve(plant, ask_id):
 
 
 def test_the_example_is_one_short_file():
-    assert len(EXAMPLE.read_text().splitlines()) <= LINES
+    lines = EXAMPLE.read_text().splitlines()
+    code = lines[next(at for at, line in enumerate(lines) if line.startswith("import ")) :]
+    assert len(lines) <= LINES
+    assert 6 + sum(OURS.search(line) is not None for line in code) <= ADDED
 
 
 @pytest.mark.timeout(200)
@@ -243,8 +252,28 @@ def test_a_plant_is_guarded(plant):
         "worker",
         900,
     )
-    assert told(plant.use(worker, less.token, "delete_record", {"id": 1}))["reason"] == "NOT_GRANTED"
-    assert told(plant.use(planner, whole.token, "delete_record", {"id": 1}))["reason"] == "TIER_NEEDS_APPROVAL"
+    heat = ("set_temperature", {"degrees": 80})
+    assert told(plant.use(worker, less.token, *heat))["reason"] == "NOT_GRANTED"
+
+    # texts and paths: the worker's own limits, what is nearest to them, and other spellings, which are none
+    found = plant.use(worker, less.token, "search_docs", {"query": "pump 7: sp"})
+    assert found.structured_content == {"result": ["pump 7: spare parts"]}
+    for tool, arguments, nearest in (
+        ("search_docs", {"query": "pump 8"}, "pump 7"),
+        ("delete_record", {"id": "/records/1999/7"}, "/records/2026"),
+        ("delete_record", {"id": "/records/20267"}, "/records/2026"),
+    ):
+        refused = told(plant.use(worker, less.token, tool, arguments))
+        assert (refused["reason"], refused["nearest_permitted"]) == ("LIMIT_EXCEEDED_BY_REQUEST", nearest)
+        assert (refused["set_by"]["agent"], refused["kind"]) == ("worker", "text" if tool == "search_docs" else "path")
+    for tool, arguments in (
+        ("search_docs", {"query": "pump 7\u200b"}),
+        ("delete_record", {"id": "/records/2026/../1999"}),
+        ("delete_record", {"id": "/records/2026/%2e%2e"}),
+    ):
+        assert told(plant.use(worker, less.token, tool, arguments))["reason"] == "NOT_CANONICAL"
+    record = ("delete_record", {"id": "/records/2026/7"})
+    assert told(plant.use(planner, whole.token, *record))["reason"] == "TIER_NEEDS_APPROVAL"
 
     # a row raises the tier: people are asked in words, and answer
     call = ("open_valve", {"valve": 3, "percent": 85})

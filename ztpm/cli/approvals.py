@@ -6,6 +6,7 @@ another person.
 
 from __future__ import annotations
 
+import json
 import time
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
@@ -320,7 +321,7 @@ def _show(asked: Mapping[str, Any]) -> None:
     for member, value in asked["shown"].items():
         match member:
             case "values":
-                lines = [f"{v['name']} = {v['value']} {v['unit']}" for v in value]
+                lines = [f"{v['name']} = {json.dumps(v['value'])} {v.get('unit') or v['kind']}" for v in value]
             case "contributors":
                 lines = [
                     f"{c['kind']} {c['object']} near {c['link']}, said by {c['source'] or 'no sensor'}: "

@@ -22,7 +22,8 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
     Attributes:
         reason: the code; `ztpm explain CODE` tells about it.
         primitive: id of the policy primitive that denied, or "".
-        parameter, value, unit, limit: of the parameter that is outside of a limit, where there is one.
+        parameter, value, unit, limit: of the parameter that is outside of a limit, where there is one; `unit` is its
+            kind where it is no quantity.
         set_by: hop, agent and sponsor that set the limit.
         nearest_permitted: the nearest value that is permitted.
         remedy: what may help.
@@ -35,7 +36,7 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
         self.primitive = str(told.get("primitive") or "")
         self.parameter = told.get("parameter")
         self.value = told.get("value")
-        self.unit = told.get("unit")
+        self.unit = told.get("unit") or told.get("kind")
         self.limit = told.get("limit")
         self.set_by = told.get("set_by")
         self.nearest_permitted = told.get("nearest_permitted")

@@ -9,6 +9,7 @@ from msgspec import structs
 
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import ask, vote
+from capabilities.values.arguments import Argument
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, FaultCode, StatementError
 from capabilities.values.scope import Tier
@@ -111,8 +112,8 @@ def _plain(value: object) -> Any:
             return [_plain(member) for member in value]
         case ask.Contributor():
             return structs.asdict(value)
-        case Quantity(name=name, unit=unit, value=number):
-            return {"name": name, "unit": str(unit), "value": number}
+        case Quantity() | Argument():
+            return ask.stated(value)
         case Tier():
             return int(value)
         case _:

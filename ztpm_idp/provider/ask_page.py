@@ -8,6 +8,7 @@ spelled by `shown`, so no name can look like another or turn the line; everythin
 from __future__ import annotations
 
 import hashlib
+import json
 import math
 from base64 import b64encode
 from dataclasses import dataclass
@@ -19,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 import jinja2
 
 from capabilities.statements.ask import NO_ROBOT
+from capabilities.values.arguments import Fingerprint, Value, plain
 from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
 from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
@@ -146,7 +148,7 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
         tier=TIERS[ask.tier],
         index=f"{Decimal(ask.index_milli).scaleb(-3):f}",
         index_at_use=f"{Decimal(ask.index_milli + INDEX_TOLERANCE_MILLI).scaleb(-3):f}",
-        values=[_figure(value.name, value.value, value.unit) for value in ask.values],
+        values=[_shown(value) for value in ask.values],
         start=[_figure(f"joint {n}", angle, Unit.MICRORADIAN) for n, angle in enumerate(ask.start_urad)],
         start_tolerance=START_TOLERANCE,
         contributors=[
@@ -176,6 +178,22 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
 def _figure(name: str, value: int, unit: Measure) -> _Figure:
     quantity = Quantity(name, unit, value)
     return _Figure(quantity.name, readable(quantity.value, quantity.unit), f"{quantity.value} {quantity.unit}")
+
+
+def _shown(value: Value) -> _Figure:
+    """A value of any kind; exactly, it stands as JSON of ASCII alone, so that no letter passes for another."""
+    if isinstance(value, Quantity):
+        return _figure(value.name, value.value, value.unit)
+    if isinstance(value.value, Fingerprint):
+        return _Figure(value.name, f"{value.value.size_bytes} bytes", f"SHA-256 {value.value.sha256}")
+    match plain(value):
+        case bool() as flag:
+            words = "yes" if flag else "no"
+        case list() as members:
+            words = f"{len(members)}: " + ", ".join(map(str, members))
+        case word:
+            words = str(word)
+    return _Figure(value.name, words, f"{json.dumps(plain(value))} {value.kind}")
 
 
 def _reason(code: str) -> str:

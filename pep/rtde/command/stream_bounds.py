@@ -30,7 +30,7 @@ class StreamBounds:
         self.operation = operation
         granted = {limit.parameter.name: limit.bound for limit in grant.limits}
         self._bounds: tuple[tuple[int, Bound, Range], ...] = tuple(
-            (each.parameter.unit.per_si, granted[each.parameter.name], each.bound) for each in operation.limits
+            (each.parameter.unit.per_si, granted[each.parameter.name], each.range) for each in operation.limits
         )
         self._inside = tuple((per_si, *_both(bound, robot)) for per_si, bound, robot in self._bounds)
 

@@ -257,7 +257,7 @@ class LeasedEffects:
         if stream is not None:
             return StreamProgress(stream, self._clock)
         if asked.operation.moves is Moves.AT_TOOL_SPEED:
-            return TimedProgress(self._clock.monotonic_ms() + request.values[-1].value + LATE_MS, self._clock)
+            return TimedProgress(self._clock.monotonic_ms() + request.quantities[-1].value + LATE_MS, self._clock)
         request_id = request.request_id
         return TargetProgress(lambda q_rad: self._acts.arrived(request_id, q_rad))
 

@@ -203,7 +203,7 @@ class ToolMotions:
             speeds is not None
             and agent != ""
             and (agent, SPEED_JOINT.object, SPEED_JOINT.name) == (speeds.agent, request.object, request.operation)
-            and tuple(value.value for value in request.values[: len(speeds.values)]) == speeds.values
+            and tuple(value.value for value in request.quantities[: len(speeds.values)]) == speeds.values
         )
 
     # -- acts

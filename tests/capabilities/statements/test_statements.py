@@ -8,10 +8,11 @@ import json
 
 import pytest
 from capabilities.statements.claims import BODY_BYTES
+from capabilities.values.arguments import argument
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 from capabilities.values.scope import Tier
-from capabilities.values.units import INT_LIMIT, Quantity, Unit
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit
 from msgspec import structs
 from tests.capabilities.keys.test_keys import curve_of
 from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of, chain_of_four, key_of, raw_of
@@ -1059,6 +1060,48 @@ def test_what_no_sensor_speaks_of_has_no_source(source):
     assert ["source" in each for each in claims["contributors"]] == [True, False]
     claims["contributors"][1]["source"] = source
     assert code_of(ask, statement_form.sign("ask", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+VALUES = (
+    Quantity("bar", DeclaredUnit("x-bar", 1_000), 7),
+    argument("word", Sort.TEXT, "é pump"),
+    argument("file", Sort.PATH, "/srv/a"),
+    argument("page", Sort.URL, "https://a.example"),
+    argument("bleed", Sort.FLAG, False),
+    argument("filter", Sort.FREE, {"a": [1]}),
+    argument("tags", ListOf(Sort.TEXT), ["a"]),
+)
+
+
+@pytest.mark.clause("STM-5")
+def test_an_ask_states_values_of_each_kind():
+    asked = structs.replace(ASKED, values=VALUES)
+    assert ask.open(ask.sign(asked, SIGNER), TRUSTED, DEFAULT) == asked
+    assert [{"unit", "kind"} & each.keys() for each in ask.claims(asked)["values"]] == [{"unit"}, *[{"kind"}] * 6]
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"name": "x", "kind": "count", "value": 1}, {"name": "x", "unit": "text", "value": "a"}, {"name": "x", "value": 1},
+        {"name": "x", "unit": "count", "kind": "count", "value": 1}, {"name": "x", "unit": "count", "value": True},
+        {"name": "x", "kind": "text", "value": "a\u202eb"}, {"name": "x", "kind": "path", "value": "/a/../b"},
+        {"name": "x", "kind": "free", "value": {"a": 1}}, {"name": "x", "unit": "x-bar", "value": 1},
+    ],
+)  # fmt: skip
+def test_an_ask_with_another_value_is_malformed(stated):
+    text = statement_form.sign("ask", {**claims_of(ask), "values": [stated]}, SIGNER)
+    assert code_of(ask, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-5")
+def test_an_ask_is_no_longer_than_people_read():
+    words = tuple(argument(f"w{n}", Sort.TEXT, "x" * 1_000) for n in range(17))
+    ask.sign(structs.replace(ASKED, values=words[:16]), SIGNER)
+    with pytest.raises(StatementError) as refused:
+        ask.sign(structs.replace(ASKED, values=words), SIGNER)
+    assert refused.value.code is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-1")

@@ -1,12 +1,13 @@
 """A tool's operation is declared beside the tool, by a decorator or in TOML, and a wrong declaration never serves."""
 
 import tomllib
-from typing import Annotated
+from typing import Annotated, Any, Literal
 
 import pytest
-from capabilities.values.scope import Range, Tier
-from capabilities.values.units import INT_LIMIT, Unit
-from pep.base.declaration import Within, declared, operation, row_from_toml
+from capabilities.values.scope import Each, Flags, OneOf, Range, Stems, Tier, Words
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Sort, Unit
+from pep import Free, Length, Within, Word
+from pep.base.declaration import declared, operation, row_from_toml
 from pep.base.fact_declaration import Fact
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm, OperationKind, TierRow
@@ -44,10 +45,10 @@ def test_both_spellings_are_one_row():
     assert row.robot is None
     assert [(a.name, a.form, a.parameters) for a in row.arguments] == [
         ("valve", ArgumentForm.INTEGER, 1), ("percent", ArgumentForm.NUMBER, 1),
-        ("bleed", ArgumentForm.FLAG, 1), ("at", ArgumentForm.VECTOR, 2),
+        ("bleed", ArgumentForm.VALUE, 1), ("at", ArgumentForm.VECTOR, 2),
     ]  # fmt: skip
-    assert [(p.name, p.unit) for p in row.parameters] == [
-        ("valve", Unit.COUNT), ("percent", Unit.PERMILLE), ("bleed", Unit.COUNT),
+    assert [(p.name, p.kind) for p in row.parameters] == [
+        ("valve", Unit.COUNT), ("percent", Unit.PERMILLE), ("bleed", Sort.FLAG),
         ("at_0", Unit.MICROMETRE), ("at_1", Unit.MICROMETRE),
     ]  # fmt: skip
     percent, at = row.limits[1], row.limits[3]
@@ -77,7 +78,126 @@ def test_a_row_may_be_exact(exact):
     assert declared(move).limits[0].exact is exact
 
 
+ANY = Stems(frozenset({""}), "")
+BAR = DeclaredUnit("x-bar", 1_000)
+KINDS = {
+    "text": (str, "text", Sort.TEXT, ANY),
+    "one of": (Literal["a", "b"], {"kind": "text", "one_of": ["b", "a"]}, Sort.TEXT, Words(frozenset("ab"))),
+    "starts with": (
+        Annotated[str, Word(starts_with=["ab", "abc"])],
+        {"kind": "text", "starts_with": ["ab"]},
+        Sort.TEXT,
+        Stems(frozenset({"ab"}), ""),
+    ),
+    "path": (
+        Annotated[str, Word("path", under=["/srv"])],
+        {"kind": "path", "under": ["/srv"]},
+        Sort.PATH,
+        Stems(frozenset({"/srv"}), "/"),
+    ),
+    "url": (Annotated[str, Word("url")], "url", Sort.URL, Stems(frozenset({""}), "/")),
+    "free": (Annotated[dict[str, Any], Free(64)], {"kind": "free", "most_bytes": 64}, Sort.FREE, Range(1, 64)),
+    "flags": (list[bool], {"kind": "flag", "list": [0, 256]}, ListOf(Sort.FLAG), Each(Flags({True, False}), 0, 256)),
+    "texts": (
+        Annotated[list[str], Length(1, 3)],
+        {"kind": "text", "list": [1, 3]},
+        ListOf(Sort.TEXT),
+        Each(ANY, 1, 3),
+    ),
+    "own unit": (
+        Annotated[float, Within(0, 6_000, "x-bar", scale=1_000)],
+        {"low": 0, "high": 6_000, "unit": "x-bar", "scale": 1_000},
+        BAR,
+        Range(0, 6_000),
+    ),
+    "numbers": (
+        Annotated[list[float], Within(0, 9, "x-bar", scale=1_000), Length(0, 2)],
+        {"low": 0, "high": 9, "unit": "x-bar", "scale": 1_000, "list": [0, 2]},
+        ListOf(BAR),
+        Each(Range(0, 9), 0, 2),
+    ),
+    "set": (Literal[1, 4], {"one_of": [1, 4], "integer": True}, Unit.COUNT, OneOf(frozenset({1, 4}))),
+    "set of a unit": (
+        Annotated[float, Within(one_of=(5, 10), unit="permille", scale=10)],
+        {"one_of": [5, 10], "unit": "permille", "scale": 10},
+        Unit.PERMILLE,
+        OneOf(frozenset({5, 10})),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", KINDS)
+def test_each_kind_is_declared_by_annotation_and_by_row(name):
+    hint, stated, kind, bound = KINDS[name]
+
+    def tool(x): ...
+
+    tool.__annotations__ = {"x": hint}
+    row = declared(operation("thing", base_tier=1)(tool))
+    assert row == row_from_toml("tool", {"object": "thing", "base_tier": 1, "arguments": {"x": stated}})
+    ((parameter, found),) = [(limit.parameter, limit.bound) for limit in row.limits]
+    assert (parameter.name, parameter.kind, found) == ("x", kind, bound)
+
+
+@pytest.mark.parametrize(
+    ("stated", "exact"),
+    [
+        (Within(0, 9, "um"), False),
+        (Within(0, 9, "x-bar", scale=10), True),
+        (Within(0, 9, "x-bar", scale=10, exact=False), False),
+        (Within(one_of=(1, 5), unit="um"), True),
+        (Within(one_of=(1, 5), unit="um", exact=False), True),
+    ],
+)
+def test_a_set_and_a_unit_of_ones_own_are_exact(stated, exact):
+    @operation("agv", base_tier=2)
+    def move(x: Annotated[float, stated]) -> None: ...
+
+    assert declared(move).limits[0].exact is exact
+
+
+@pytest.mark.parametrize(
+    "hint",
+    [
+        Annotated[int, Word()], Annotated[str, Within(0, 1)], Annotated[str, Free(9)], Annotated[str, Length()],
+        Annotated[str, Word(), Word("path")], Annotated[list[str], Length(), Length()], Annotated[list[dict], Word()],
+        Annotated[list[int], Within(0, 1, elements=2)], Annotated[dict, Length()],
+    ],
+)  # fmt: skip
+def test_an_annotation_that_does_not_go_with_its_type_is_refused(hint):
+    def tool(x): ...
+
+    tool.__annotations__ = {"x": hint}
+    with pytest.raises(DeclarationError) as refused:
+        operation("thing", base_tier=1)(tool)
+    assert (refused.value.code, "tool.x" in refused.value.detail) == (PepFault.DECLARATION_MALFORMED, True)
+
+
 WRONG = {
+    "unit of one's own without scale": ({"low": 0, "high": 1, "unit": "x-bar"}, PepFault.SCALE_INVALID),
+    "unit of one's own of scale 0": ({"low": 0, "high": 1, "unit": "x-bar", "scale": 0}, PepFault.SCALE_INVALID),
+    "unit of a wrong name": ({"low": 0, "high": 1, "unit": "x-Bar", "scale": 1}, PepFault.UNIT_UNKNOWN),
+    "unit with its scale": ({"low": 0, "high": 1, "unit": "x-bar/10", "scale": 10}, PepFault.UNIT_UNKNOWN),
+    "set and bounds": ({"low": 0, "high": 1, "one_of": [1]}, PepFault.DECLARATION_MALFORMED),
+    "set of fractions": ({"one_of": [0.5]}, PepFault.DECLARATION_MALFORMED),
+    "large set": ({"one_of": list(range(0, 130, 2))}, PepFault.BOUND_EMPTY),
+    "edge beyond the set": ({"one_of": [1, 4], "above": {"4": 3}}, PepFault.BOUND_EMPTY),
+    "no such kind": ({"kind": "date"}, PepFault.DECLARATION_MALFORMED),
+    "stems of a path": ({"kind": "path", "starts_with": ["/srv"]}, PepFault.DECLARATION_MALFORMED),
+    "directories of a text": ({"kind": "text", "under": ["a"]}, PepFault.DECLARATION_MALFORMED),
+    "two ways": ({"kind": "text", "one_of": ["a"], "starts_with": ["b"]}, PepFault.DECLARATION_MALFORMED),
+    "a text for a list": ({"kind": "text", "one_of": "abc"}, PepFault.DECLARATION_MALFORMED),
+    "path up": ({"kind": "path", "under": ["/srv/.."]}, PepFault.DECLARATION_MALFORMED),
+    "path root": ({"kind": "path", "under": ["/"]}, PepFault.DECLARATION_MALFORMED),
+    "host in capitals": ({"kind": "url", "under": ["https://A.example"]}, PepFault.DECLARATION_MALFORMED),
+    "hidden character": ({"kind": "text", "one_of": ["a\u200b"]}, PepFault.DECLARATION_MALFORMED),
+    "free of no bytes": ({"kind": "free", "most_bytes": 0}, PepFault.BOUND_EMPTY),
+    "free of any size": ({"kind": "free"}, PepFault.DECLARATION_MALFORMED),
+    "list of free values": ({"kind": "free", "most_bytes": 9, "list": [0, 1]}, PepFault.BOUND_EMPTY),
+    "list of none": ({"kind": "text", "list": [0, 0]}, PepFault.BOUND_EMPTY),
+    "list turned round": ({"kind": "text", "list": [3, 1]}, PepFault.BOUND_EMPTY),
+    "very long list": ({"kind": "text", "list": [0, 257]}, PepFault.BOUND_EMPTY),
+    "flag with more": ({"kind": "flag", "one_of": [True]}, PepFault.DECLARATION_MALFORMED),
     "unit": ({"low": 0, "high": 1, "unit": "furlong"}, PepFault.UNIT_UNKNOWN),
     "scale 0": ({"low": 0, "high": 1, "scale": 0}, PepFault.SCALE_INVALID),
     "scale below 0": ({"low": 0, "high": 1, "scale": -1}, PepFault.SCALE_INVALID),

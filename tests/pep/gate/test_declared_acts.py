@@ -8,7 +8,8 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Grant, Limit, Range, Tier
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pep.base.declaration import Within, row
+from pep.base.declaration import row
+from pep.base.stated_values import Within
 from pep.base.operations import MOVE_JOINT
 from pep.base.ports import RegisteredTool
 from pep.mcp.mapping import to_request

@@ -1,5 +1,6 @@
 """Arguments of declared tools: rounded once, decided, and handed on as decided; and rows that fit their tools."""
 
+import hashlib
 import math
 from fractions import Fraction
 
@@ -7,9 +8,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcp_types import Tool
-from pep.base.declaration import Within, row
+from capabilities.values.arguments import kind_given, plain
+from pep.base.declaration import row
 from pep.base.errors import DeclarationError, PepFault
-from pep.mcp.declared_tools import rows_of
+from pep.base.stated_values import Free, Length, Listed, Within, Word
+from pep.mcp.declared_tools import definition_of, rows_of
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, to_request
 from policies.evidence.model import Point
 from policies.words.reason_table import Reason
@@ -44,7 +47,7 @@ def test_a_call_is_a_request_at_the_tool_alone():
     request = asked()
     assert values(request) == [3, 450, 1, 500_000, -250_000]
     assert request.points == {Point.TOOL}
-    assert decided_arguments(VALVE, request) == CALL
+    assert decided_arguments(VALVE, request, CALL) == CALL
 
 
 # Ties go to the even one, as the number's decimal says it: 0.05 is a hair more in binary.
@@ -55,9 +58,9 @@ def test_a_call_is_a_request_at_the_tool_alone():
 def test_a_number_between_two_is_rounded_first(given, decided):
     request = asked(percent=given)
     assert values(request)[1] == decided
-    told = rounded({**CALL, "percent": given}, decided_arguments(VALVE, request))
+    told = rounded({**CALL, "percent": given}, decided_arguments(VALVE, request, CALL))
     assert told == ({} if given == decided / 10 else {"percent": decided / 10})
-    sent = decided_arguments(VALVE, request)["percent"]
+    sent = decided_arguments(VALVE, request, CALL)["percent"]
     assert math.copysign(1.0, sent) == (-1.0 if decided < 0 else 1.0)
     if given not in (0.0, -0.0):
         assert asked(EXACT, percent=given).reason is Reason.NOT_ON_GRID
@@ -95,10 +98,108 @@ def test_a_missing_or_further_argument_is_refused():
 @given(st.floats(-100.0, 100.0), st.floats(-5.0, 5.0))
 def test_what_the_tool_gets_is_what_was_decided(percent, at):
     request = asked(percent=percent, at=[at, 0.0])
-    again = asked(**decided_arguments(VALVE, request))
+    again = asked(**decided_arguments(VALVE, request, CALL))
     assert again.digest == request.digest
     nearest = Fraction(repr(percent)) * 10
     assert abs(values(request)[1] - nearest) <= Fraction(1, 2)
+
+
+# --- words, flags, free values and lists -----------------------------------------------------------------------------
+
+ROWS = {
+    "query": Word(starts_with=("pump",)),
+    "path": Word("path", under=("/srv",)),
+    "page": Word("url", under=("https://docs.example",)),
+    "filter": Free(64),
+    "tags": Listed(Word(), Length(0, 2)),
+    "bars": Listed(Within(0, 6_000, "x-bar", scale=1_000), Length(1, 3)),
+    "pins": Listed(Within(1, 9, integer=True), Length(0, 2)),
+    "sides": Listed("flag", Length(0, 2)),
+}
+SEARCH = row("docs", "search", ROWS, base_tier=1, exact=False)
+SOUGHT = {
+    "query": "pump 7", "path": "/srv/a", "page": "https://docs.example/x", "filter": {"b": 1.0, "a": [True, None]},
+    "tags": ["é", ""], "bars": [0.5, 2], "pins": [3], "sides": [True],
+}  # fmt: skip
+
+
+def sought(**changes):
+    return to_request(SEARCH, {**SOUGHT, **changes}, request_id="r", audience="http://127.0.0.1:1/mcp", at=0.0)
+
+
+def test_values_of_each_kind_are_a_request_and_the_tool_gets_what_was_decided():
+    request = sought()
+    assert [str(kind_given(value)) for value in request.values] == [
+        "text", "path", "url", "free", "[text]", "[x-bar/1000]", "[count]", "[flag]",
+    ]  # fmt: skip
+    assert [plain(value) for value in request.values] == [
+        "pump 7", "/srv/a", "https://docs.example/x",
+        {"size_bytes": 23, "sha256": hashlib.sha256(b'{"a":[true,null],"b":1}').hexdigest()},
+        ["é", ""], [500, 2_000], [3], [True],
+    ]  # fmt: skip
+    decided = decided_arguments(SEARCH, request, SOUGHT)
+    assert decided == SOUGHT
+    assert type(decided["filter"]["b"]) is int, "as the decided form says it"
+    assert sought(**decided).digest == request.digest
+
+
+@pytest.mark.parametrize(
+    ("argument", "value"),
+    [
+        ("query", "pump 8"),
+        ("filter", {"a": [True, None], "b": 2}),
+        ("tags", ["", "é"]),
+        ("sides", [False]),
+        ("pins", []),
+    ],
+)
+def test_another_value_of_any_kind_is_another_act(argument, value):
+    assert sought(**{argument: value}).digest != sought().digest
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "reason", "named"),
+    [
+        ("query", 7, Reason.PARAMETERS_WRONG, "query"),
+        ("query", "pu\u200bmp", Reason.NOT_CANONICAL, "query"),
+        ("path", "/srv/../etc", Reason.NOT_CANONICAL, "path"),
+        ("page", "https://DOCS.example/x", Reason.NOT_CANONICAL, "page"),
+        ("filter", "[1]", Reason.PARAMETERS_WRONG, "filter"),
+        ("filter", {"a": math.nan}, Reason.NOT_CANONICAL, "filter"),
+        ("tags", "ab", Reason.PARAMETERS_WRONG, "tags"),
+        ("tags", ["a", "e\u0301"], Reason.NOT_CANONICAL, "tags[1]"),
+        ("tags", ["a"] * 100_000, Reason.OUT_OF_RANGE, "tags"),
+        ("bars", [0.5, 0.0005], Reason.NOT_ON_GRID, "bars[1]"),
+        ("bars", [0.5, "1"], Reason.NOT_A_NUMBER, "bars[1]"),
+        ("pins", [1.5], Reason.NOT_ON_GRID, "pins[0]"),
+        ("sides", [1], Reason.PARAMETERS_WRONG, "sides[0]"),
+    ],
+)
+def test_what_is_no_value_of_its_kind_is_refused_by_its_place(argument, value, reason, named):
+    misfit = sought(**{argument: value})
+    assert isinstance(misfit, Misfit)
+    assert (misfit.reason, misfit.argument) == (reason, named)
+
+
+@pytest.mark.parametrize(
+    ("argument", "value", "nearest"),
+    [
+        ("query", "pumq", "pump"), ("path", "/etc", "/srv"), ("page", "https://docs.example:8443/x", "https://docs.example"),
+        ("filter", ["x" * 99], None), ("tags", ["a", "b", "c"], ("a", "b")), ("bars", [0.0, 9], (0, 6_000)),
+        ("bars", [], None),
+    ],
+)  # fmt: skip
+def test_a_value_outside_the_row_is_refused_with_the_nearest_one(argument, value, nearest):
+    refused = SEARCH.refuse(sought(**{argument: value}))
+    assert (refused.code, refused.parameter, refused.nearest) == ("LIMIT_EXCEEDED_BY_REQUEST", argument, nearest)
+
+
+def test_a_member_of_a_list_raises_the_tier():
+    stated = {"bars": Listed(Within(0, 9, above={5: 3}), Length())}
+    raised = row("boiler", "load", stated, base_tier=1, exact=False)
+    for bars, tier in (([], 1), ([5, 1], 1), ([1, 6], 3)):
+        request = to_request(raised, {"bars": bars}, request_id="r", audience="a", at=0.0)
+        assert raised.tier_of(request.values) == (tier, ("bars",) if tier == 3 else ())
 
 
 # --- rows and tools ---------------------------------------------------------------------------------------------------
@@ -132,6 +233,7 @@ def test_a_row_that_fits_is_the_tools():
         typed("bleed", {"type": "integer"}),
         typed("at", {"type": "array", "items": {"type": "string"}}),
         typed("at", True),
+        typed("percent", {"anyOf": [{"type": "number"}, {"type": "string"}]}),
         {},
     ],
 )
@@ -140,6 +242,22 @@ def test_a_schema_that_differs_is_refused_at_start(schema):
         rows_of([served(schema)], decorated={"open_valve": VALVE}, configured={})
     assert refused.value.code is PepFault.TOOL_SCHEMA_DIFFERS
     assert "open_valve" in refused.value.detail
+
+
+@pytest.mark.parametrize(
+    ("name", "schema"),
+    [
+        ("query", {"type": "integer"}), ("path", {}), ("tags", {"type": "string"}), ("sides", {"type": "array"}),
+        ("tags", {"type": "array", "items": {"type": "integer"}}), ("bars", {"type": "array", "items": {}}),
+    ],
+)  # fmt: skip
+def test_a_schema_of_another_kind_is_refused_at_start(name, schema):
+    fits = definition_of(SEARCH, "Search.")
+    assert rows_of([fits], decorated={"search": SEARCH}, configured={}) == {"search": SEARCH}
+    differs = {**fits.input_schema, "properties": {**fits.input_schema["properties"], name: schema}}
+    with pytest.raises(DeclarationError) as refused:
+        rows_of([Tool(name="search", input_schema=differs)], decorated={"search": SEARCH}, configured={})
+    assert (refused.value.code, f"search.{name}" in refused.value.detail) == (PepFault.TOOL_SCHEMA_DIFFERS, True)
 
 
 @pytest.mark.parametrize(

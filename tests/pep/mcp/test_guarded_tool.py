@@ -7,7 +7,8 @@ from types import SimpleNamespace
 import pytest
 from capabilities.values.scope import Grant, Limit, Range, Tier
 from mcp_types import CallToolRequestParams, CallToolResult, TextContent, Tool
-from pep.base.declaration import Within, row
+from pep.base.declaration import row
+from pep.base.stated_values import Within
 from pep.base.ports import RegisteredTool
 from pep.mcp.guard import DECISION_META, Guard
 from pep.mcp.http_request import CREDENTIALS

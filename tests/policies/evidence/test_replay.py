@@ -2,6 +2,7 @@
 
 import asyncio
 import copy
+import hashlib
 import json
 import math
 import random
@@ -9,7 +10,13 @@ from dataclasses import replace
 
 import pytest
 import rfc8785
-from capabilities.values.scope import Tier
+from capabilities.values.arguments import argument
+from capabilities.values.chain import Refusal
+from capabilities.values.errors import FaultCode
+from capabilities.values.scope import Each, Range, Stems, Tier
+from capabilities.values.units import kind_of
+from policies.decision.load import load_shipped
+from policies.evidence.shape import fault
 from policies.words.canonical import EXACT
 from tests.model import triples
 from tests.pep.kit import MOVE, full_scope, reading
@@ -20,6 +27,7 @@ from policies import NOT_COLLECTED, Effect, Evidence, ImpactFault, PolicyError, 
 from policies.evidence import case_json
 
 F = PolicyFault
+SHIPPED = load_shipped("paper-default")
 
 
 def carried(request, evidence):
@@ -285,3 +293,61 @@ def test_what_people_answered_is_decided_the_same_from_its_record(tmp_path, kind
     finally:
         rig.gate.close()
         rig.journal.close()
+
+
+# --- values of each kind ---------------------------------------------------------------------------------------------
+
+KINDS = {
+    "text": ("text", "é pump"), "path": ("path", "/srv/a"), "url": ("url", "https://a.example/x"), "flag": ("flag", True),
+    "free": ("free", {"a": [1, None]}), "texts": ("[text]", ["a", ""]), "bars": ("[x-bar/1000]", [1, 2]),
+    "bar": ("x-bar/1000", 7),
+}  # fmt: skip
+
+
+def of_each_kind():
+    request, evidence = world.asked()
+    values = tuple(argument(name, kind_of(kind), value) for name, (kind, value) in KINDS.items())
+    text = values[0]
+    stems = Stems(frozenset({"pump"}), "")
+    refused = Refusal(
+        FaultCode.LIMIT_EXCEEDED_BY_REQUEST, parameter="text", value=text.value, unit=text.kind, bound=stems,
+        nearest="pump", hop=0, hop_id="0" * 32, agent="a", sponsor="s",
+    )  # fmt: skip
+    listed = replace(refused, unit=kind_of("[x-bar/1000]"), value=(1, 2), bound=Each(Range(0, 1), 0, 9), nearest=(1, 1))
+    return replace(request, values=values), [replace(evidence, request_fault=each) for each in (None, refused, listed)]
+
+
+def test_a_request_with_values_of_each_kind_is_read_as_it_was_and_is_decided_the_same():
+    request, seen = of_each_kind()
+    assert [value.name for value in request.quantities] == ["bar"]
+    for evidence in seen:
+        assert fault(request, evidence) is None
+        again = case_json.read(carried(request, evidence))
+        assert (again.request, again.evidence.digest) == (request, evidence.digest)
+        decided, before = decide(again.request, again.evidence, SHIPPED), decide(request, evidence, SHIPPED)
+        assert replace(decided, evidence=None) == replace(before, evidence=None)
+    told = decide(request, seen[2], SHIPPED).findings[0].detail
+    assert (told["kind"], told["member"], told["nearest_permitted"]) == ("[x-bar/1000]", 1, (1, 1))
+
+
+def test_the_digest_is_of_the_canonical_form_of_every_value():
+    request, _ = of_each_kind()
+    stated = case_json.request_to_plain(request)
+    content = {each: stated[each] for each in ("audience", "object", "operation", "values")}
+    assert request.digest == hashlib.sha256(rfc8785.dumps(content)).hexdigest()
+    assert len({replace(request, values=(value,)).digest for value in request.values}) == len(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("stated", "code"),
+    [
+        (["x", "text", "a\u200b"], F.OUT_OF_RANGE), (["x", "text", 1], F.WRONG_TYPE), (["x", "path", "/a/"], F.OUT_OF_RANGE),
+        (["x", "flag", 1], F.WRONG_TYPE), (["x", "free", "abc"], F.WRONG_TYPE), (["x", "x-bar", 1], F.UNKNOWN_VALUE),
+        (["x", "free", {"sha256": "AB" * 32, "size_bytes": 9}], F.WRONG_TYPE), (["x", "[free]", []], F.UNKNOWN_VALUE),
+        (["x", "free", {"sha256": "ab" * 32, "size_bytes": 0}], F.WRONG_TYPE), (["x", "[text]", "a"], F.WRONG_TYPE),
+    ],
+)  # fmt: skip
+def test_a_value_of_another_kind_or_spelling_is_not_read(stated, code):
+    with pytest.raises(PolicyError) as refused:
+        case_json.read_request({**case_json.request_to_plain(world.asked()[0]), "values": [stated]})
+    assert (refused.value.code, refused.value.where.startswith("request.values[0]")) == (code, True)

@@ -12,8 +12,9 @@ from decimal import Decimal
 from html.parser import HTMLParser
 
 import pytest
+from capabilities.values.arguments import argument
 from capabilities.values.scope import Tier
-from capabilities.values.units import INT_LIMIT, DeclaredUnit, Quantity, Unit
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit
 from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
@@ -144,6 +145,25 @@ def test_an_act_without_a_robot_is_told_in_words(cell):
     assert "open_valve" in text
     assert "valve-7" in text
     assert not any(word in text for word in ("Perception", "Clearance", "Robot", "Index", "Scene", "--sees-clear"))
+
+
+def test_words_flags_lists_and_free_values_are_shown_so_that_none_passes_for_another(cell):
+    values = (
+        argument("query", Sort.TEXT, "pump <b>7</b>"),
+        argument("look", Sort.TEXT, "p\u0430ypal"),
+        argument("file", Sort.PATH, "/srv/é"),
+        argument("bleed", Sort.FLAG, True),
+        argument("tags", ListOf(Sort.TEXT), ["a", "b"]),
+        argument("filter", Sort.FREE, {"a": 1}),
+    )
+    nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
+    ask_id, _ = cell.taken(perception="none", object="docs", operation="search", values=values, **nothing)
+    seen = Reader(fetched(cell, ask_id).text).text
+    for shown in (
+        'query pump <b>7</b> "pump <b>7</b>" text', 'look p\u27e8U+0430\u27e9ypal "p\\u0430ypal" text', 'file /srv/é "/srv/\\u00e9" path',
+        "bleed yes true flag", 'tags 2: a, b ["a", "b"] [text]', "filter 7 bytes SHA-256 " + hashlib.sha256(b'{"a":1}').hexdigest(),
+    ):  # fmt: skip
+        assert shown in seen, shown
 
 
 def test_an_ask_without_parameters_start_or_contributors(cell):
