@@ -9,9 +9,11 @@ A declaration is checked when it is made, so a wrong one never serves.
 from __future__ import annotations
 
 import inspect
+import json
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
+from weakref import WeakSet
 
 from capabilities.values import text as forms
 from capabilities.values.scope import Tier
@@ -40,6 +42,8 @@ if TYPE_CHECKING:
 
 ROW: Final = "__ztpm_operation__"
 """Attribute of a decorated function that holds its row."""
+_DECLARED: Final[WeakSet[Callable[..., Any]]] = WeakSet()
+"""Every function that was decorated and is still there."""
 ELEMENTS: Final = 32
 """Most elements of a list that are parameters of their own; an ask holds no more values."""
 FLAG: Final = "flag"
@@ -69,7 +73,9 @@ def operation(
         name = function.__name__
         hints = _hints(function)
         arguments = {each: stated for each in hints if (stated := _stated(f"{name}.{each}", hints[each])) is not None}
-        setattr(function, ROW, row(object, name, arguments, base_tier=base_tier, exact=exact, when=when))
+        made = row(object, name, arguments, base_tier=base_tier, exact=exact, when=when)
+        setattr(function, ROW, _with_defaults(made, function))
+        _DECLARED.add(function)
         return function
 
     return declare
@@ -79,6 +85,29 @@ def declared(function: object) -> Operation | None:
     """The row that the function was decorated with, or None."""
     found = getattr(function, ROW, None)
     return found if isinstance(found, Operation) else None
+
+
+def defined_twice(function: Callable[..., Any]) -> bool:
+    """True where the function's module defined another one of its name, which a server may have passed over."""
+    place = function.__module__, getattr(function, "__qualname__", "")
+    code = getattr(function, "__code__", None)
+    named = getattr(function, "__globals__", {}).get(function.__name__)
+    others = [other for other in (*_DECLARED, named) if inspect.isfunction(other)]
+    # The same definition may run again, as in a function that makes a server.
+    return any((each.__module__, each.__qualname__) == place and each.__code__ is not code for each in others)
+
+
+def _with_defaults(stated: Operation, function: Callable[..., Any]) -> Operation:
+    """The row with the defaults of the function's own signature; one that is no JSON value is none."""
+    parameters = inspect.signature(function).parameters
+    arguments = []
+    for argument in stated.arguments or ():
+        try:
+            default = json.dumps(parameters[argument.name].default, allow_nan=False)
+        except (TypeError, ValueError):
+            default = None
+        arguments.append(replace(argument, default=default))
+    return replace(stated, arguments=tuple(arguments))
 
 
 def row_from_toml(name: str, table: object) -> Operation:

@@ -107,11 +107,13 @@ class ToolArgument:
         name: of it.
         form: of its value.
         parameters: so many of the operation's parameters, in their order, come from it.
+        default: JSON of its value in a call that leaves it out; None where it must be given.
     """
 
     name: str
     form: ArgumentForm
     parameters: int = 1
+    default: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, cast
 
@@ -9,10 +10,11 @@ from mcp_types import Tool
 
 from capabilities.values.scope import Each
 from capabilities.values.units import ListOf, Sort
-from pep.base.declaration import declared
+from pep.base.declaration import declared, defined_twice
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm
 from pep.mcp import fastmcp_server
+from pep.mcp.mapping import checked_defaults
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -34,11 +36,18 @@ _TYPES: Final[Mapping[ArgumentForm, str]] = {
 
 
 async def decorated(server: AnyServer) -> dict[str, Operation]:
-    """Rows of the server's functions that declare one, by the name of their tool; a low-level server has none."""
+    """Rows of the server's functions that declare one, by the name of their tool; a low-level server has none.
+
+    Raises:
+        DeclarationError: `TOOL_TWICE`: the module defined a tool twice, and the server kept the first.
+    """
     if fastmcp_server.is_fastmcp(server):
         return await fastmcp_server.decorated(cast("FastMCPServer", server))
     table = getattr(server, "_tool_manager", None)
     tools = () if table is None else table.list_tools()
+    for tool in tools:
+        if defined_twice(tool.fn):
+            raise DeclarationError(PepFault.TOOL_TWICE, f"{tool.name}: the server kept the first definition of two")
     return {tool.name: row for tool in tools if (row := declared(tool.fn)) is not None}
 
 
@@ -63,11 +72,24 @@ def rows_of(
         if row is None:
             raise DeclarationError(PepFault.TOOL_UNDECLARED, tool.name)
         check_schema(row, tool)
-        rows[tool.name] = replace(row, name=tool.name)
+        rows[tool.name] = checked_defaults(replace(_with_defaults(row, tool), name=tool.name))
     for name in configured:
         if name not in rows:
             raise DeclarationError(PepFault.TOOL_UNKNOWN, f"{name}: the server has no such tool")
     return rows
+
+
+def _with_defaults(row: Operation, tool: Tool) -> Operation:
+    """The row with the defaults of the tool's own schema, of the arguments that it does not require."""
+    stated, required = tool.input_schema.get("properties") or {}, tool.input_schema.get("required") or ()
+    optional = {
+        name: schema["default"] for name, schema in stated.items() if name not in required and "default" in schema
+    }
+    arguments = (
+        replace(each, default=json.dumps(optional[each.name])) if each.name in optional else replace(each, default=None)
+        for each in row.arguments or ()
+    )
+    return replace(row, arguments=tuple(arguments))
 
 
 def definition_of(row: Operation, description: str) -> Tool:
@@ -78,7 +100,14 @@ def definition_of(row: Operation, description: str) -> Tool:
         description: of it.
     """
     properties = {argument.name: _schema(argument, limits[0]) for argument, limits in row.stated()}
-    schema = {"type": "object", "properties": properties, "required": list(properties)}
+    defaults = {each.name: json.loads(each.default) for each in row.arguments or () if each.default is not None}
+    for name, default in defaults.items():
+        properties[name]["default"] = default
+    schema = {
+        "type": "object",
+        "properties": properties,
+        "required": [name for name in properties if name not in defaults],
+    }
     return Tool(name=row.name, description=description, input_schema=schema)
 
 

@@ -12,11 +12,13 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import rfc8785
 
-from capabilities.values.arguments import Argument
+from capabilities.values.arguments import Argument, measured
 from capabilities.values.arguments import argument as argument_value
+from capabilities.values.bounds import permits
 from capabilities.values.errors import FaultCode, QuantityError
 from capabilities.values.units import DeclaredUnit, ListOf, Quantity, Sort, Unit, parse, scaled
 from capabilities.values.well_formed import LIST_LENGTH
+from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm, OperationKind
 from pep.base.operations import JOINTS, OPERATIONS, WAYPOINTS, padded
 from policies.evidence.model import Point, Request
@@ -92,17 +94,18 @@ def to_request(
         at: wall clock of arrival, seconds since the epoch.
 
     Returns:
-        The request; or `PARAMETERS_WRONG` for a missing or extra argument or a list of another length, and the codes of
-        `capabilities.values.units.parse` for a number that is none, not finite, out of range or off the grid.
+        The request, with the default of what is left out; or `PARAMETERS_WRONG` for a missing or extra argument, one of
+        another type, or a list of another length; `NOT_CANONICAL` for another spelling of a word than its one; and the
+        codes of `capabilities.values.units.parse` for a number that is none, not finite, out of range or off the grid.
     """
     stated = operation.arguments or ()
     if not {each.name for each in stated}.issuperset(arguments):
         return Misfit(Reason.PARAMETERS_WRONG, "", "an argument that the tool does not have")
     values: list[Value] = []
     for argument, limits in operation.stated():
-        if argument.name not in arguments:
+        if argument.name not in arguments and argument.default is None:
             return Misfit(Reason.PARAMETERS_WRONG, argument.name, "the argument is missing")
-        read = _read(argument, limits, arguments[argument.name])
+        read = _read(argument, limits, _given(argument, arguments))
         if isinstance(read, Misfit):
             return read
         values.extend(read)
@@ -115,6 +118,30 @@ def to_request(
         values=tuple(values),
         at=at,
     )
+
+
+def _given(argument: ToolArgument, arguments: Mapping[str, Any]) -> Any:
+    """The argument's value in a call, or its default where the call leaves it out."""
+    if argument.name in arguments or argument.default is None:
+        return arguments[argument.name]
+    return json.loads(argument.default)
+
+
+def checked_defaults(operation: Operation) -> Operation:
+    """The operation, each of whose defaults is a value that its row permits.
+
+    Raises:
+        DeclarationError: `DECLARATION_MALFORMED`, naming tool and argument.
+    """
+    for argument, limits in operation.stated():
+        read = () if argument.default is None else _read(argument, limits, _given(argument, {}))
+        wrong = isinstance(read, Misfit) or not all(
+            permits(limit.bound, measured(value)) for limit, value in zip(limits, read, strict=False)
+        )
+        if wrong:
+            where = f"{operation.name}.{argument.name}: its default is none of its values"
+            raise DeclarationError(PepFault.DECLARATION_MALFORMED, where)
+    return operation
 
 
 def _read(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any) -> Sequence[Value] | Misfit:
@@ -184,7 +211,7 @@ def decided_arguments(operation: Operation, request: Request, given: Mapping[str
     for argument, limits in operation.stated():
         mine, left = left[: len(limits)], left[len(limits) :]
         if limits[0].parameter.kind is Sort.FREE:
-            decided[argument.name] = json.loads(rfc8785.dumps(given[argument.name]))
+            decided[argument.name] = json.loads(rfc8785.dumps(_given(argument, given)))
         else:
             decided[argument.name] = _argument(argument.form, limits[0].scale or 1, [each.value for each in mine])
     return decided
@@ -221,7 +248,7 @@ def _argument(form: ArgumentForm, scale: int, values: Sequence[Any]) -> Any:
 
 def rounded(given: Mapping[str, Any], decided: Mapping[str, Any]) -> dict[str, Any]:
     """The decided arguments that are other numbers than the given ones."""
-    return {name: value for name, value in decided.items() if given[name] != value}
+    return {name: value for name, value in decided.items() if name in given and given[name] != value}
 
 
 def _numbers(argument: ToolArgument, given: Any) -> Sequence[Any] | None:

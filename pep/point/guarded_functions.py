@@ -26,14 +26,14 @@ from starlette.requests import Request as HttpRequest  # noqa: TC002 - a framewo
 from capabilities.values import strict_json
 from capabilities.values.chain import Chain
 from pep.base.declaration import declared
-from pep.base.errors import DeclarationError, PepFault
+from pep.base.errors import DeclarationError, JournalError, PepFault
 from pep.gate import records
 from pep.gate.gate import EffectResult, GateResult
 from pep.mcp import deferred_result
 from pep.mcp.body_screen import BODY_BYTES, DEPTH
 from pep.mcp.declared_tools import definition_of
 from pep.mcp.http_request import headers_of, token_in
-from pep.mcp.mapping import Misfit, bare_request, decided_arguments, to_request
+from pep.mcp.mapping import Misfit, bare_request, checked_defaults, decided_arguments, to_request
 from pep.mcp.provenance import unvouched
 from pep.mcp.tool_digest import ToolPin, definition_digest, tool_reading
 from pep.point import carriage
@@ -42,7 +42,7 @@ from pep.request.authority import PresentedRequest
 from pep.request.call import Call
 from policies.evidence.evidence import NOT_COLLECTED
 from policies.evidence.model import Effect
-from policies.words.reason_table import Reason
+from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping
@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
     from pep.point.guard_config import GuardConfig
+    from pep.request.authority import Credentials
     from pep.request.permit import Permit
 
     F = TypeVar("F", bound="Callable[..., Any]")
@@ -86,7 +87,7 @@ def _rows(functions: Iterable[Callable[..., Any]]) -> dict[str, tuple[Operation,
             raise DeclarationError(PepFault.TOOL_UNDECLARED, function.__name__)
         if row.name in rows:
             raise DeclarationError(PepFault.TOOL_TWICE, row.name)
-        rows[row.name] = row, function.__doc__ or ""
+        rows[row.name] = checked_defaults(row), function.__doc__ or ""
     return rows
 
 
@@ -203,7 +204,7 @@ class GuardedFunctions(DecidingPoint):
         Raises:
             NotPermittedError: nothing must happen.
         """
-        call = self._call(row, presented, arguments)
+        call = await self._call(row, presented, arguments)
         decided = decided_arguments(row, call.request, arguments)
         entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
 
@@ -237,15 +238,14 @@ class GuardedFunctions(DecidingPoint):
             raise DeclarationError(PepFault.TOOL_UNDECLARED, function.__name__)
         return row
 
-    def _call(self, row: Operation, presented: PresentedRequest, arguments: Mapping[str, Any]) -> Call:
+    async def _call(self, row: Operation, presented: PresentedRequest, arguments: Mapping[str, Any]) -> Call:
         arrived_ms, at = self.clock.monotonic_ms(), self.clock.wall_s()
         audience = self.config.audience
         lease_ms = self.gate.lease_ms(bare_request(row, audience=audience))
         credentials = self.authority.check(presented, lease_ms=lease_ms)
         request = to_request(row, arguments, request_id=secrets.token_hex(16), audience=audience, at=at)
         if isinstance(request, Misfit):
-            where = {"argument": request.argument, "detail": request.detail}
-            raise NotPermittedError({"decision": "DENY", "reason": str(request.reason), **where})
+            raise await self._refused(row, credentials, request)
         chain = credentials.chain
         return Call(
             request=request,
@@ -256,6 +256,27 @@ class GuardedFunctions(DecidingPoint):
             readiness=None,
             context=unvouched(request, (), leaf=chain.leaf, at=at) if isinstance(chain, Chain) else NOT_COLLECTED,
         )
+
+    async def _refused(self, row: Operation, credentials: Credentials, misfit: Misfit) -> NotPermittedError:
+        """The refusal of arguments that are no request, once it is on record."""
+        where: dict[str, object] = {"argument": misfit.argument, "detail": misfit.detail}
+        # A stranger hears of its credentials alone, as at a tool server.
+        fault = credentials.fault
+        reason, primitive = (misfit.reason, "TEA-2") if fault is None else (Reason(fault.code), "AID-1")
+        body = records.refusal(
+            at=self.clock.wall_s(),
+            at_ms=self.clock.monotonic_ms(),
+            reason=reason,
+            status=200,
+            credentials=credentials,
+            where={"tool": row.name, **where, "primitive": primitive},
+        )
+        try:
+            await self.gate.record("refusal", body)
+        except JournalError:
+            reason = Reason.RECORD_FAILED
+        told = {"decision": "DENY", "reason": str(reason), "primitive": primitive, "remedy": REASONS[reason].remedy}
+        return NotPermittedError(told if fault is not None else {**where, **told})
 
 
 class _Act:

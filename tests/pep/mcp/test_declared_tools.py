@@ -1,18 +1,21 @@
 """Arguments of declared tools: rounded once, decided, and handed on as decided; and rows that fit their tools."""
 
+import asyncio
 import hashlib
 import math
 from fractions import Fraction
+from typing import Annotated
 
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from mcp.server import MCPServer
 from mcp_types import Tool
 from capabilities.values.arguments import kind_given, plain
-from pep.base.declaration import row
+from pep.base.declaration import operation, row
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.stated_values import Free, Length, Listed, Within, Word
-from pep.mcp.declared_tools import definition_of, rows_of
+from pep.mcp.declared_tools import decorated, definition_of, rows_of
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, to_request
 from policies.evidence.model import Point
 from policies.words.reason_table import Reason
@@ -202,6 +205,48 @@ def test_a_member_of_a_list_raises_the_tier():
         assert raised.tier_of(request.values) == (tier, ("bars",) if tier == 3 else ())
 
 
+# --- defaults ---------------------------------------------------------------------------------------------------------
+
+
+def defaulting():
+    server = MCPServer("plant", log_level="ERROR")
+
+    @server.tool()
+    @operation("docs", base_tier=0)
+    def search(
+        query: str,
+        top: Annotated[int, Within(1, 9)] = 3,
+        under: Annotated[str, Word("path")] = "/",
+        tags: list[str] = [],
+    ) -> str:  # noqa: B006 - a signature's default
+        return f"{query} {top} {under} {tags}"
+
+    return server
+
+
+def test_an_argument_that_is_left_out_has_the_default_of_the_tools_own_signature():
+    server = defaulting()
+    (row_,) = rows_of(asyncio.run(server.list_tools()), decorated=decorated(server), configured={}).values()
+    assert [argument.default for argument in row_.arguments] == [None, "3", '"/"', "[]"]
+    short, whole = {"query": "a"}, {"query": "a", "top": 3, "under": "/", "tags": []}
+    left, given_ = (to_request(row_, each, request_id="r", audience="a", at=0.0) for each in (short, whole))
+    assert left.digest == given_.digest, "it is decided on and recorded like a given one"
+    assert decided_arguments(row_, left, short) == whole
+    assert rounded(short, whole) == {}
+    missing = to_request(row_, {"top": 1}, request_id="r", audience="a", at=0.0)
+    assert (missing.reason, missing.argument) == (Reason.PARAMETERS_WRONG, "query")
+    assert definition_of(row_, "").input_schema["required"] == ["query"]
+
+
+@pytest.mark.parametrize("default", [0, 3.5, "3", None])
+def test_a_default_that_is_no_value_of_its_row_is_refused_at_start(default):
+    stated = {"type": "object", "properties": {"top": {"type": "integer", "default": default}}}
+    top = row("docs", "search", {"top": Within(1, 9, integer=True)}, base_tier=0, exact=False)
+    with pytest.raises(DeclarationError) as refused:
+        rows_of([Tool(name="search", input_schema=stated)], decorated={}, configured={"search": top})
+    assert (refused.value.code, "search.top" in refused.value.detail) == (PepFault.DECLARATION_MALFORMED, True)
+
+
 # --- rows and tools ---------------------------------------------------------------------------------------------------
 
 
@@ -272,4 +317,47 @@ def test_a_schema_of_another_kind_is_refused_at_start(name, schema):
 def test_every_tool_has_one_row(tools, decorated, configured, code):
     with pytest.raises(DeclarationError) as refused:
         rows_of([served(name=name) for name in tools], decorated=decorated, configured=configured)
+    assert refused.value.code is code
+
+
+def test_a_tool_that_was_defined_twice_is_refused_though_the_server_kept_one():
+    server = MCPServer("plant", log_level="ERROR")
+    for _ in range(2):
+        made = defaulting()  # the same definition, run again, is another server's
+
+    @server.tool()
+    @operation("docs", base_tier=0)
+    def search(query: str) -> str:
+        return query
+
+    first = search
+
+    @server.tool()
+    @operation("docs", base_tier=0)
+    def search(query: str) -> str:
+        return query + "?"
+
+    assert [tool.fn for tool in server._tool_manager.list_tools()] == [first]
+    with pytest.raises(DeclarationError) as refused:
+        decorated(server)
+    assert (refused.value.code, "search" in refused.value.detail) == (PepFault.TOOL_TWICE, True)
+    assert list(decorated(made)) == ["search"]
+
+
+MODULE = """
+@server.tool()
+def vent(hall: str) -> str:
+    return hall
+"""
+
+
+@pytest.mark.parametrize(("times", "code"), [(1, None), (2, PepFault.TOOL_TWICE)])
+def test_a_module_that_defines_a_tool_twice_without_our_decorator_is_refused(times, code):
+    server = MCPServer("plant", log_level="ERROR")
+    exec(compile(MODULE * times, "module", "exec"), {"__name__": "plant", "server": server})  # noqa: S102 - a module
+    if code is None:
+        assert decorated(server) == {}
+        return
+    with pytest.raises(DeclarationError) as refused:
+        decorated(server)
     assert refused.value.code is code

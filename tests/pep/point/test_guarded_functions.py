@@ -14,7 +14,7 @@ from capabilities.values.scope import Grant, Limit, Range, Tier
 from fastapi import Depends, FastAPI
 from pep.base.clock import SystemClock
 from pep.base.declaration import declared
-from pep.base.errors import DeclarationError, PepFault
+from pep.base.errors import DeclarationError, JournalError, PepFault
 from pep.point.guard_config import GuardConfig
 from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
 from pep.request.authority import PresentedRequest
@@ -69,6 +69,7 @@ class Program:
 
 
 FUNCTIONS = [open_valve, vent]
+NOBODY = PresentedRequest(None, None, "POST", AUDIENCE, b"{}")
 
 
 @asynccontextmanager
@@ -110,6 +111,34 @@ def test_what_is_not_permitted_does_not_happen(written, percent, decision, reaso
                 await program.point.enforced(open_valve)(program.presented(), percent=percent)
             assert (refused.value.told["decision"], refused.value.told["reason"]) == (decision, reason)
             assert ("outcome", "done") not in program.records()
+
+    asyncio.run(go())
+
+
+def test_arguments_that_fit_no_row_are_on_record(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            valve = program.point.enforced(open_valve)
+            for presented, arguments, told, found in (
+                (program.presented(), {"percent": "1"}, ("NOT_A_NUMBER", "percent"), ("NOT_A_NUMBER", "percent")),
+                (program.presented(), {}, ("PARAMETERS_WRONG", "percent"), ("PARAMETERS_WRONG", "percent")),
+                (program.presented(), {"percent": 1, "x": 1}, ("PARAMETERS_WRONG", ""), ("PARAMETERS_WRONG", "")),
+                (NOBODY, {"percent": "1"}, ("TOKEN_MISSING", None), ("TOKEN_MISSING", "percent")),
+            ):
+                with pytest.raises(NotPermittedError) as refused:
+                    await valve(presented, **arguments)
+                assert (refused.value.told["reason"], refused.value.told.get("argument")) == told
+                record = [each for each in program.point.journal.records() if each["kind"] != "incident"][-1]
+                assert (record["kind"], record["body"]["effect"]) == ("refusal", "DENY")
+                assert (record["body"]["reason"], record["body"]["where"]["argument"]) == found
+
+            def full(kind, body):
+                raise JournalError(PepFault.JOURNAL_BROKEN)
+
+            program.point.gate._journal.append = full
+            with pytest.raises(NotPermittedError) as refused:
+                await valve(program.presented(), percent="1")
+            assert refused.value.told["reason"] == "RECORD_FAILED"
 
     asyncio.run(go())
 
