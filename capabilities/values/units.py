@@ -12,14 +12,16 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from decimal import Context, Decimal, Inexact
 from enum import StrEnum
-from fractions import Fraction
 from typing import Final, TypeAlias
 
 from capabilities.values.errors import FaultCode, QuantityError, ScopeError
 
 INT_LIMIT: Final = 2**53 - 1
 """Largest magnitude of any integer in a request: every JSON reader keeps it exactly (RFC 8259 section 6)."""
+_EXACTLY: Final = Context(prec=64, traps=[Inexact])
+"""Arithmetic for the shortest decimal of a float, at most 17 digits, and a scale: a rounded product raises."""
 
 
 class Unit(StrEnum):
@@ -233,7 +235,7 @@ def scaled(value: object, scale: int, *, exact: bool) -> int:
         raise QuantityError(FaultCode.NOT_FINITE, "not a finite number")
     if not -INT_LIMIT <= value * scale <= INT_LIMIT:
         raise QuantityError(FaultCode.OUT_OF_RANGE, f"beyond {INT_LIMIT}")
-    whole = round(precise := Fraction(repr(value)) * scale)
+    whole = round(precise := _EXACTLY.multiply(Decimal(repr(value)), scale))
     if exact and precise != whole:
         raise QuantityError(FaultCode.NOT_ON_GRID, f"finer than 1/{scale}; the nearest is {whole / scale!r}")
     return whole

@@ -138,6 +138,14 @@ class Journal(Protocol):
         """The record's hash (hex). Raises when it cannot be made durable."""
         ...
 
+    def note(self, kind: str, body: dict[str, object]) -> str:
+        """Hash (hex) of a record that nothing waits for. It survives a power cut once `settle` or `append` returns."""
+        ...
+
+    def settle(self) -> None:
+        """Every note survives a power cut. Raises when it cannot be made durable."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class RemainingVerdict:

@@ -54,6 +54,11 @@ PHYSICS_TIMEOUT_S: Final = 3.0
 """An assessment that takes longer is a fault, and a fault is no tier."""
 ATTEMPTS: Final = 8
 """Decisions taken on fresh evidence while the record outlasts their lifetime; after the last one DENY."""
+HEARD_S: Final = 0.001
+"""Time after which an act's conduct is worked out.
+
+Its answer is on its way by then; what asks for it before has it at once.
+"""
 SEQUENCE: Final = "TEA-6"
 """Primitive behind `BUSY`: a command together with unfinished ones."""
 STATE: Final = "TEA-5"
@@ -200,8 +205,6 @@ class Gate(Edge):
         """
         evidence = self._cheap(call)
         ports = _robot_of(call, self._robot)
-        if ports is None and not _fault(evidence):
-            evidence = replace(evidence, impact=self._declared(call))
         if ports is not None and call.readiness is not None and physical and not _fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
@@ -227,31 +230,34 @@ class Gate(Edge):
 
     def _cheap(self, call: Call) -> Evidence:
         """Everything but physics, in order, up to the first fault."""
-        seen = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms(), proof=call.credentials.proof)
+        at, at_ms, proof = self._clock.wall_s(), self._clock.monotonic_ms(), call.credentials.proof
         chain = self._standing(call)
-        seen = replace(seen, chain=chain)
-        if isinstance(chain, Fault) or seen.proof is not True:
-            return seen
-        seen = replace(seen, tool=call.tool, context=call.context)
-        if _fault(seen) or call.tool.base_tier is None:
-            return seen
-        request = call.request
+        if isinstance(chain, Fault) or proof is not True:
+            return Evidence(at=at, at_ms=at_ms, proof=proof, chain=chain)
+        tool, request = call.tool, call.request
+        seen = partial(Evidence, at=at, at_ms=at_ms, proof=proof, chain=chain, tool=tool, context=call.context)
+        if tool.base_tier is None or tool.approved_digest != tool.actual_digest:
+            return seen()
         refused = self._authority.verifier.check_request(
             chain,
             object=request.object,
             operation=request.operation,
             values=request.values,
-            base_tier=call.tool.base_tier,
-            at=seen.at,
+            base_tier=tool.base_tier,
+            at=at,
         )
-        seen = replace(seen, request_fault=refused)
         if refused is not None:
-            return seen
-        seen = replace(seen, robot_fault=call.operation.refuse(request))
-        if seen.robot_fault is not None:
-            return seen
-        trust, behaviour = self.conduct.trust(chain, at=seen.at), self.conduct.behaviour(chain.leaf.agent, at=seen.at)
-        return replace(seen, trust=trust, behaviour=behaviour)
+            return seen(request_fault=refused)
+        unfit = call.operation.refuse(request)
+        if unfit is not None:
+            return seen(request_fault=None, robot_fault=unfit)
+        return seen(
+            request_fault=None,
+            robot_fault=None,
+            trust=self.conduct.trust(chain, at=at),
+            behaviour=self.conduct.behaviour(chain.leaf.agent, at=at),
+            impact=self._declared(call) if call.operation.robot is None else NOT_COLLECTED,
+        )
 
     async def _dear(self, call: Call, seen: Evidence, ports: RobotPorts) -> Evidence:
         """Physics, and then authority once more: a revocation may arrive during an assessment."""
@@ -336,7 +342,7 @@ class Gate(Edge):
             body = records.outcome(
                 call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
             )
-            recorded = await self._concluded(permit, body)
+            recorded = await self._concluded(call, permit, body)
             return GateResult(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
         if robot is not None:
             if call.operation.kind is OperationKind.READ:
@@ -344,7 +350,7 @@ class Gate(Edge):
             robot.sequence.ended(call.request, arrived=not result.failed and result.value.get("outcome") == ARRIVED)
         what = "failed" if result.failed else "done"
         body = records.outcome(call.request, record, what, result=result.value, watch=permit.watched)
-        return GateResult(decision, result=result, recorded=await self._concluded(permit, body))
+        return GateResult(decision, result=result, recorded=await self._concluded(call, permit, body))
 
     async def _observed(
         self, call: Call, evidence: Evidence, decision: Decision, effect: Callable[[Permit], Awaitable[EffectResult]]
@@ -371,10 +377,15 @@ class Gate(Edge):
             await self._effect(call, evidence, decision, permit, record=record, effect=effect), observed=True
         )
 
-    async def _concluded(self, permit: Permit, body: dict[str, object]) -> bool:
+    async def _concluded(self, call: Call, permit: Permit, body: dict[str, object]) -> bool:
         """True where the outcome of an effect is on record. A failing record undoes no effect, so it denies none."""
         permit.concluded = True
         try:
+            if call.operation.robot is None:
+                # An act is over: its answer waits for no disk. A power cut makes it an outcome that is not known.
+                self.note("outcome", body)
+                asyncio.get_running_loop().call_later(HEARD_S, self.conduct.hear)
+                return True
             # Shielded: a caller who goes now leaves one outcome behind, not two and not none.
             await asyncio.shield(self.record("outcome", body))
         except JournalError:

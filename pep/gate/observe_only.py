@@ -47,6 +47,14 @@ class Marked:
         """Appends to the journal with the mark."""
         return self._journal.append(kind, {**body, OBSERVED: True})
 
+    def note(self, kind: str, body: dict[str, object]) -> str:
+        """As `append`; nothing waits for it."""
+        return self._journal.note(kind, {**body, OBSERVED: True})
+
+    def settle(self) -> None:
+        """Every note survives a power cut."""
+        self._journal.settle()
+
 
 class Unwatched(Watch):
     """The watch of an observed motion: it sees nothing that would end it."""

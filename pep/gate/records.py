@@ -11,7 +11,7 @@ from pep.journal.conduct import near_permille
 from policies.evidence import case_json
 from policies.evidence.evidence import Evidence
 from policies.evidence.model import Effect
-from policies.words.canonical import plain
+from policies.words.canonical import EXACT, plain
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -182,6 +182,8 @@ def jsonable(value: object) -> object:
             return {str(k): jsonable(v) for k, v in value.items()}
         case list() | tuple() | set() | frozenset():
             return [jsonable(v) for v in value]
+        case float() if value.is_integer() and -EXACT <= value <= EXACT:
+            return int(value)  # as RFC 8785 writes it, and read back quicker
         case None | bool() | int() | float() | str():
             return value
         case _:

@@ -1,11 +1,12 @@
 """Conduct of holders as this enforcement point knows it: the identity provider's word and its own records.
 
 Its own records count at once, before the provider has heard of them, and only ever tighten. Of the two the stricter one
-is read. It hears of its records as they become durable.
+is read. It hears of its records as they are written.
 """
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from collections import OrderedDict, deque
 from dataclasses import replace
@@ -62,6 +63,7 @@ class Conduct:
         self._clock = clock
         self._parameters = parameters
         self._lock = threading.Lock()
+        self._unheard: deque[tuple[str, Mapping[str, Any], int]] = deque()
         self._open: OrderedDict[str, tuple[Report, str]] = OrderedDict()
         self._trust = NOTHING_REPORTED
         self._behaviour = NOTHING_KNOWN
@@ -73,8 +75,28 @@ class Conduct:
             JournalError: as the journal.
         """
         digest = self._journal.append(kind, body)
+        self.hear()
         self._hear(kind, body, int(self._clock.wall_s() * 1_000))
         return digest
+
+    def note(self, kind: str, body: dict[str, object]) -> str:
+        """As `append`, of a record that nothing waits for.
+
+        Its conduct counts in each reading that is asked for after it.
+        """
+        digest = self._journal.note(kind, body)
+        self._unheard.append((kind, body, int(self._clock.wall_s() * 1_000)))
+        return digest
+
+    def hear(self) -> None:
+        """Takes in the conduct of notes, which else waits until it is asked for."""
+        with contextlib.suppress(IndexError):
+            while True:
+                self._hear(*self._unheard.popleft())
+
+    def settle(self) -> None:
+        """Every note survives a power cut."""
+        self._journal.settle()
 
     def recall(self, records: Iterable[Mapping[str, Any]]) -> None:
         """Takes in the newest records of an earlier process; the identity provider has heard of the older ones.
@@ -87,6 +109,7 @@ class Conduct:
 
     def trust(self, chain: Chain, *, at: float) -> TrustReading:
         """Trust along the chain, one edge for each hop, as of `at` (seconds since the epoch)."""
+        self.hear()
         word = self._registry.conduct()
         parties = (chain.sponsor.subject, *(hop.agent for hop in chain.hops))
         with self._lock:
@@ -102,6 +125,7 @@ class Conduct:
 
     def behaviour(self, agent: str, *, at: float) -> BehaviourReading:
         """The behaviour of an agent, as of `at` (seconds since the epoch); as old as the identity provider's word."""
+        self.hear()
         word = self._registry.conduct()
         told = word.agents.get(agent)
         with self._lock:

@@ -4,11 +4,16 @@ A record is one line of RFC 8785 JSON: `{"v":1,"pep":id,"seq":n,"prev":hex,"at_m
 hash is SHA-256 over exactly the line's bytes; `prev` of the first is 64 zeros. A line that was being written when the
 power failed has no newline: it was never acknowledged and is cut off when the journal is opened again. Any other damage
 is refused, since it is no accident of writing. The chain holds every record but the newest; the ledger holds that one.
+
+A note is a record that nothing waits for. It is in the file at once, so it outlives this process; a power cut may take
+it until it is settled: by the next record that is waited for, or by `settle`. The ledger is not told of it before.
 """
 
 from __future__ import annotations
 
 import array
+import bisect
+import contextlib
 import fcntl
 import hashlib
 import json
@@ -16,8 +21,8 @@ import os
 import threading
 from typing import TYPE_CHECKING, Any, Final
 
-import rfc8785
-
+from capabilities.values import strict_json
+from capabilities.values.errors import StatementError
 from pep.base.errors import JournalError, PepFault
 
 if TYPE_CHECKING:
@@ -47,7 +52,10 @@ class FileJournal:
         self._fd = descriptor
         self._pep_id = pep_id
         self._clock = clock
+        # `_lock` is held over a line, never over a sync: a note waits for no other record's disk.
         self._lock = threading.Lock()
+        self._syncing = threading.Lock()
+        self._settled = 0
         self._starts = array.array("Q")
         self._size = 0
         self._head = FIRST_PREV
@@ -75,6 +83,9 @@ class FileJournal:
             except OSError as error:
                 raise JournalError(PepFault.JOURNAL_LOCKED, str(path)) from error
             journal._recover()
+            # What a process left that was killed was perhaps never synced.
+            os.fdatasync(descriptor)
+            journal._settled = len(journal._starts)
             directory = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY)
             try:
                 os.fsync(directory)
@@ -101,10 +112,9 @@ class FileJournal:
         seq = FIRST_SEQ + len(self._starts)
         try:
             record = json.loads(line)
-            sound = rfc8785.dumps(record) == line and (record["v"], record["pep"], record["seq"], record["prev"]) == (
-                VERSION, self._pep_id, seq, self._head,
-            )  # fmt: skip
-        except (ValueError, KeyError, TypeError, RecursionError, rfc8785.CanonicalizationError) as error:
+            states = (record["v"], record["pep"], record["seq"], record["prev"])
+            sound = states == (VERSION, self._pep_id, seq, self._head) and strict_json.canonical(record) == line
+        except (ValueError, KeyError, TypeError, RecursionError, StatementError) as error:
             raise JournalError(PepFault.JOURNAL_CORRUPT, f"record {seq} is unreadable") from error
         if not sound:
             raise JournalError(PepFault.JOURNAL_CORRUPT, f"record {seq} breaks the chain")
@@ -124,6 +134,32 @@ class FileJournal:
             JournalError: `JOURNAL_BROKEN` when it could not be made durable. After a failed write or sync every later
                 append raises too: what the disk then holds is known again only after opening anew.
         """
+        digest, through = self._written(kind, body)
+        self._settle(through)
+        return digest
+
+    def note(self, kind: str, body: dict[str, object]) -> str:
+        """The record's hash (hex); it outlives this process, and a power cut once it is settled.
+
+        Args:
+            kind: as for `append`.
+            body: likewise.
+
+        Raises:
+            JournalError: `JOURNAL_BROKEN` when it could not be written.
+        """
+        return self._written(kind, body)[0]
+
+    def settle(self) -> None:
+        """All that is in the file survives a power cut.
+
+        Raises:
+            JournalError: `JOURNAL_BROKEN`, as `append`.
+        """
+        self._settle(len(self._starts))
+
+    def _written(self, kind: str, body: dict[str, object]) -> tuple[str, int]:
+        """The record's hash and its place, counted from 1."""
         with self._lock:
             if self._broken:
                 raise JournalError(PepFault.JOURNAL_BROKEN, "an earlier write failed")
@@ -137,8 +173,8 @@ class FileJournal:
                 "body": body,
             }
             try:
-                line = rfc8785.dumps(record)  # type: ignore[arg-type]  # a value that is no JSON raises here
-            except (rfc8785.CanonicalizationError, RecursionError) as error:
+                line = strict_json.canonical(record)  # a value that is no JSON raises here
+            except StatementError as error:
                 raise JournalError(PepFault.JOURNAL_BROKEN, "the record is no plain JSON") from error
             try:
                 self._write(line + b"\n")
@@ -148,46 +184,70 @@ class FileJournal:
             self._starts.append(self._size)
             self._size += len(line) + 1
             self._head = record_hash(line)
-            return self._head
+            return self._head, len(self._starts)
+
+    def _settle(self, through: int) -> None:
+        """The first so many records survive a power cut; one sync serves all that are in the file by then."""
+        with self._syncing:
+            if self._settled >= through:
+                return
+            if self._broken:
+                raise JournalError(PepFault.JOURNAL_BROKEN, "an earlier write failed")
+            written = len(self._starts)
+            try:
+                os.fdatasync(self._fd)
+            except OSError as error:
+                self._broken = True
+                raise JournalError(PepFault.JOURNAL_BROKEN, type(error).__name__) from error
+            self._settled = written
 
     def _write(self, line: bytes) -> None:
         view = memoryview(line)
         while view:
             view = view[os.write(self._fd, view) :]
-        os.fdatasync(self._fd)
 
     @property
     def last_seq(self) -> int:
         """Number of the newest record; 0 when there is none."""
         return FIRST_SEQ + len(self._starts) - 1
 
-    def after(self, seq: int, *, most_bytes: int) -> list[dict[str, Any]]:
-        """The records that follow number `seq`, oldest first, as many as fit into `most_bytes`, at least one if any."""
+    @property
+    def settled(self) -> bool:
+        """False while a note waits for its disk."""
+        return self._settled == len(self._starts)
+
+    def after(self, seq: int, *, most_bytes: int) -> list[bytes]:
+        """Lines of the settled records that follow number `seq`, oldest first, as many as fit into `most_bytes`.
+
+        It is at least one if there is any.
+        """
+        return self._read(seq, self._settled, most_bytes)
+
+    def _read(self, seq: int, through: int, most_bytes: int) -> list[bytes]:
+        """Lines of the records that follow number `seq`, up to the one of that place, counted from 1."""
         with self._lock:
-            starts, size = self._starts, self._size
             first = seq + 1 - FIRST_SEQ
-            if first >= len(starts):
+            if first >= through:
                 return []
-            last = first + 1
-            while (
-                last < len(starts)
-                and (starts[last + 1] if last + 1 < len(starts) else size) - starts[first] <= most_bytes
-            ):
-                last += 1
-            end = starts[last] if last < len(starts) else size
-            span = os.pread(self._fd, end - starts[first], starts[first])
-        return [json.loads(line) for line in span.split(b"\n") if line]
+            ends = self._starts[first + 1 : through + 1]
+            if len(ends) < through - first:
+                ends.append(self._size)
+            start = self._starts[first]
+            count = max(1, bisect.bisect_right(ends, start + most_bytes))
+            span = os.pread(self._fd, ends[count - 1] - start, start)
+        return span.splitlines()
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """Every record from the first, as they are on disk now."""
+        """Every record from the first, as they are in the file now."""
         seq = FIRST_SEQ - 1
-        while batch := self.after(seq, most_bytes=1 << 20):
-            yield from batch
-            seq = int(batch[-1]["seq"])
+        while batch := self._read(seq, len(self._starts), 1 << 20):
+            yield from map(json.loads, batch)
+            seq += len(batch)
 
     def close(self) -> None:
-        """The file is closed and unlocked; later appends raise."""
-        with self._lock:
-            if not self._broken:
-                self._broken = True
+        """The file is settled, closed and unlocked; later appends raise."""
+        with contextlib.suppress(JournalError):  # broken: what the disk holds is known again only after opening anew
+            self.settle()
+        with self._syncing, self._lock:
+            self._broken = True
             os.close(self._fd)

@@ -5,12 +5,13 @@ Any change makes it another tool.
 
 from __future__ import annotations
 
+import functools
 import hashlib
+import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-import rfc8785
-
+from capabilities.values import strict_json
 from policies.evidence.evidence import ToolReading
 
 if TYPE_CHECKING:
@@ -21,6 +22,8 @@ if TYPE_CHECKING:
 
 SEEN: Final = {"name", "title", "description", "input_schema", "output_schema", "annotations", "icons", "execution"}
 """Fields that belong to the definition; `_meta` is transport."""
+TEXTS: Final = 512
+"""Definitions whose digest is remembered."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +56,11 @@ def tool_reading(name: str, registered: RegisteredTool | None, actual_digest: st
 
 def definition_digest(tool: Tool) -> str:
     """SHA-256 (hex) over the RFC 8785 form of the tool's definition."""
-    definition = tool.model_dump(
-        mode="json", by_alias=True, exclude_none=True, include=SEEN & set(type(tool).model_fields)
-    )
-    return hashlib.sha256(rfc8785.dumps(definition)).hexdigest()
+    seen = SEEN & type(tool).model_fields.keys()
+    return _digest_of(tool.model_dump_json(by_alias=True, exclude_none=True, include=seen))
+
+
+@functools.lru_cache(maxsize=TEXTS)
+def _digest_of(definition: str) -> str:
+    """Digest of a definition's JSON text; a tool's is asked for at each call, and rarely another one."""
+    return hashlib.sha256(strict_json.canonical(json.loads(definition))).hexdigest()

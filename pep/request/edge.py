@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from policies.decision.policy import requirement
 
@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from pep.base.ports import Journal
     from policies.decision.policy import PolicySet
     from policies.evidence.model import Request
+
+SETTLED_S: Final = 0.1
+"""Ours: longest time for which a note waits to be durable, seconds."""
 
 
 class Edge:
@@ -27,6 +30,7 @@ class Edge:
         self._journal = journal
         # A worker, so that nothing else delays a record, and a record no stop (which has its own way in the shell).
         self._recorder = ThreadPoolExecutor(1, "journal")
+        self._settling: asyncio.TimerHandle | None = None
 
     def lease_ms(self, request: Request | None) -> int:
         """Oldest acceptable revocation view in ms, for a request, or (None) for a call without operation."""
@@ -42,6 +46,23 @@ class Edge:
         """
         return await asyncio.get_running_loop().run_in_executor(self._recorder, self._journal.append, kind, body)
 
+    def note(self, kind: str, body: dict[str, object]) -> None:
+        """Writes a record of something that has happened; it is durable with the next one, or `SETTLED_S` later.
+
+        Raises:
+            JournalError: when it cannot be written.
+        """
+        self._journal.note(kind, body)
+        if self._settling is None:
+            self._settling = asyncio.get_running_loop().call_later(SETTLED_S, self._settle)
+
+    def _settle(self) -> None:
+        self._settling = None
+        # A failure is the journal's own state: it denies every later effect by itself.
+        self._recorder.submit(self._journal.settle)
+
     def close(self) -> None:
         """Everything that was to be recorded is, and the worker has ended."""
+        if self._settling is not None:
+            self._settling.cancel()
         self._recorder.shutdown(wait=True)

@@ -7,11 +7,15 @@ import math
 import random
 import struct
 import time
+from datetime import UTC, datetime
+from decimal import Decimal
+from fractions import Fraction
+from uuid import UUID
 
 import pytest
 import rfc8785
 from capabilities.values.errors import FaultCode, StatementError
-from capabilities.values.units import INT_LIMIT
+from capabilities.values.units import INT_LIMIT, Parameter, Unit
 
 from capabilities.values import strict_json
 
@@ -62,6 +66,54 @@ def test_the_largest_integers_pass():
 def test_what_has_no_utf8_has_no_canonical_form():
     with pytest.raises(StatementError):
         strict_json.canonical({"x": "\ud800"})
+
+
+@pytest.mark.parametrize(
+    "value",
+    [
+        {"b": [1, -1, 0, INT_LIMIT, -INT_LIMIT, True, None, ""], "a": {"": {}, "z": []}},
+        {"é": '\x00\x1f\x7f\u2028/\\"', "\ue000": 1, "\U0001f600": 2, "z": "\U0001f600"},
+        [0.5, 45.0, -0.0, 1e21, 1e-7, 5e-324, 1e16, 123456789012345680.0, 1_000_000_000_000_000.5],
+        {"n": [1234567890123456, "1234567890123456", 12345678901234567890 / 1e5]},
+        (1, ("a", 2)),
+        [Unit.PASCAL, True],
+    ],
+)
+def test_what_is_written_quickly_is_the_same_form(value):
+    assert strict_json.canonical(value) == rfc8785.dumps(value)
+
+
+@pytest.mark.parametrize(
+    "value",
+    [math.nan, [-math.inf], {1: 2}, {None: 1}, {"a", "b"}, b"raw", INT_LIMIT + 1, [2**63], Parameter("a", Unit.PASCAL)]
+    + [Decimal(1), Fraction(1, 2), datetime.now(UTC), UUID(int=1)],
+)
+def test_what_is_no_plain_json_has_no_canonical_form(value):
+    for each in (value, [value], {"member": [value]}):
+        with pytest.raises(StatementError):
+            strict_json.canonical(each)
+
+
+def test_random_values_are_written_as_rfc_8785_says():
+    draw = random.Random(8785)
+    leaves = (
+        lambda: draw.randint(-INT_LIMIT, INT_LIMIT),
+        lambda: draw.choice((True, False, None, "", 0)),
+        lambda: "".join(chr(draw.choice((draw.randrange(0x80), draw.randrange(0xD7FF), draw.randrange(0xE000, 0x110000)))) for _ in range(draw.randrange(5))),
+        lambda: draw.choice((draw.uniform(-1e6, 1e6), round(draw.uniform(-99, 99), 1), float(draw.randint(-99, 99)), 10.0 ** draw.randint(-30, 30))),
+    )  # fmt: skip
+
+    def value(depth):
+        kind = draw.randrange(4 if depth else 2)
+        if kind == 2:
+            return [value(depth - 1) for _ in range(draw.randrange(4))]
+        if kind == 3:
+            return {str(leaves[2]()): value(depth - 1) for _ in range(draw.randrange(5))}
+        return draw.choice(leaves)()
+
+    for _ in range(300):
+        drawn = value(4)
+        assert strict_json.canonical(drawn) == rfc8785.dumps(drawn), drawn
 
 
 def test_a_byte_order_mark_is_named_and_taken_from_files_alone():

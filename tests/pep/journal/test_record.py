@@ -151,6 +151,65 @@ def test_it_is_synced_before_append_returns(path, monkeypatch):
     journal.close()
 
 
+class Disk:
+    """Counts syncs of the journal's disk, or breaks it."""
+
+    def __init__(self, monkeypatch):
+        self.syncs, self.broken, sync = 0, False, os.fdatasync
+
+        def synced(descriptor):
+            if self.broken:
+                raise OSError("no space")
+            self.syncs += 1
+            sync(descriptor)
+
+        monkeypatch.setattr(os, "fdatasync", synced)
+
+
+def test_a_note_waits_for_no_disk_and_is_settled_by_what_comes_next(path, monkeypatch):
+    journal, disk = opened(path), Disk(monkeypatch)
+    journal.append("decision", {})
+    assert disk.syncs == 1
+    journal.note("outcome", {"n": 1})
+    assert [r["kind"] for r in journal.records()] == ["decision", "outcome"], "it is in the file at once"
+    assert (disk.syncs, journal.settled, len(journal.after(0, most_bytes=1 << 20))) == (1, False, 1), "no ledger hears"
+    journal.append("decision", {})
+    assert (disk.syncs, journal.settled, len(journal.after(0, most_bytes=1 << 20))) == (2, True, 3)
+    journal.settle()
+    assert disk.syncs == 2, "nothing was left to settle"
+    journal.note("outcome", {})
+    journal.settle()
+    journal.note("outcome", {})
+    journal.close()
+    assert disk.syncs == 4
+    journal = opened(path)
+    assert (disk.syncs, journal.last_seq, journal.settled) == (5, 5, True), "what a killed process left is settled"
+    journal.close()
+
+
+def test_a_note_that_cannot_be_settled_ends_the_journal(path, monkeypatch):
+    journal, disk = opened(path), Disk(monkeypatch)
+    journal.note("outcome", {})
+    disk.broken = True
+    for act in (journal.settle, lambda: journal.append("decision", {}), lambda: journal.note("outcome", {})):
+        with pytest.raises(JournalError) as raised:
+            act()
+        assert raised.value.code is PepFault.JOURNAL_BROKEN
+    assert journal.after(0, most_bytes=1) == []
+    journal.close()
+
+
+def test_a_batch_has_as_many_lines_as_fit_and_at_least_one(path):
+    journal = opened(path)
+    for n in range(4):
+        journal.append("incident", {"n": n})
+    line = len(path.read_bytes()) // 4
+    counts = [len(journal.after(seq, most_bytes=size)) for seq in (0, 2) for size in (1, line, 2 * line, 3 * line)]
+    assert counts == [1, 1, 2, 3, 1, 1, 2, 2]
+    assert journal.after(4, most_bytes=1) == []
+    journal.close()
+
+
 @pytest.mark.parametrize("body", [{"n": float("nan")}, {"n": 2**60}, {"n": object()}, {"n": "\ud800"}])
 def test_what_is_no_plain_json_is_refused_and_harms_nothing(path, body):
     journal = opened(path)

@@ -2,6 +2,7 @@
 
 import asyncio
 import json
+import os
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Annotated, Any
@@ -39,7 +40,12 @@ def open_valve(percent: Annotated[float, Within(0, 1_000, "permille", scale=10, 
 @operation("plant", base_tier=1)
 async def vent() -> str:
     """Vent the plant."""
+    aired()
     return "vented"
+
+
+def aired():
+    """An effect that tests may look at."""
 
 
 class Program:
@@ -160,6 +166,47 @@ def test_a_revocation_after_the_decision_still_counts(written):  # noqa: F811
                 await program.point.enforced(vent)(program.presented())
             assert refused.value.told["reason"] == "REVOKED"
             assert program.records() == [("decision", None), ("outcome", "refused")]
+
+    asyncio.run(go())
+
+
+def test_an_act_waits_for_its_decisions_disk_and_its_answer_for_none(written, monkeypatch):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            journal, order, sync = program.point.journal, [], os.fdatasync
+            monkeypatch.setattr(os, "fdatasync", lambda fd: (order.append("sync"), sync(fd))[1])
+            monkeypatch.setitem(vent.__globals__, "aired", lambda: order.append("aired"))
+            await program.point.enforced(vent)(program.presented())
+            order.append("answered")
+            assert program.records() == [("decision", None), ("outcome", "done")]
+            while not journal.settled:
+                await asyncio.sleep(0.01)
+            assert order == ["sync", "aired", "answered", "sync"]
+
+            # what cannot be settled lets nothing happen any more
+            def full(fd):
+                raise OSError("no space")
+
+            monkeypatch.setattr(os, "fdatasync", full)
+            with pytest.raises(NotPermittedError) as refused:
+                await program.point.enforced(vent)(program.presented())
+            assert refused.value.told["reason"] == "RECORD_FAILED"
+            assert order.count("aired") == 1
+
+    asyncio.run(go())
+
+
+def test_an_acts_conduct_counts_in_what_is_asked_next(written):  # noqa: F811
+    async def go():
+        async with living(written()) as program:
+            conduct, holder = program.point.gate.conduct, program.holder.name
+            for count in (1, 2, 3):
+                await program.point.enforced(vent)(program.presented())
+                assert conduct.behaviour(holder, at=program.point.clock.wall_s()).samples == count
+            await program.point.enforced(vent)(program.presented())
+            while conduct._unheard:
+                await asyncio.sleep(0.01)
+            assert conduct._behaviour.careers[holder].acts == 4, "and when nothing is asked"
 
     asyncio.run(go())
 
