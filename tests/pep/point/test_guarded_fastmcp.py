@@ -1,29 +1,16 @@
 """FastMCP servers behind the guard: what the SDK's own servers answer, and the ways around that only FastMCP has."""
 
 import asyncio
-from contextlib import asynccontextmanager
-from dataclasses import replace
 from typing import Annotated
 
-import httpx2
 import pytest
-from capabilities.statements.registry import ToolEntry
-from capabilities.values.scope import Grant, Limit, Range
-from mcp import Client
-from mcp.client.streamable_http import streamable_http_client
 from mcp.server import MCPServer
 from mcp_types import ToolExecution
-from pep.base.clock import SystemClock
-from pep.base.declaration import declared
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.mcp.guard import DECISION_META
-from pep.point.guard_config import GuardConfig
-from pep.point.tool_server import GuardedServer
-from tests.pep.kit import AUDIENCE, FakeIssuer, agent, full_scope, issuer_keys
-from tests.pep.mcp.test_mcp import Signed
-from tests.pep.point.test_guarded_server import PASSPHRASE, written  # noqa: F401 - a fixture
+from tests.pep.point.alive import living, valve_scope
+from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture
 
-from capabilities.keys import keys
 from pep import Within, guard, operation, pins
 
 pytest.importorskip("fastmcp.server", reason="the extra `fastmcp` is not installed")
@@ -55,46 +42,13 @@ def fast(**options):
     return server
 
 
-@asynccontextmanager
-async def living(path, server, approved=None):
-    """The guarded server, alive, with its provider on the wire; what calls it as a holder of a token."""
-    config = GuardConfig.read(path)
-    made, trust = issuer_keys()
-    (path.parent / "trust.json").write_bytes(trust.to_json())
-    entries = [ToolEntry(p.name, p.definition_digest, p.operation, p.base_tier) for p in approved]
-    pep_key, clock = keys.from_pem(config.pep_key_file.read_bytes(), PASSPHRASE.encode()), SystemClock()
-    issuer = FakeIssuer(made, clock, tools=entries, pep_key=keys.public_raw(pep_key))
-    guarded = GuardedServer(server, config)
-    for part in (guarded.follower, guarded.shipper, guarded._asking):
-        part._http = issuer.client()
-    grant = Grant("valve-7", "open_valve", (Limit(declared(open_valve).parameters[0], Range(0, 900)),))
-    holder = agent(made, clock.wall_s(), scope=replace(full_scope(clock.wall_s()), grants=(grant,)))
-    heard, said = asyncio.Queue(), asyncio.Queue()
-    life = asyncio.create_task(guarded({"type": "lifespan", "asgi": {"version": "3.0"}}, heard.get, said.put))
-    await heard.put({"type": "lifespan.startup"})
-    started = await said.get()
-    assert started["type"] == "lifespan.startup.complete", started
-    http = httpx2.AsyncClient(transport=httpx2.ASGITransport(app=guarded), auth=Signed(holder, clock))
-    try:
-        async with http, Client(streamable_http_client(AUDIENCE, http_client=http)) as client:
-            client.kinds = lambda: [
-                (r["kind"], r["body"].get("outcome") or r["body"].get("reason")) for r in guarded.journal.records()
-            ]
-            client.app, client.auth, client.feed = guarded, Signed(holder, clock), guarded.follower
-            client.holder = holder
-            yield client
-    finally:
-        await heard.put({"type": "lifespan.shutdown"})
-        await life
-
-
 def served(path, server, scenario):
     """Result of the scenario, with the server's tools approved as they are now."""
     approved = pins(server)
     CALLED.clear()
 
     async def go():
-        async with living(path, server, approved) as client:
+        async with living(path, server, approved, valve_scope(open_valve)) as client:
             return await scenario(client)
 
     return asyncio.run(go())

@@ -10,7 +10,8 @@ import pytest
 from capabilities.statements.revocation import RevocationView
 from tests.house.pages import BLOCK
 from tests.pep.kit import AUDIENCE
-from tests.pep.point.test_guarded_fastmcp import CALLED, living, sdk
+from tests.pep.point.alive import living, valve_scope
+from tests.pep.point.test_guarded_fastmcp import CALLED, open_valve, sdk
 from tests.pep.point.test_guarded_functions import living as program_living
 from tests.pep.point.test_guarded_functions import open_valve as valve_function
 from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture
@@ -54,7 +55,7 @@ def alive(path, scenario):
     CALLED.clear()
 
     async def go():
-        async with living(path, server, approved) as client:
+        async with living(path, server, approved, valve_scope(open_valve)) as client:
             return await scenario(client)
 
     return asyncio.run(go())
