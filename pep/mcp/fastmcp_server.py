@@ -6,7 +6,7 @@ HTTP request is one act: what a tool calls through its server again has no crede
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
@@ -52,13 +52,15 @@ class _Context:
         protocol_version: of the connection.
         go_on: the server's own way from here.
         result: of the tool, as the server has it.
+        told: the same in the SDK's form.
     """
 
     request: Any
     session: Any
     protocol_version: str
     go_on: Callable[[CallToolRequestParams], Awaitable[Any]]
-    result: Any = field(default=None)
+    result: Any = None
+    told: CallToolResult | None = None
 
 
 def is_fastmcp(server: object) -> bool:
@@ -104,9 +106,10 @@ async def call(ctx: Any, params: CallToolRequestParams) -> Any:
     if not isinstance(ctx.result, ToolResult):
         return ctx.result
     given = ctx.result
-    return CallToolResult(
+    ctx.told = CallToolResult(
         content=given.content, structured_content=given.structured_content, is_error=given.is_error, _meta=given.meta
     )
+    return ctx.told
 
 
 def stand_before(
@@ -146,7 +149,7 @@ def stand_before(
             return InputRequiredToolResult(answer)
         if not isinstance(answer, CallToolResult):
             return answer
-        if ctx.result is not None and answer.content is getattr(ctx.result, "content", None):
+        if ctx.told is not None and answer.content is ctx.told.content:
             # The tool's own, with all that the server knows of it.
             return ctx.result.model_copy(update={"meta": answer.meta})
         return ToolResult.from_mcp_result(answer)

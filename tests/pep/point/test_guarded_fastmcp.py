@@ -3,19 +3,24 @@
 import asyncio
 from typing import Annotated
 
+import httpx2
 import pytest
 from mcp.server import MCPServer
-from mcp_types import ToolExecution
+from mcp import Client
+from mcp.client.streamable_http import streamable_http_client
+from mcp_types import ElicitResult, TextContent, ToolExecution
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.mcp.guard import DECISION_META
 from tests.pep.point.alive import living, valve_scope
-from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture
+from tests.pep.kit import AUDIENCE
+from tests.pep.point.test_guarded_server import TABLE, written  # noqa: F401 - a fixture
 
 from pep import Within, guard, operation, pins
 
 pytest.importorskip("fastmcp.server", reason="the extra `fastmcp` is not installed")
 from fastmcp import FastMCP
 from fastmcp.tools import Tool, ToolResult
+from fastmcp.tools.base import RawStructuredToolResult
 
 pytestmark = [pytest.mark.real_time, pytest.mark.version, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 CALLED = []
@@ -42,9 +47,9 @@ def fast(**options):
     return server
 
 
-def served(path, server, scenario):
+def served(path, server, scenario, approved=None):
     """Result of the scenario, with the server's tools approved as they are now."""
-    approved = pins(server)
+    approved = approved or pins(server)
     CALLED.clear()
 
     async def go():
@@ -141,6 +146,38 @@ def test_a_cache_of_the_servers_answers_nobody_who_is_refused(written):  # noqa:
     assert permitted.structured_content == {"result": 7.0}
     assert refused.meta[DECISION_META]["decision"] == "DENY"
     assert "result" not in refused.structured_content
+
+
+def test_a_result_of_a_tool_without_function_goes_through_as_it_is(written):  # noqa: F811
+    class Proxied(Tool):
+        async def run(self, arguments):
+            return RawStructuredToolResult([TextContent(type="text", text="open")], [arguments["percent"]])
+
+    schema = {"type": "object", "properties": {"percent": {"type": "number"}}, "required": ["percent"]}
+    server = FastMCP("plant")
+    server.add_tool(Proxied(name="open_valve", parameters=schema, output_schema={"type": "array"}))
+    path = written(TABLE)
+    opened = served(path, server, lambda client: use(client, 5.04), pins(server, path))
+    assert (opened.structured_content, opened.content[0].text) == ([5.0], "open")
+    assert opened.meta[DECISION_META]["rounded"] == {"percent": 5.0}
+
+
+@pytest.mark.parametrize("make", [sdk, fast])
+def test_a_client_that_can_show_a_page_is_asked_to(written, make):  # noqa: F811
+    shown = []
+
+    async def decline(ctx, asked):
+        shown.append(asked.url)
+        return ElicitResult(action="decline")
+
+    async def scenario(client):
+        http = httpx2.AsyncClient(transport=httpx2.ASGITransport(app=client.app), auth=client.auth)
+        able = Client(streamable_http_client(AUDIENCE, http_client=http), elicitation_callback=decline)
+        async with http, able:
+            return await use(able, 85)
+
+    told = served(written(), make(), scenario).meta[DECISION_META]
+    assert (told["decision"], [told["url"]]) == ("DEFER", shown)
 
 
 @pytest.mark.parametrize(("attribute", "value"), [("auth", object()), ("version", "5.0.0")])
