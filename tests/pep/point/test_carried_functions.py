@@ -111,6 +111,14 @@ def test_tasks_beside_each_other_have_their_own(written):  # noqa: F811
     assert alive(scenario, written()) == [["vented", 2.0], ["NOT_GRANTED", 2.0]]
 
 
+def test_more_calls_than_threads_do_not_wait_for_each_other(written):  # noqa: F811
+    async def scenario(program):
+        with program.acting():
+            return await asyncio.gather(*(asyncio.to_thread(program.valve, each) for each in range(20, 60)))
+
+    assert alive(scenario, written()) == [float(each) for each in range(20, 60)]
+
+
 def test_an_agent_inside_has_its_own_credentials_or_none(written):  # noqa: F811
     async def scenario(program):
         inside = []
