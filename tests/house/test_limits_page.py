@@ -11,7 +11,7 @@ from capabilities.values.scope_json import restriction_from_json
 from capabilities.values.units import Sort, kind_of
 from tests.house.pages import BLOCK, code, rows
 
-PAGE = (Path(__file__).parents[3] / "docs" / "limits.md").read_text("utf-8")
+PAGE = (Path(__file__).parents[2] / "docs" / "limits.md").read_text("utf-8")
 VALUES = rows(PAGE, "kind", "values", "refused")
 LIMITS = rows(PAGE, "limit", "inside", "outside", "nearest")
 HOPS = rows(PAGE, "parent", "hop", "what holds")
