@@ -12,11 +12,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, TypeAlias, assert_never
+from typing import TYPE_CHECKING, Any, Final, TypeAlias, assert_never
 
 from capabilities.values.arguments import Fingerprint, fingerprint, plain
 from capabilities.values.errors import QuantityError
-from capabilities.values.units import Quantity, Unit, parse
+from capabilities.values.units import DeclaredUnit, ListOf, Quantity, Unit, parse
 from pep.context import json_value as values
 from pep.context import receipts
 from pep.context.flow import own
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
     from capabilities.values.arguments import Value
     from capabilities.values.caps import Caps
+    from capabilities.values.units import Measure
     from pep.context.flow import Holder
     from policies.evidence.model import Request
 
@@ -133,7 +134,21 @@ def _test(value: Value) -> _Test:
         return _quantity(value)
     if isinstance(value.value, Fingerprint):
         return lambda stated, _: _fingerprint(stated) == value.value
+    if isinstance(value.kind, ListOf) and isinstance(value.kind.element, (Unit, DeclaredUnit)):
+        return _list(value.name, value.kind.element, plain(value))
     return _json(plain(value))
+
+
+def _list(name: str, unit: Measure, numbers: Any) -> _Test:
+    """Test that a list in an admitted value is these quantities, each by the unit in the list's name."""
+    members = [_quantity(Quantity(name, unit, number)) for number in numbers]
+
+    def same(stated: object, pointer: str) -> bool:
+        if not isinstance(stated, list) or len(stated) != len(members):
+            return False
+        return all(one(each, pointer) for one, each in zip(members, stated, strict=True))
+
+    return same
 
 
 def _fingerprint(stated: object) -> Fingerprint | None:

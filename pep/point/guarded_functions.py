@@ -23,14 +23,13 @@ from urllib.parse import urlsplit
 from starlette.exceptions import HTTPException
 from starlette.requests import Request as HttpRequest  # noqa: TC002 - a framework reads the annotation at run time
 
-from capabilities.values import strict_json
 from capabilities.values.chain import Chain
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, JournalError, PepFault
 from pep.gate import records
 from pep.gate.gate import EffectResult, GateResult
 from pep.mcp import deferred_result
-from pep.mcp.body_screen import BODY_BYTES, DEPTH
+from pep.mcp.body_screen import Unfit, screen
 from pep.mcp.declared_tools import definition_of
 from pep.mcp.http_request import headers_of, token_in
 from pep.mcp.mapping import Misfit, bare_request, checked_defaults, decided_arguments, to_request
@@ -257,6 +256,19 @@ class GuardedFunctions(DecidingPoint):
             context=unvouched(request, (), leaf=chain.leaf, at=at) if isinstance(chain, Chain) else NOT_COLLECTED,
         )
 
+    async def unfit(self, row: Operation, presented: PresentedRequest, unfit: Unfit) -> str:
+        """The reason for a body that is no object of arguments, once it is on record.
+
+        Args:
+            row: of the operation.
+            presented: the caller's credentials, unverified.
+            unfit: fault of the body.
+        """
+        lease_ms = self.gate.lease_ms(bare_request(row, audience=self.config.audience))
+        credentials = self.authority.check(presented, lease_ms=lease_ms)
+        refused = await self._refused(row, credentials, Misfit(unfit.reason, "", unfit.detail))
+        return str(refused.told["reason"])
+
     async def _refused(self, row: Operation, credentials: Credentials, misfit: Misfit) -> NotPermittedError:
         """The refusal of arguments that are no request, once it is on record."""
         where: dict[str, object] = {"argument": misfit.argument, "detail": misfit.detail}
@@ -335,14 +347,12 @@ def permitted(
             url=f"{parts.scheme}://{parts.netloc}{request.url.path}",
             body=body,
         )
+        arguments = screen(body)
+        if isinstance(arguments, Unfit):
+            raise HTTPException(400, await point.unfit(row, presented, arguments))
         try:
-            arguments = strict_json.read(body, limit_bytes=BODY_BYTES, limit_depth=DEPTH)
-            if not isinstance(arguments, dict):
-                raise HTTPException(400, str(Reason.BODY_MALFORMED))
             async with point.act(row, presented, arguments) as decided:
                 yield decided
-        except strict_json.JsonError as error:
-            raise HTTPException(400, str(Reason.BODY_MALFORMED)) from error
         except NotPermittedError as refused:
             deferred = refused.told["decision"] == Effect.DEFER
             raise HTTPException(409 if deferred else 403, json.dumps(refused.told)) from refused

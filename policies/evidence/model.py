@@ -91,14 +91,16 @@ class Request:
 
         The same for every retry.
         """
+        # of names and of integers that every reader keeps, the quick encoder writes the RFC 8785 form
+        usual = all(type(v) is Quantity and type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
         content: dict[str, Any] = {
             "audience": self.audience,
             "object": self.object,
             "operation": self.operation,
-            "values": [[v.name, str(kind_given(v)), plain(v)] for v in self.values],
+            "values": [[v.name, str(v.unit), v.value] for v in self.quantities]
+            if usual
+            else [[v.name, str(kind_given(v)), plain(v)] for v in self.values],
         }
-        # of names and of integers that every reader keeps, the quick encoder writes the RFC 8785 form
-        usual = all(type(v) is Quantity and type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
         return hashlib.sha256(_QUICK.encode(content) if usual else rfc8785.dumps(content)).hexdigest()
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import pytest
-from capabilities.values.units import Quantity, Unit
+from capabilities.values.arguments import argument
+from capabilities.values.units import Quantity, Unit, kind_of
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.context.arguments import PRESENTED, ArgumentContext, PresentedReceipt, arguments, named_arguments
@@ -105,6 +107,53 @@ def test_the_taint_of_a_receipt_is_in_every_choice():
 def test_two_receipts_for_one_argument_give_the_least():
     found = read(shown(), shown(label=CURATED))
     assert found["speed"].label == joined((replaced(SENSED, age_ms=1_040), replaced(CURATED, age_ms=1_000)))
+
+
+WORDS = {
+    "query": "pump 7",
+    "bleed": True,
+    "tags": ["a", "b"],
+    "filter": {"b": 1.0, "a": None},
+    "pins": [1, 2],
+    "lengths_um": [1, 2],
+}
+KINDS = {
+    "query": "text",
+    "bleed": "flag",
+    "tags": "[text]",
+    "filter": "free",
+    "pins": "[count]",
+    "lengths_um": "[um]",
+    "lengths": "[um]",
+}
+
+
+def searching(**changes):
+    values_ = tuple(argument(name, kind_of(KINDS[name]), value) for name, value in {**WORDS, **changes}.items())
+    return replace(REQUEST, object="docs", operation="search", values=values_)
+
+
+def test_a_value_of_another_kind_is_vouched_for_where_it_is_the_same():
+    everything = shown({name: f"/{name}" for name in WORDS}, WORDS, text=receipt(WORDS))
+    found = read(everything, request=searching())
+    assert {reading.label.integrity for reading in found.values()} == {Integrity.SENSED}
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("lengths", [1, 2]),
+        ("query", "pump 8"),
+        ("bleed", False),
+        ("tags", ["b", "a"]),
+        ("filter", {"a": None}),
+        ("pins", [1]),
+    ],
+)
+def test_another_value_or_unit_is_not_the_admitted_one(name, value):
+    place = "/pins" if name == "lengths" else f"/{name}"
+    found = read(shown({name: place}, WORDS, text=receipt(WORDS)), request=searching(**{name: value}))
+    assert (found[name].fault, found[name].label.integrity) == ("NOT_AT_THAT_PLACE", Integrity.NONE)
 
 
 # --- what is not -----------------------------------------------------------------------------------------------------

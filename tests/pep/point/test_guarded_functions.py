@@ -246,7 +246,14 @@ def test_an_endpoint_runs_inside_its_permit(written):  # noqa: F811
                 assert refused.status_code == 403
                 assert json.loads(refused.json()["detail"])["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
                 assert (await ask(b'{"percent": 85}')).status_code == 409
-                assert (await ask(b'{"percent": 1, "percent": 2}')).status_code == 400
+                for body, reason in (
+                    (b'{"percent": 1, "percent": 2}', "BODY_MALFORMED"), (b"[]", "BODY_MALFORMED"),
+                    (b'{"percent": NaN}', "NOT_FINITE"), (b'{"percent": "%s"}' % (b"1" * 2**20), "BODY_TOO_LARGE"),
+                ):  # fmt: skip
+                    refused = await ask(body)
+                    assert (refused.status_code, refused.json()["detail"]) == (400, reason)
+                    recorded = [each["body"] for each in program.point.journal.records() if each["kind"] == "refusal"]
+                    assert recorded[-1]["reason"] == reason
                 assert (await http.post("/valve", content=b'{"percent": 1}')).status_code == 403
             assert program.records()[:2] == [("decision", None), ("outcome", "done")]
 
