@@ -89,12 +89,16 @@ def declared(function: object) -> Operation | None:
 
 def defined_twice(function: Callable[..., Any]) -> bool:
     """True where the function's module defined another one of its name, which a server may have passed over."""
-    place = function.__module__, getattr(function, "__qualname__", "")
-    code = getattr(function, "__code__", None)
-    named = getattr(function, "__globals__", {}).get(function.__name__)
-    others = [other for other in (*_DECLARED, named) if inspect.isfunction(other)]
+    own = inspect.unwrap(function)
+    if not inspect.isfunction(own):
+        return False
+    others = [inspect.unwrap(each) for each in (*_DECLARED, own.__globals__.get(own.__name__)) if callable(each)]
+    place = own.__module__, own.__qualname__
     # The same definition may run again, as in a function that makes a server.
-    return any((each.__module__, each.__qualname__) == place and each.__code__ is not code for each in others)
+    return any(
+        inspect.isfunction(each) and (each.__module__, each.__qualname__) == place and each.__code__ != own.__code__
+        for each in others
+    )
 
 
 def _with_defaults(stated: Operation, function: Callable[..., Any]) -> Operation:

@@ -31,7 +31,7 @@ class ReasonRow:
 
 _RENEW = "Ask the delegator, or the sponsor, for a new token."
 _PROVE = "Sign a new proof with the key of the token's last hop, for exactly this request."
-_SEND = "Send every parameter of the operation as a finite number on its unit's grid."
+_SEND = "Send every parameter of the operation, of its own kind; a number is finite and on its unit's grid."
 _AT_THE_ROBOT = "A person looks at the robot and sets it right; no approval replaces that."
 _REPORT = "Nothing the caller can do; the record holds the cause for the operator."
 _AFRESH = "Ask again: the motion is decided afresh in the world as it is now."
@@ -53,7 +53,11 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "Delegate through the identity provider, which attests the delegate.",
             ("CATP-4",),
         ),
-        Reason.NOT_CANONICAL: ReasonRow("The token is not in its canonical form.", _RENEW, ("AID-3",)),
+        Reason.NOT_CANONICAL: ReasonRow(
+            "The token, or an argument, is not in its one canonical form.",
+            "Spell the argument in its one form, without hidden characters; where it is the token, renew it.",
+            ("AID-3",),
+        ),
         Reason.WRONG_PROFILE: ReasonRow("The token is of another profile.", _RENEW, ("AID-3",)),
         Reason.CHAIN_BROKEN: ReasonRow("The chain does not hold together.", _RENEW, ("AID-3", "AID-2")),
         Reason.NOT_NARROWER: ReasonRow(

@@ -1,6 +1,7 @@
 """Arguments of declared tools: rounded once, decided, and handed on as decided; and rows that fit their tools."""
 
 import asyncio
+import functools
 import hashlib
 import math
 from fractions import Fraction
@@ -345,18 +346,33 @@ def test_a_tool_that_was_defined_twice_is_refused_though_the_server_kept_one():
 
 
 MODULE = """
+@{outer}
 @server.tool()
+@{inner}
 def vent(hall: str) -> str:
     return hall
 """
 
 
+@pytest.mark.parametrize("inner", ["wrapped", "operation('plant', base_tier=1)", "plain"])
+@pytest.mark.parametrize("outer", ["wrapped", "plain"])
 @pytest.mark.parametrize(("times", "code"), [(1, None), (2, PepFault.TOOL_TWICE)])
-def test_a_module_that_defines_a_tool_twice_without_our_decorator_is_refused(times, code):
-    server = MCPServer("plant", log_level="ERROR")
-    exec(compile(MODULE * times, "module", "exec"), {"__name__": "plant", "server": server})  # noqa: S102 - a module
+def test_a_module_that_defines_a_tool_twice_is_refused_with_any_decorators(times, code, outer, inner):
+    server, text = MCPServer("plant", log_level="ERROR"), MODULE.format(outer=outer, inner=inner) * times
+
+    def wrapped(function):
+        return functools.wraps(function)(lambda *given, **named: function(*given, **named))
+
+    names = {
+        "__name__": f"plant of {text}",
+        "server": server,
+        "wrapped": wrapped,
+        "plain": lambda each: each,
+        "operation": operation,
+    }
+    exec(compile(text, "module", "exec"), names)  # noqa: S102 - a module
     if code is None:
-        assert decorated(server) == {}
+        assert set(decorated(server)) == ({"vent"} if "operation" in inner else set())
         return
     with pytest.raises(DeclarationError) as refused:
         decorated(server)
