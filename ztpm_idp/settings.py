@@ -10,6 +10,7 @@ import logging
 import os
 import stat
 import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
 from urllib.parse import urlsplit
 
@@ -28,8 +29,6 @@ from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from policies.decision.policy import PolicySet
 
 KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "registry_key_file", "ledger_key_file")
@@ -247,11 +246,18 @@ def load_policies(settings: Stated, folder: Path | None = None) -> PolicySet:
     try:
         if folder is None or settings.policy in SHIPPED:
             return load_shipped(settings.policy)
-        return load((folder / settings.policy).read_text(encoding="utf-8"))
+        path = folder / settings.policy
+        return load(path.read_text(encoding="utf-8"), place=str(path.resolve()), read=_beside)
     except (OSError, UnicodeDecodeError):
         raise SettingsError("policy", "the file cannot be read") from None
     except PolicyError as error:
         raise SettingsError("policy", f"{error.code}: {error.where}") from None
+
+
+def _beside(name: str, place: str) -> tuple[str, str]:
+    """Text and place of a policy set that the one at `place` names, in whose folder it is."""
+    path = (Path(place).parent / name).resolve()
+    return path.read_text(encoding="utf-8"), str(path)
 
 
 def _validated(model: type[S], stated: dict[str, object]) -> S:

@@ -16,7 +16,7 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from pep.base import key_file
 from pep.base.errors import ConfigError, PepFault
-from policies.decision.load import SHIPPED, load, load_shipped
+from policies.decision.load import SHIPPED, TEXT_LIMIT, load, load_shipped
 from policies.words.errors import PolicyError
 
 if TYPE_CHECKING:
@@ -167,6 +167,18 @@ def read_key(config: PartsConfig) -> PrivateKey:
     return key_file.read_key(config.pep_key_file, name="pep_key_file")
 
 
+def read_set(name: str, place: str) -> tuple[str, str]:
+    """Text of a policy set, and its place.
+
+    Args:
+        name: path of its file; a relative one begins at the folder of `place`.
+        place: path of the file that names it; "" for none.
+    """
+    path = (Path(place).parent / name).resolve()
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(TEXT_LIMIT + 1), str(path)
+
+
 def read_policies(config: PartsConfig) -> PolicySet:
     """The policy set.
 
@@ -176,6 +188,7 @@ def read_policies(config: PartsConfig) -> PolicySet:
     try:
         if config.policy in SHIPPED:
             return load_shipped(config.policy)
-        return load(Path(config.policy).read_text(encoding="utf-8-sig"))
+        text, place = read_set(config.policy, "")
+        return load(text, place=place, read=read_set)
     except (OSError, UnicodeDecodeError, PolicyError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"policy: {error}") from error

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pep.base.declaration import row_from_toml
 from pep.base.errors import ConfigError, PepFault
 from pep.point.config_text import check_url, read_text, spelled
+from policies.decision.load import SHIPPED
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -55,6 +56,8 @@ class GuardConfig:
         path = Path(path)
         given = spelled(cls, read_text(path), optional=OPTIONAL)
         home = path.absolute().parent
+        if given.get("policy", SHIPPED[0]) not in SHIPPED:
+            given["policy"] = str(home / given["policy"])
         config = cls(**{**given, **{name: home / each for name, each in given.items() if isinstance(each, Path)}})
         for name, url in (("audience", config.audience), ("issuer", config.issuer)):
             check_url(name, url)

@@ -183,6 +183,7 @@ class PolicySet:
         name, version: of the set.
         policies: in any order; ids are unique.
         parameters: the set's numbers.
+        floor: of a set that extends another one, the policies of that one which it keeps whole; they decide nothing.
         digest: SHA-256 (hex) of all that, the same for every order of policies.
     """
 
@@ -190,6 +191,7 @@ class PolicySet:
     version: int
     policies: tuple[Policy, ...]
     parameters: Parameters
+    floor: PolicySet | None = field(default=None, compare=False, repr=False)
     digest: str = field(init=False, compare=False)
     _plans: dict[tuple[frozenset[Point], str, str], Plan] = field(
         init=False, compare=False, repr=False, default_factory=dict

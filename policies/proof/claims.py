@@ -1,4 +1,4 @@
-"""The seven claims about a policy set, each as a formula over facts, beside the judgement that shows it broken.
+"""The claims about a policy set, each as a formula over facts, beside the judgement that shows it broken.
 
 The judgement (policies.proof.confirmation) says the same in other words and is put to the real decisions of a
 counterexample: a formula that claims too much is found out there.
@@ -15,6 +15,7 @@ from capabilities.values.scope import Tier
 from policies.proof import confirmation as shown
 from policies.proof.facts import GRANTED, Names
 from policies.proof.logic import Logic, Truth, implies
+from policies.proof.outcome import answers
 from policies.proof.verdicts import human_root, world_tier
 
 if TYPE_CHECKING:
@@ -69,7 +70,8 @@ class Claim:
         shown: whether real decisions break it.
         matters: when an outcome is one that the claim is about, so that a claim about nothing is found out; None where
             it is about every request.
-        compares: "" for a claim about single cases, else the difference of the second one: "a policy" or "a tier".
+        compares: "" for a claim about single cases, "a set" for one about two sets on single cases, else the difference
+            of the second case: "a policy" or "a tier".
     """
 
     id: str
@@ -164,6 +166,15 @@ def _nobody_thought_of_it(question: Question, outcomes: Sequence[Outcome]) -> Tr
     return question.logic.every(_unnamed(question, outcome), question.logic.no(physics))
 
 
+def _loses_a_denial(question: Question, outcomes: Sequence[Outcome]) -> Truth:
+    (outcome,) = outcomes
+    floor, logic = question.policies.floor, question.logic
+    kept = [] if floor is None else answers(floor, outcome.at, question.names)
+    denied = logic.some(*(said.denies for said in kept))
+    asked = logic.every(logic.no(outcome.by_people), logic.some(*(said.defers for said in kept)))
+    return logic.every(outcome.permit, logic.some(denied, asked))
+
+
 CLAIMS: Final = (
     Claim(
         id="P1",
@@ -216,4 +227,16 @@ CLAIMS: Final = (
         matters=_unnamed,
     ),
 )
-"""All seven, in order."""
+"""All seven that are asked of every set, in order."""
+EXTENDS: Final = Claim(
+    id="P8",
+    says="nothing is permitted that a policy denies, or asks about, which the set keeps of the one that it extends",
+    broken=_loses_a_denial,
+    shown=shown.loses_a_denial,
+    compares="a set",
+)
+
+
+def claims_of(policies: PolicySet) -> tuple[Claim, ...]:
+    """The claims that are asked of a set."""
+    return CLAIMS if policies.floor is None else (*CLAIMS, EXTENDS)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import Chain
 from capabilities.values.scope import Tier
-from policies.decision.policy import requirement
+from policies.decision import pdp
+from policies.decision.policy import Concern, requirement
 from policies.evidence.evidence import (
     ApprovalReading,
     DeclaredImpact,
@@ -157,6 +158,20 @@ def _whole(request: Request, evidence: Evidence) -> bool:
         seen = isinstance(view, PerceptionReading) and all(sensor.state in BELIEVED for sensor in view.sensors)
         world = world and seen and isinstance(evidence.robot, RobotReading)
     return authority and asked and world
+
+
+def loses_a_denial(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:
+    """Something is permitted that a kept policy of the extended set denies, or without people whom it asks."""
+    del harmless
+    (told,) = all_told
+    floor, asked = told.policies.floor, told.decision.approval is None
+    if floor is None or not told.permitted:
+        return False
+    physical = requirement(told.request, told.policies).physical
+    case = Case(told.request, told.evidence, physical, told.decision.tier)
+    kept = (policy for policy in floor.policies if policy.concerns(told.request) is Concern.YES)
+    said = {pdp._answer(policy, case).effect for policy in kept}  # noqa: SLF001 - the very function that decides
+    return Effect.DENY in said or (asked and Effect.DEFER in said)
 
 
 def nobody_thought_of_it(all_told: Sequence[DecidedCase], harmless: frozenset[str]) -> bool:

@@ -179,7 +179,7 @@ class Names:
 
 
 def names_of(policies: PolicySet, harmless: frozenset[str]) -> Names:
-    """The names that matter to a set, together with the operations that are called harmless."""
+    """The names that matter to a set and its floor, together with the operations that are called harmless."""
     objects: set[str] = set()
     operations: set[str] = set()
     agents: set[str] = set()
@@ -189,9 +189,15 @@ def names_of(policies: PolicySet, harmless: frozenset[str]) -> Names:
         operations |= (policy.object.operations or frozenset()) | policy.object.without
         agents |= policy.subject.agents or frozenset()
         sponsors |= policy.subject.sponsors or frozenset()
+    others = set(harmless)
+    for policy in policies.floor.policies if policies.floor else ():
+        objects |= policy.object.ids or frozenset()
+        others |= (policy.object.operations or frozenset()) | policy.object.without
+        agents |= policy.subject.agents or frozenset()
+        sponsors |= policy.subject.sponsors or frozenset()
     return Names(
         (*sorted(objects), _unlike("another-object", objects)),
-        (*sorted(operations), *sorted(harmless - operations), _unlike("unnamed-operation", operations | harmless)),
+        (*sorted(operations), *sorted(others - operations), _unlike("unnamed-operation", operations | others)),
         (*sorted(agents), _unlike("another-agent", agents)),
         (*sorted(sponsors), _unlike("another-person", sponsors)),
         len(operations),

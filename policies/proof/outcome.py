@@ -63,12 +63,12 @@ class Added:
 
 def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added: Added | None = None) -> Outcome:
     """Outcome of `policies`, and of the policy that is added to them, on `facts`."""
-    concerned = [(policy, concerns(policy, facts, names, logic)) for policy in policies.policies]
+    concerned = _concerned(policies, facts, names, logic)
     bound = logic.some(*(concern for policy, concern in concerned if policy.pit_bound is not None))
     anybody = logic.some(*(concern for _, concern in concerned), added.concerns if added else False)
     # [POL-7] an operation that no policy names counts as physical
     at = situation(facts, logic.some(logic.no(anybody), bound), logic)
-    said = [_only_when(concern, _said(policy, at, names), logic) for policy, concern in concerned]
+    said = answers(policies, at, names)
     if added is not None:
         said.append(_only_when(added.concerns, PolicyOutcome(added.denies, added.defers), logic))
     # deny-overrides, then DEFER over PERMIT; nothing is permitted that no policy permits
@@ -83,6 +83,16 @@ def outcome(policies: PolicySet, facts: Facts, names: Names, logic: Logic, added
     deny = logic.some(refused, logic.every(deferred, denied_by_people))
     permit = logic.some(logic.every(logic.no(refused), logic.no(deferred)), by_people)
     return Outcome(permit, logic.every(logic.no(permit), logic.no(deny)), deny, by_people, at)
+
+
+def answers(policies: PolicySet, at: Situation, names: Names) -> list[PolicyOutcome]:
+    """Answer of each policy of a set in a situation; one that is not concerned is silent."""
+    concerned = _concerned(policies, at.facts, names, at.logic)
+    return [_only_when(concern, _said(policy, at, names), at.logic) for policy, concern in concerned]
+
+
+def _concerned(policies: PolicySet, facts: Facts, names: Names, logic: Logic) -> list[tuple[Policy, Truth]]:
+    return [(policy, concerns(policy, facts, names, logic)) for policy in policies.policies]
 
 
 def concerns(policy: Policy, facts: Facts, names: Names, logic: Logic) -> Truth:

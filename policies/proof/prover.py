@@ -19,7 +19,7 @@ from policies.evidence.tiers import runtime_tier
 from policies.primitives.base import Case
 from policies.primitives.propagation import DynamicTrust
 from policies.proof.case_facts import what_it_says
-from policies.proof.claims import CLAIMS, Question
+from policies.proof.claims import Question, claims_of
 from policies.proof.concrete_cases import case_of
 from policies.proof.confirmation import DecidedCase
 from policies.proof.facts import FACTS, NAMES_OF, STATES, Facts, names_of
@@ -78,7 +78,8 @@ class Result:
         seconds: that it took.
         counterexample: the real cases that break the claim, or of a fault those that should have; else none.
         about_nothing: the set permits nothing of which the claim speaks, so it holds of nothing.
-        assumed: ids of primitives of which something is taken for granted (P5: that they do not soften with the tier).
+        assumed: ids of primitives of which something is taken for granted: that they do not soften with the tier (P5),
+            or with stricter numbers (P8).
     """
 
     claim: Claim
@@ -100,8 +101,8 @@ def prove(
         clock: seconds, for the times that are told.
     """
     if importlib.util.find_spec("z3") is None:
-        return tuple(Result(claim, Standing.SKIPPED, 0.0) for claim in CLAIMS)
-    return tuple(prove_one(claim, policies, harmless=harmless, clock=clock) for claim in CLAIMS)
+        return tuple(Result(claim, Standing.SKIPPED, 0.0) for claim in claims_of(policies))
+    return tuple(prove_one(claim, policies, harmless=harmless, clock=clock) for claim in claims_of(policies))
 
 
 def prove_one(claim: Claim, policies: PolicySet, *, harmless: frozenset[str], clock: Callable[[], float]) -> Result:
@@ -130,7 +131,7 @@ def prove_one(claim: Claim, policies: PolicySet, *, harmless: frozenset[str], cl
                 standing = Standing.FAULT
     except search.UndecidedError:
         standing, shown = Standing.UNDECIDED, ()
-    assumed = tuple(sorted({p.id for p in unknowns(policies)})) if claim.compares == "a tier" else ()
+    assumed = tuple(sorted({p.id for p in unknowns(policies)})) if claim.compares in ("a tier", "a set") else ()
     return Result(claim, standing, clock() - began, shown, nothing, assumed)
 
 

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Final
 import z3
 
 from policies.decision.combine import checks
+from policies.decision.extend import at_least_as_strict
 from policies.evidence.model import Point
 from policies.proof.claims import Cases, Question
 from policies.proof.facts import FACTS, NAMES_OF, Facts, PrimitiveVerdict
@@ -69,6 +70,8 @@ def any_cases(claim: Claim, question: Question) -> tuple[Cases, list[Truth]]:
             second = replace(first, **raised, unknown=unknown)
             known += [*laws(second, question.names, SYMBOLIC), *_no_softer(first, second)]
             return Cases((first, second)), known
+        case "a set":
+            return Cases((first,)), [*known, *_as_strict(first)]
         case _:
             return Cases((first,)), known
 
@@ -82,6 +85,16 @@ def _no_softer(lower: Facts, higher: Facts) -> Iterator[Truth]:
         yield implies(SYMBOLIC, before.raises, after.raises)
         yield implies(SYMBOLIC, before.fails, SYMBOLIC.some(after.fails, after.raises))
         yield implies(SYMBOLIC, after.holds, before.holds)
+
+
+def _as_strict(facts: Facts) -> Iterator[Truth]:
+    """Terms by which an unknown primitive of stricter numbers fails wherever the same one of laxer numbers does."""
+    for lax, before in facts.unknown.items():
+        for strict, after in facts.unknown.items():
+            if strict != lax and at_least_as_strict(lax, strict):
+                yield implies(SYMBOLIC, before.raises, after.raises)
+                yield implies(SYMBOLIC, before.fails, SYMBOLIC.some(after.fails, after.raises))
+                yield implies(SYMBOLIC, after.holds, before.holds)
 
 
 def outcomes(question: Question, cases: Cases) -> list[Outcome]:
@@ -188,8 +201,9 @@ def _value(model: z3.ModelRef, term: Any) -> bool | int | Fraction:
 
 def candidates(policies: PolicySet) -> tuple[int, ...]:
     """Every number of a set, and the next one above: where answers change."""
-    instances: list[Any] = [p for policy in policies.policies for p, _ in checks(policy.predicate)]
+    sets = (policies, *([policies.floor] if policies.floor else []))
+    instances: list[Any] = [p for each in sets for policy in each.policies for p, _ in checks(policy.predicate)]
     stated: set[int] = set(range(5))
-    for holder in (policies.parameters, *instances):
+    for holder in (*(each.parameters for each in sets), *instances):
         stated |= {value for f in fields(holder) if isinstance(value := getattr(holder, f.name), int)}
     return tuple(sorted(stated | {number + 1 for number in stated}))

@@ -184,8 +184,9 @@ def is_known(primitive: Primitive) -> bool:
 
 
 def unknowns(policies: PolicySet) -> tuple[Primitive, ...]:
-    """The primitives of a set that are not known here, each once, by id."""
-    found = {p for policy in policies.policies for p, _ in checks(policy.predicate) if not is_known(p)}
+    """The primitives of a set, and of its floor, that are not known here, each once, by id."""
+    members = (*policies.policies, *(policies.floor.policies if policies.floor else ()))
+    found = {p for policy in members for p, _ in checks(policy.predicate) if not is_known(p)}
     return tuple(sorted(found, key=lambda p: (p.id, repr(p))))
 
 

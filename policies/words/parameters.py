@@ -375,3 +375,25 @@ PARAMETERS: Final = _rows()
 
 GATE_PARAMETERS: Final = frozenset({"lease_motion_ms", "lease_other_ms"})
 """Parameters that a primitive takes and an enforcement point uses besides, for every caller."""
+
+MORE_IS_STRICTER: Final = frozenset({"trust_theta_permille"})
+"""Parameters of which a greater value denies or asks more; of all others but the following a smaller one does."""
+UNORDERED: Final = frozenset(
+    name
+    for name in PARAMETERS
+    if name.startswith(("trust_half", "trust_prior_w", "trust_good", "trust_bad"))
+    or (name.startswith("behaviour_") and name != "behaviour_age_ms")
+)
+"""Parameters by which trust and behaviour are learned: another value is neither stricter nor laxer."""
+
+
+def stricter(name: str, was: int, now: int) -> bool:
+    """True where the parameter denies and asks at least as much as it did."""
+    if name in UNORDERED:
+        return now == was
+    return now >= was if name in MORE_IS_STRICTER else now <= was
+
+
+def laxer(name: str, was: int, now: int) -> int:
+    """The value that denies and asks less; of a parameter without an order, the new one."""
+    return now if name in UNORDERED or not stricter(name, was, now) else was

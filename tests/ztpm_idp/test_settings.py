@@ -217,6 +217,9 @@ def test_the_policies_that_delegations_are_decided_by(tmp_path):
     named = lambda name: check_settings(GOOD | {"policy": name})
     assert load_policies(check_settings(GOOD)).name == "paper-default"
     assert load_policies(named("strict"), tmp_path).name == "strict"
+    (tmp_path / "line.toml").write_text('name = "line"\nversion = 1\nextends = "plant.toml"\n')
+    (tmp_path / "plant.toml").write_text('name = "plant"\nversion = 1\nextends = "strict"\n')
+    assert load_policies(named("line.toml"), tmp_path).floor.name == "plant"
     shipped = Path(policies.__file__).with_name("sets") / "strict.toml"
     (tmp_path / "own.toml").write_text(shipped.read_text().replace('name = "strict"', 'name = "own"'))
     assert load_policies(named("own.toml"), tmp_path).name == "own"

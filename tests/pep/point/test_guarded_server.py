@@ -12,6 +12,7 @@ from mcp_types import CallToolResult, ListToolsResult, TextContent, Tool
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.base.ports import RegisteredTool
 from pep.mcp.tool_digest import definition_digest
+from pep.point.config_text import read_policies
 from pep.point.guard_config import GuardConfig
 from pep.point.tool_server import GuardedServer
 from tests.pep.kit import AUDIENCE, CALIBRATION, ISSUER, PEP, Registry, issuer_keys
@@ -236,6 +237,25 @@ def test_an_address_that_is_taken_ends_the_start(written):
         with pytest.raises(ConfigError) as refused:
             declared(GuardedServer(lowlevel(), GuardConfig.read(path)), pinned(pin))
     assert (refused.value.code, "sensors" in refused.value.detail) == (PepFault.CONFIG_INVALID, True)
+
+
+def test_a_set_beside_the_configuration_extends_one_beside_itself(written, tmp_path, monkeypatch):
+    monkeypatch.chdir("/")
+    path = written('policy = "sets/line.toml"\n')
+    (tmp_path / "sets").mkdir()
+    line, plant = tmp_path / "sets" / "line.toml", tmp_path / "sets" / "plant.toml"
+    line.write_text('name = "line"\nversion = 1\nextends = "plant.toml"\n')
+    plant.write_text('name = "plant"\nversion = 1\nextends = "tools"\n[parameters]\nhops_max_count = 2\n')
+    read = read_policies(GuardConfig.read(path))
+    assert (read.name, read.parameters.hops_max_count, read.floor.name) == ("line", 2, "plant")
+    plant.write_text('name = "plant"\nversion = 1\nextends = "line.toml"\n')
+    with pytest.raises(ConfigError) as refused:
+        read_policies(GuardConfig.read(path))
+    assert "BASE_CYCLE" in refused.value.detail
+    plant.unlink()
+    with pytest.raises(ConfigError) as refused:
+        read_policies(GuardConfig.read(path))
+    assert "UNKNOWN_BASE" in refused.value.detail
 
 
 def test_a_set_of_its_own_is_the_default(written):

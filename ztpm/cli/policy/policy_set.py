@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tomllib
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
 from ztpm.cli.output import USAGE, fail, fail_at
@@ -28,18 +27,18 @@ def open_set(source: str) -> OpenedPolicySet:
     """
     from importlib import resources
 
+    from pep.point.config_text import read_set
     from policies import SHIPPED, PolicyError, load
-    from policies.decision.load import TEXT_LIMIT
 
+    place = ""
     try:
         if source in SHIPPED:
             text = resources.files("policies").joinpath("sets", f"{source}.toml").read_text(encoding="utf-8")
         elif not (source.endswith(".toml") or "/" in source):
             _refuse(source, "UNKNOWN_SET", f"neither a shipped set ({', '.join(SHIPPED)}) nor a .toml file", "")
         else:
-            with Path(source).open(encoding="utf-8-sig") as file:
-                text = file.read(TEXT_LIMIT + 1)
-        policies = load(text)
+            text, place = read_set(source, "")
+        policies = load(text, place=place, read=read_set)
     except PolicyError as error:
         _refuse(source, str(error.code), error.detail, error.where)
     except (OSError, UnicodeDecodeError) as error:

@@ -26,7 +26,7 @@ def prove(
     ] = "read_state,stop",
     as_json: Json = False,
 ) -> None:
-    """Prove seven claims about a policy set with z3, or show a request that breaks one.
+    """Prove the claims about a policy set with z3, or show a request that breaks one.
 
     The exit status is 0 when all are proven.
     """
@@ -62,9 +62,12 @@ def _tell(results: tuple[Result, ...], title: str) -> None:
     for result in results:
         for number, line in enumerate(proof.lines(result)):
             console.print(f"{result.claim.id if number == 0 else '  '}  {plain(line)}", markup=False)
-    if assumed := {name for result in results for name in result.assumed}:
-        console.print(
-            f"P5 takes for granted that these do not soften when the tier rises: {', '.join(sorted(assumed))}"
-        )
+    softens = {"P5": "when the tier rises", "P8": "with stricter numbers"}
+    for result in results:
+        if result.assumed:
+            named = ", ".join(result.assumed)
+            console.print(
+                f"{result.claim.id} takes for granted that these do not soften {softens[result.claim.id]}: {named}"
+            )
     if any(result.standing is proof.Standing.SKIPPED for result in results):
         console.print("z3 is not installed: pip install 'ztpm[prove]'", markup=False)

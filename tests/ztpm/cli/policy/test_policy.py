@@ -420,3 +420,19 @@ def test_the_registry_is_asked_by_a_person(run, options):
 
 def test_a_set_that_begins_with_a_byte_order_mark_is_read(run, file):
     assert told(run, "check", file("\ufeff" + mine()))["name"] == "mine"
+
+
+# --- sets that extend another one
+
+
+def test_a_set_that_extends_another_file_is_read_beside_itself(run, file):
+    path = file('name = "line"\nversion = 1\nextends = "plant.toml"\n')
+    assert refused(run, "check", path) == "UNKNOWN_BASE"
+    file('name = "plant"\nversion = 1\nextends = "tools"\nremove = ["drift"]\nloosens = ["drift"]\n', "plant.toml")
+    body = told(run, "check", path)
+    assert sorted([*body["policies"], "drift"]) == sorted(policy.id for policy in load_shipped("tools").policies)
+    file('name = "plant"\nversion = 1\nextends = "tools"\nremove = ["drift"]\n', "plant.toml")
+    body = told(run, "check", path, status=2)
+    assert (body["code"], body["where"]) == ("LOSES_DENIAL", "extends(plant.toml).remove[0]")
+    changed = told(run, "diff", "tools", file('name = "own"\nversion = 1\nextends = "tools"\n', "own.toml"))
+    assert changed["ok"]
