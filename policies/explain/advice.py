@@ -43,6 +43,10 @@ class AdviceCode(StrEnum):
     """The set names an agent that the registry does not have, or that has ended."""
     SPONSOR_UNKNOWN = "SPONSOR_UNKNOWN"
     """The set names a sponsor of no agent of the registry."""
+    TOOL_UNREGISTERED = "TOOL_UNREGISTERED"
+    """No registered tool has a declared operation: its server does not start."""
+    SENSOR_UNREGISTERED = "SENSOR_UNREGISTERED"
+    """A row depends on a sensor that is not registered: it is always at least tier 3."""
     TRUST_OUT_OF_REACH = "TRUST_OUT_OF_REACH"
     """The set wants more trust than it ever gives: people are asked about every act from tier 2 on."""
     PARAMETER_UNUSED = "PARAMETER_UNUSED"
@@ -74,21 +78,27 @@ class Known:
         object: id of its object; "" for any that a token names.
         operation: its name.
         points: the enforcement points at which it is asked for.
-        moves: it moves or switches something.
+        moves: it moves, switches or changes something.
+        sensors: ids of sensors on whose facts its tier depends.
+        tool: it is that of a tool which a person registers.
     """
 
     object: str
     operation: str
     points: frozenset[Point]
     moves: bool = False
+    sensors: frozenset[str] = frozenset()
+    tool: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class Registered:
-    """Ids of the agents that may act, and of their sponsors."""
+    """Ids of the agents that may act, and of their sponsors; operations of tools, and sensors, None for unasked."""
 
     agents: frozenset[str]
     sponsors: frozenset[str]
+    tools: frozenset[str] | None = None
+    sensors: frozenset[str] | None = None
 
 
 def advise(
@@ -104,12 +114,28 @@ def advise(
     """
     return (
         *_of_policies(policies),
-        *_names(policies, known, registered.agents if registered else frozenset()),
-        *(() if registered is None else _parties(policies, registered)),
+        *misnamed(policies, known=known, registered=registered),
         *_operations(policies, known),
         *_trust(policies),
         *_parameters(policies, stated),
         *_primitives(policies),
+    )
+
+
+def misnamed(
+    policies: PolicySet, *, known: Collection[Known], registered: Registered | None = None
+) -> tuple[Advice, ...]:
+    """Warnings about names of the set, and of the operations, that nothing has or nobody registered.
+
+    Args:
+        policies: the set.
+        known: every operation of the cell; empty when nothing is known of it.
+        registered: parties of the cell's registry; None when it was not asked.
+    """
+    return (
+        *_names(policies, known, registered.agents if registered else frozenset()),
+        *(() if registered is None else _parties(policies, registered)),
+        *(() if registered is None else _unregistered(known, registered)),
     )
 
 
@@ -175,7 +201,9 @@ def _names(policies: PolicySet, known: Collection[Known], delegates: frozenset[s
         for name in sorted(strange):
             yield Advice(AdviceCode.OPERATION_UNKNOWN, policy.id, f"no operation is called {name!r}")
         excepted = thing.operations is not None and thing.operations <= thing.without
-        if not (unknown or strange or excepted or any(_meant(policy, each) for each in known)):
+        # A requirement of everything at a point where nothing of the cell is asked for permits nothing there.
+        idle = policy.effect is Effect.PERMIT and thing.ids is None and thing.operations is None
+        if not (unknown or strange or excepted or idle or any(_meant(policy, each) for each in known)):
             sentence = "nothing that it names is ever asked for at its enforcement points"
             yield Advice(AdviceCode.CONCERNS_NOTHING, policy.id, sentence)
 
@@ -189,6 +217,17 @@ def _parties(policies: PolicySet, registered: Registered) -> Iterator[Advice]:
             yield Advice(AdviceCode.SPONSOR_UNKNOWN, policy.id, f"no agent has a sponsor called {name!r}")
 
 
+def _unregistered(known: Collection[Known], registered: Registered) -> Iterator[Advice]:
+    """Operations and sensors that a declaration names and the registry does not."""
+    for each in sorted(known, key=lambda k: (k.object, k.operation)):
+        where = f"{each.object}/{each.operation}"
+        if each.tool and registered.tools is not None and each.operation not in registered.tools:
+            yield Advice(AdviceCode.TOOL_UNREGISTERED, where, "no registered tool has this operation")
+        if registered.sensors is not None:
+            for name in sorted(each.sensors - registered.sensors):
+                yield Advice(AdviceCode.SENSOR_UNREGISTERED, where, f"no sensor is called {name!r}: at least tier 3")
+
+
 def _operations(policies: PolicySet, known: Collection[Known]) -> Iterator[Advice]:
     """Warnings about each operation of the cell that the set never permits, or permits without asking physics."""
     for each in sorted(known, key=lambda k: (k.object, k.operation)):
@@ -199,7 +238,9 @@ def _operations(policies: PolicySet, known: Collection[Known]) -> Iterator[Advic
             yield Advice(AdviceCode.NEVER_PERMITTED, where, "no policy permits it: it is always denied with NO_POLICY")
         elif each.moves and all(p.pit_bound is None for p in concerned):
             yield Advice(
-                AdviceCode.MOTION_UNGATED, where, "it moves something, and no policy asks TEA-4 for its physical impact"
+                AdviceCode.MOTION_UNGATED,
+                where,
+                "it moves or changes something, and no policy asks TEA-4 for its impact",
             )
 
 

@@ -13,6 +13,7 @@ from ztpm.cli.output import fail, say_json
 from ztpm.cli.person import Json, Signer, layout_of, refusals, signed
 
 if TYPE_CHECKING:
+    from pep.mcp.guard import AnyServer
     from pep.mcp.tool_digest import ToolPin
 
 app = typer.Typer(no_args_is_help=True, help="The cell's MCP tools: serve them, and pin their definitions.")
@@ -85,12 +86,17 @@ def _own_tools(server: str, guard: Path) -> tuple[str, Path, tuple[ToolPin, ...]
     from pep import GuardConfig, pins
 
     config = GuardConfig.read(guard)
+    return config.audience, config.trust_file, pins(server_of(server), config)
+
+
+def server_of(server: str) -> AnyServer:
+    """The tool server of that MODULE:NAME; a name that is none ends the command."""
     module, _, name = server.partition(":")
     sys.path.insert(0, "")  # a server beside the person, as `uvicorn` finds it
     try:
-        found = getattr(import_module(module), name)
+        found: AnyServer = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError, TypeError) as error:
         fail("UNREADABLE", f"{server}: {error}")
     finally:
         sys.path.remove("")
-    return config.audience, config.trust_file, pins(found, config)
+    return found

@@ -66,17 +66,29 @@ def _options(name: As, directory: CellDirectory = None, issuer: Issuer = "", key
 
 def signed(command: Callable[..., None]) -> Callable[..., None]:
     """The command with the four options of a `Signer` in place of its parameter `signer`."""
+    return grouped(command, "signer", _options)
+
+
+def grouped(command: Callable[..., None], name: str, made: Callable[..., object]) -> Callable[..., None]:
+    """The command with a group of options in place of one parameter.
+
+    Args:
+        command: has the parameter.
+        name: of the parameter.
+        made: makes its value of the options, which are its own parameters.
+    """
+    options = inspect.signature(made, eval_str=True).parameters
 
     @wraps(command)
-    def called(*, name: str, directory: Path | None, issuer: str, key: Path | None, **given: Any) -> None:
-        command(**given, signer=_options(name, directory, issuer, key))
+    def called(**given: Any) -> None:
+        mine = {option: given.pop(option) for option in options}
+        command(**given, **{name: made(**mine)})
 
-    options = inspect.signature(_options, eval_str=True).parameters.values()
     own = inspect.signature(command, eval_str=True)
     parameters: list[inspect.Parameter] = []
     for parameter in own.parameters.values():
-        put = [each.replace(kind=each.KEYWORD_ONLY) for each in options] if parameter.name == "signer" else [parameter]
-        parameters += put
+        put = [each.replace(kind=each.KEYWORD_ONLY) for each in options.values()]
+        parameters += put if parameter.name == name else [parameter]
     called.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
     called.__annotations__ = {parameter.name: parameter.annotation for parameter in parameters}
     return called

@@ -9,8 +9,14 @@ from policies import load, load_shipped
 
 A = AdviceCode
 ACTING = frozenset({Point.TOOL, Point.ACTUATION})
-KNOWN = (Known("ur3e", "move_joint", ACTING, moves=True), Known("ur3e", "read_state", ACTING))
-PARTIES = Registered(frozenset({"mover"}), frozenset({"alice"}))
+KNOWN = (
+    Known("ur3e", "move_joint", ACTING, moves=True),
+    Known("ur3e", "read_state", ACTING),
+    Known("press", "close_press", frozenset({Point.TOOL}), moves=True, sensors=frozenset({"zone-a"}), tool=True),
+)
+PARTIES = Registered(
+    frozenset({"mover"}), frozenset({"alice"}), tools=frozenset({"read_state"}), sensors=frozenset({"zone-b"})
+)
 GATED = but('{ all = ["AID-1", "TEA-1"] }', '{ all = ["AID-1", "TEA-1", "TEA-4"] }').replace('"none"', "3")
 
 
@@ -46,6 +52,8 @@ CASES = {
     ),
     "an agent that nobody is": (GATED.replace('agents = "any"', 'agents = ["moved"]'), A.AGENT_UNKNOWN, "one"),
     "a sponsor that nobody is": (GATED.replace('sponsors = "any"', 'sponsors = ["alicf"]'), A.SPONSOR_UNKNOWN, "one"),
+    "a tool that nobody registered": (GATED, A.TOOL_UNREGISTERED, "press/close_press"),
+    "a sensor that nobody registered": (GATED, A.SENSOR_UNREGISTERED, "press/close_press"),
     "trust that nobody is given": (
         GATED.replace('"TEA-4"', '"TEA-4", "CATP-3"') + "[parameters]\ntrust_theta_permille = 801\n", A.TRUST_OUT_OF_REACH, "one",
     ),

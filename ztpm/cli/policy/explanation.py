@@ -13,6 +13,7 @@ from rich.tree import Tree
 from ztpm.cli.output import USAGE, console, fail, fail_at, plain, say_json
 from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
+from ztpm.cli.policy.surroundings import Surroundings, plain_advice, tell
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -44,6 +45,7 @@ def explain(
     request: CaseFile = None,
     record: Annotated[str, typer.Option(help="A decision of the journal: its request's id, or its hash.")] = "",
     journal: JournalFile = None,
+    surroundings: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Show each policy's and primitive's answer to a request, their combination, and the remedies."""
@@ -57,11 +59,14 @@ def explain(
         past, recorded = _past(journal, record)
     else:
         fail("USAGE", "either --request FILE, or --record ID with --journal FILE")
+    warnings = surroundings.misnamed(policies, recorded.request)
     found = explained(recorded.request, recorded.evidence, policies)
     suggested = _suggested(recorded, found, policies)
     if as_json:
-        say_json({"ok": True, "set": about(policies), **to_plain(found), "changes": suggested, "recorded": _then(past)})
+        beside = {"changes": suggested, "recorded": _then(past), "warnings": plain_advice(warnings)}
+        say_json({"ok": True, "set": about(policies), **to_plain(found), **beside})
         return
+    tell(warnings)
     console.print(_tree(found, suggested), soft_wrap=False)
     if past is not None:
         console.print(Text(_beside(past, policies.digest)))

@@ -12,6 +12,7 @@ from rich.table import Table
 from ztpm.cli.output import FAILURE, console, fail, plain, say_json
 from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
+from ztpm.cli.policy.surroundings import Surroundings, harmless_of, plain_advice, tell
 
 if TYPE_CHECKING:
     from policies.proof import Result
@@ -22,8 +23,13 @@ def prove(
     *,
     shipped: Annotated[str | None, typer.Option("--set", help="A shipped set's name, in place of a file.")] = None,
     harmless: Annotated[
-        str, typer.Option(help="Operations that move nothing; every other one is taken to move something.")
-    ] = "read_state,stop",
+        str | None,
+        typer.Option(
+            help="Operations that move nothing; every other one is taken to move something. Left out, they are"
+            " read_state and stop; of a declared tool server, its operations that change nothing."
+        ),
+    ] = None,
+    surroundings: Surroundings,
     as_json: Json = False,
 ) -> None:
     """Prove the claims about a policy set with z3, or show a request that breaks one.
@@ -34,18 +40,35 @@ def prove(
 
     if file is not None and shipped is not None:
         fail("USAGE", "a file or --set, not both")
-    names = frozenset(name.strip() for name in harmless.split(",")) - {""}
+    names = _harmless(harmless, surroundings)
     # with its directory a file of any name is taken for one
     source = shipped or "paper-default" if file is None else str(file.absolute())
     loaded = open_set(source).policies
+    warnings = surroundings.misnamed(loaded)
     results = proof.prove(loaded, harmless=names, clock=time.perf_counter)
     proven = all(result.standing is proof.Standing.PROVEN for result in results)
     if as_json:
         said = [proof.result_to_plain(result) for result in results]
-        say_json({"ok": proven, **about(loaded), "harmless": sorted(names), "claims": said})
+        about_it = {"harmless": sorted(names), "claims": said, "warnings": plain_advice(warnings)}
+        say_json({"ok": proven, **about(loaded), **about_it})
     else:
+        tell(warnings)
         _tell(results, f"{loaded.name} {loaded.version}, digest {loaded.digest}")
     raise typer.Exit(0 if proven else FAILURE)
+
+
+def _harmless(stated: str | None, surroundings: Surroundings) -> frozenset[str]:
+    """Operations that move nothing; one that is declared to change something ends the command."""
+    from policies import proof
+
+    declared = surroundings.declared()
+    if stated is None:
+        return proof.HARMLESS if declared is None else harmless_of(declared)
+    names = frozenset(name.strip() for name in stated.split(",")) - {""}
+    changing = frozenset(row.name for row in declared or ()) - harmless_of(declared or ())
+    for name in sorted(names & changing):
+        fail("USAGE", f"{name} is declared to change something, and is not harmless")
+    return names
 
 
 def _tell(results: tuple[Result, ...], title: str) -> None:

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import rfc8785
@@ -11,8 +13,9 @@ from policies.decision.load import TEXT_LIMIT
 from tests.pep.kit import MOVE, Rig, full_scope, reading
 from tests.policies.decision.test_load import BAD, GOOD
 from tests.policies.explain.test_advice import GATED
-from ztpm.cli.policy.commands import operations
+from ztpm.cli.policy.surroundings import operations
 
+import policies.proof
 from policies import Point, load, load_shipped
 
 pytestmark = [pytest.mark.version, pytest.mark.long]
@@ -434,5 +437,152 @@ def test_a_set_that_extends_another_file_is_read_beside_itself(run, file):
     file('name = "plant"\nversion = 1\nextends = "tools"\nremove = ["drift"]\n', "plant.toml")
     body = told(run, "check", path, status=2)
     assert (body["code"], body["where"]) == ("LOSES_DENIAL", "extends(plant.toml).remove[0]")
-    changed = told(run, "diff", "tools", file('name = "own"\nversion = 1\nextends = "tools"\n', "own.toml"))
-    assert changed["ok"]
+
+
+# --- operations that a tool server declares
+
+GUARD = """
+audience = "http://127.0.0.1:8900/mcp"
+pep_id = "plant"
+issuer = "http://127.0.0.1:8898/ztpm"
+trust_file = "trust.json"
+pep_key_file = "pep.key"
+folder = "state"
+"""
+PRESS = """
+[tool.close_press]
+object = "press"
+base_tier = 1
+[tool.close_press.when]
+"zone-a/people" = { at_least = { 1 = 3 } }
+[tool.read_press]
+object = "press"
+base_tier = 0
+[tool.stop]
+object = "press"
+base_tier = 2
+"""
+NO_DELETION = """
+name = "plant"
+version = 1
+extends = "tools"
+[[policy]]
+id = "no deletion"
+subject = { agents = "any", sponsors = "any" }
+object = { ids = ["records"], operations = ["delete_record"] }
+predicate = "always"
+ep = ["e4"]
+effect = "DENY"
+obligation = ["record"]
+pit_bound = "none"
+"""
+PLANT = ("--server", "examples.plant:server")
+
+
+def warned(body):
+    return {(each["code"], each["where"]) for each in body["warnings"]}
+
+
+@pytest.fixture
+def unproven(monkeypatch):
+    """Nothing is proven: what a proof is told to take for harmless, and what it warns of, needs no solver."""
+    monkeypatch.setattr(policies.proof, "prove", lambda *given, **options: ())
+
+
+@pytest.mark.usefixtures("unproven")
+def test_declared_operations_take_the_place_of_the_robots(run, file):
+    guard = file(GUARD + PRESS, "guard.toml")
+    own = file(NO_DELETION)
+    assert warned(told(run, "check", own, *PLANT)) == set()
+    assert warned(told(run, "check", own, "--guard", guard)) == {
+        ("OBJECT_UNKNOWN", "no deletion"), ("OPERATION_UNKNOWN", "no deletion"),
+    }  # fmt: skip
+    slip = file(NO_DELETION.replace('"delete_record"', '"delete_records"'), "slip.toml")
+    for command in (("check", slip), ("prove", slip), ("explain", slip, "--request", a_case(file))):
+        assert ("OPERATION_UNKNOWN", "no deletion") in warned(told(run, *command, *PLANT)), command
+    shown = run("policy", "check", slip, *PLANT)
+    assert "OPERATION_UNKNOWN no deletion" in shown.out
+
+
+def a_case(file, **changes):
+    example = Path(policies.__file__).with_name("cases") / "ordinary.json"
+    case = json.loads(example.read_text("utf-8"))
+    case["request"] |= changes
+    case["request"].pop("digest", None)
+    return file(json.dumps(case), "case.json")
+
+
+def test_an_explained_request_for_what_nothing_declares_is_told(run, file):
+    asked = ("explain", "tools", *PLANT, "--request")
+    assert ("OPERATION_UNKNOWN", "request") in warned(told(run, *asked, a_case(file)))
+    known = a_case(file, object="oven", operation="set_temperature")
+    assert warned(told(run, *asked, known)) == set()
+    assert told(run, "explain", "tools", "--request", known)["warnings"] == [], "nothing was named to compare with"
+
+
+@pytest.mark.usefixtures("unproven")
+def test_what_changes_nothing_is_harmless_in_a_proof(run, file):
+    guard = file(GUARD + PRESS, "guard.toml")
+    assert told(run, "prove", "--set", "tools", *PLANT)["harmless"] == ["read_page", "read_sensor"]
+    assert told(run, "prove", "--set", "tools", "--guard", guard)["harmless"] == ["read_press"], (
+        "a stop of its own is an act"
+    )
+    assert told(run, "prove", "--set", "tools")["harmless"] == ["read_state", "stop"]
+    assert refused(run, "prove", "--set", "tools", "--guard", guard, "--harmless", "stop") == "USAGE"
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--server", "examples.plant:nothing"), "UNREADABLE"),
+        (("--server", "nowhere:server"), "UNREADABLE"),
+        (("--guard", "GUARD"), "USAGE"),
+        (("--guard", "GUARD", "--server", "examples.plant:server"), "TOOL_UNKNOWN"),
+        (("--guard", "WRONG"), "ROW_LOWERS"),
+        (("--guard", "GONE"), "CONFIG_INVALID"),
+    ],
+)
+def test_a_server_that_declares_nothing_or_wrongly_is_refused(run, file, options, code):
+    tools = PRESS if "--server" in options else ""
+    files = {
+        "GUARD": file(GUARD + tools, "guard.toml"),
+        "WRONG": file(GUARD + PRESS.replace("1 = 3", "1 = 1"), "wrong.toml"),
+        "GONE": file("", "gone.toml").with_name("nothing.toml"),
+    }
+    status = 3 if code == "TOOL_UNKNOWN" else 2
+    assert refused(run, "check", "tools", *(files.get(each, each) for each in options), status=status) == code
+
+
+@pytest.mark.usefixtures("unproven")
+def test_what_is_declared_and_not_registered_is_told(run, file, cell, double, monkeypatch):
+    """Tools and sensors come from the signed registry of the server that guard.toml names."""
+    from ztpm.cell import enrolment
+
+    guard = file(GUARD.replace('"trust.json"', json.dumps(str(cell.trust))) + PRESS, "guard.toml")
+    asked = []
+
+    def registered(issuer, audience, trust, *, auth):
+        asked.append(audience)
+        return SimpleNamespace(tools=[SimpleNamespace(operation="read_press")], sensors=[SimpleNamespace(id="zone-b")])
+
+    monkeypatch.setattr(enrolment, "registered", registered)
+    double.answers = {"agents": AGENTS}
+    options = ("--guard", guard, "--registry", "--as", "bob", "--data", cell.root)
+    found = warned(told(run, "check", "tools", *options))
+    assert found == {
+        ("TOOL_UNREGISTERED", "press/close_press"), ("TOOL_UNREGISTERED", "press/stop"),
+        ("SENSOR_UNREGISTERED", "press/close_press"),
+    }  # fmt: skip
+    assert asked == ["http://127.0.0.1:8900/mcp"]
+    ghost = file(NO_DELETION.replace('agents = "any"', 'agents = ["gone"]'), "ghost.toml")
+    proven = told(run, "prove", ghost, *options)
+    assert {("AGENT_UNKNOWN", "no deletion"), ("TOOL_UNREGISTERED", "press/stop")} <= warned(proven)
+    monkeypatch.setattr(enrolment, "registered", raising(enrolment.EnrolmentError("the registry answers 503")))
+    assert refused(run, "check", "tools", *options, status=1) == "REGISTRY_UNAVAILABLE"
+
+
+def raising(error):
+    def fails(*given, **options):
+        raise error
+
+    return fails
