@@ -76,7 +76,9 @@ def prove(key: PrivateKey, *, method: str, url: str, body: bytes, token: str | N
     claims: dict[str, object] = {"jti": jti, "htm": method, "htu": url, "iat": at, "bdg": _digest(body)}
     if token is not None:
         claims["ath"] = token_digest(token)
-    return jws.sign({"typ": TYPE, "jwk": jws.jwk(keys.public_raw(key))}, strict_json.canonical(claims), key)
+    raw = keys.public_raw(key)
+    signed = _canonical_header(raw) + keys.b64u(strict_json.canonical(claims))
+    return f"{signed}.{keys.b64u(signatures.sign(key, signed.encode()))}"
 
 
 def check_proof(

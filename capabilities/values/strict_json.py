@@ -129,22 +129,31 @@ def _written_alike(value: object) -> bytes | None:
         raw = _WRITER.encode(value)
     except (TypeError, ValueError, RecursionError):  # `rfc8785` says what is wrong
         return None
-    found = _given_back(raw)
-    return raw if found and found[0] == value else None
+    if _may_differ(raw):
+        return None
+    try:
+        return raw if _READER.decode(raw) == value else None
+    except (ValueError, RecursionError):
+        return None
 
 
 def _given_back(raw: bytes) -> tuple[object] | None:
     """The value, where `_WRITER` gives back this text and writes it as RFC 8785 does; None where it may not."""
-    if not raw.isascii() and len(raw.translate(None, _BEYOND)) != len(raw):
-        return None  # names are ordered differently
-    figures = raw.translate(_FIGURES)
-    if figures.startswith(_LONG) or any(sign + _LONG in figures for sign in (b":", b",", b"[", b"-")):
-        return None  # an integer that may be beyond 2^53 - 1
+    if _may_differ(raw):
+        return None
     try:
         value = _READER.decode(raw)
         return (value,) if _WRITER.encode(value) == raw else None
     except (ValueError, RecursionError):  # of msgspec too, and of bytes that are no text
         return None
+
+
+def _may_differ(raw: bytes) -> bool:
+    """True where RFC 8785 may order the names or write an integer otherwise."""
+    if not raw.isascii() and len(raw.translate(None, _BEYOND)) != len(raw):
+        return True
+    figures = raw.translate(_FIGURES)  # an integer of so many digits may be beyond 2^53 - 1
+    return figures.startswith(_LONG) or any(sign + _LONG in figures for sign in (b":", b",", b"[", b"-"))
 
 
 def _plain_float(digits: str) -> float:

@@ -26,8 +26,13 @@ POLICY, GATE = "policy", "gate"
 """Origin of a decision: the policies on the evidence, or a denial of the gate's own."""
 
 
-def decision_body(decision: Decision) -> dict[str, object]:
-    """A decision, whole."""
+def decision_body(decision: Decision, *, evidence_digest: str | None = None) -> dict[str, object]:
+    """A decision, whole.
+
+    Args:
+        decision: to be told.
+        evidence_digest: of its evidence, where that is known already.
+    """
     return {
         "effect": str(decision.effect),
         "reason": str(decision.reason),
@@ -40,7 +45,7 @@ def decision_body(decision: Decision) -> dict[str, object]:
         ],
         "obligations": [str(o.kind) for o in decision.obligations],
         "policy_digest": decision.policy_digest,
-        "evidence_digest": decision.evidence_digest,
+        "evidence_digest": decision.evidence_digest if evidence_digest is None else evidence_digest,
         "lifetime_ms": decision.lifetime_ms,
     }
 
@@ -67,9 +72,13 @@ def _by(decision: Decision) -> str:
 
 def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: AskNotice | None = None) -> dict[str, object]:
     """Record of a decision: request, evidence and answer. `policies.evidence.case_json` reads it back."""
+    readings = case_json.evidence_to_plain(evidence, call.request)
+    known = evidence.digest_of(readings) if decided.evidence is evidence else None
     body: dict[str, object] = {
-        **case_json.to_plain(call.request, evidence),
-        "decision": decision_body(decided),
+        "form": case_json.FORM,
+        "request": case_json.request_to_plain(call.request),
+        "evidence": readings,
+        "decision": decision_body(decided, evidence_digest=known),
         "proof": call.credentials.proof_name,
         "near_permille": near_permille(call.request, evidence),
     }

@@ -6,7 +6,6 @@ is read. It hears of its records as they are written.
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections import OrderedDict, deque
 from dataclasses import replace
@@ -38,6 +37,8 @@ RECALLED: Final = 1_024
 
 Many times the number that ever waits to be shipped.
 """
+UNHEARD: Final = 64
+"""Records that wait for a reading, at most."""
 SELF: Final = "this enforcement point"
 """Source of own reports; no registered party has such a name."""
 PERSON: Final = "a person, says the identity provider"
@@ -69,30 +70,32 @@ class Conduct:
         self._behaviour = NOTHING_KNOWN
 
     def append(self, kind: str, body: dict[str, object]) -> str:
-        """Appends a durable record and counts its conduct; the record's hash (hex).
+        """Appends a durable record, whose conduct counts in each later reading; the record's hash (hex).
 
         Raises:
             JournalError: as the journal.
         """
-        digest = self._journal.append(kind, body)
-        self.hear()
-        self._hear(kind, body, int(self._clock.wall_s() * 1_000))
-        return digest
+        return self._later(self._journal.append(kind, body), kind, body)
 
     def note(self, kind: str, body: dict[str, object]) -> str:
-        """As `append`, of a record that nothing waits for.
+        """As `append`, of a record that nothing waits for."""
+        return self._later(self._journal.note(kind, body), kind, body)
 
-        Its conduct counts in each reading that is asked for after it.
-        """
-        digest = self._journal.note(kind, body)
+    def _later(self, digest: str, kind: str, body: dict[str, object]) -> str:
+        """Keeps a record for the next reading: what waits for the record does not wait for what it teaches."""
         self._unheard.append((kind, body, int(self._clock.wall_s() * 1_000)))
+        if len(self._unheard) > UNHEARD:
+            self.hear()
         return digest
 
     def hear(self) -> None:
-        """Takes in the conduct of notes, which else waits until it is asked for."""
-        with contextlib.suppress(IndexError):
-            while True:
-                self._hear(*self._unheard.popleft())
+        """Takes in the conduct of its records, which else waits until it is asked for."""
+        while self._unheard:
+            try:
+                heard = self._unheard.popleft()
+            except IndexError:  # another thread was quicker
+                return
+            self._hear(*heard)
 
     def settle(self) -> None:
         """Every note survives a power cut."""

@@ -7,7 +7,7 @@ the inverse of writing; what it gives was once decided on and proves nothing. It
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from capabilities.values.arguments import kind_given, plain, restated
@@ -61,16 +61,16 @@ def request_to_plain(request: Request) -> dict[str, object]:
     }
 
 
-def evidence_to_plain(evidence: Evidence, request: Request | None) -> object:
+def evidence_to_plain(evidence: Evidence, request: Request | None) -> dict[str, object]:
     """Plain evidence for a decision about `request`; None: nothing was asked for, so no grant is written.
 
     Total: strange readings have a form, too, which is refused when it is read.
     """
     chain = evidence.chain
     if not isinstance(chain, Chain):
-        return canonical.plain(evidence)
-    hops = tuple(replace(hop, scope=_only(hop.scope, request)) for hop in chain.hops)
-    return canonical.plain(replace(evidence, chain=replace(chain, hops=hops)))
+        return canonical.record(evidence, {})
+    hops = [canonical.record(hop, {"scope": _only(hop.scope, request)}) for hop in chain.hops]
+    return canonical.record(evidence, {"chain": canonical.record(chain, {"hops": hops})})
 
 
 def to_plain(request: Request, evidence: Evidence) -> dict[str, object]:
@@ -78,10 +78,10 @@ def to_plain(request: Request, evidence: Evidence) -> dict[str, object]:
     return {"form": FORM, "request": request_to_plain(request), "evidence": evidence_to_plain(evidence, request)}
 
 
-def _only(scope: Scope, request: Request | None) -> Scope:
-    """The scope with the grant of the request alone, if it has it."""
+def _only(scope: Scope, request: Request | None) -> dict[str, object]:
+    """Plain scope with the grant of the request alone, if it has it."""
     grant = None if request is None else scope.find(request.object, request.operation)
-    return replace(scope, grants=() if grant is None else (grant,))
+    return canonical.record(scope, {"grants": [] if grant is None else [canonical.plain(grant)]})
 
 
 # --- reading ---------------------------------------------------------------------------------------------------------

@@ -14,6 +14,8 @@ from capabilities.values.chain import Chain, Refusal
 from policies.words import canonical
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.values.errors import Fault
     from capabilities.values.scope import Tier
     from policies.evidence.conduct_readings import BehaviourReading, SequenceReading
@@ -313,11 +315,20 @@ class Evidence:
         A verified chain stands in it by the digest of its canonical bytes, which fixes sponsor, hops and scope,
         together with the additions of verification: the root key, the epoch and the age of the revocation view.
         """
+        return self.digest_of({name: canonical.plain(getattr(self, name)) for name in READINGS if name != "chain"})
+
+    def digest_of(self, readings: Mapping[str, object]) -> str:
+        """The same digest, given the plain readings by name; that of the chain is not looked at."""
         chain: object = self.chain
         if isinstance(chain, Chain):
             chain = ("verified", chain.token_id, chain.digest, chain.root_key_id, chain.epoch, chain.view_age_ms)
-        readings = {field.name: getattr(self, field.name) for field in fields(self)}
-        return canonical.digest("evidence", {**readings, "chain": chain})
+        own = canonical.plain(chain)
+        pairs = [[name, own if name == "chain" else readings[name]] for name in READINGS]
+        return canonical.plain_digest("evidence", {"map": pairs})
+
+
+READINGS: Final = tuple(sorted(field.name for field in fields(Evidence)))
+"""Names of the readings in the order of their digest."""
 
 
 def prior_leave(evidence: Evidence) -> OpeningReading | None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final
 import msgspec
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 EXACT: Final = 2**53 - 1
 """Largest integer that every JSON reader keeps exactly (RFC 8259 section 6); larger ones are written as text."""
@@ -47,8 +47,7 @@ def _writer(kind: type) -> Callable[[Any], object]:
 
 def _record(kind: type[Any]) -> Callable[[Any], object]:
     """Each field by its name, beside the type's."""
-    # a field that is no argument, such as a remembered hash, is no part of the value
-    title, names = kind.__name__, tuple(f.name for f in fields(kind) if f.init)
+    title, names = kind.__name__, _names(kind)  # type: ignore[arg-type]  # as in `plain`
 
     def write(value: Any) -> object:
         written: dict[str, object] = {"type": title}
@@ -58,6 +57,20 @@ def _record(kind: type[Any]) -> Callable[[Any], object]:
         return written
 
     return write
+
+
+def record(value: object, given: Mapping[str, object]) -> dict[str, object]:
+    """Plain form of a dataclass with these plain fields in place of its own."""
+    written: dict[str, object] = {"type": type(value).__name__}
+    for name in _names(type(value)):  # type: ignore[arg-type]  # as in `plain`
+        written[name] = given[name] if name in given else plain(getattr(value, name))
+    return written
+
+
+@cache
+def _names(kind: type[Any]) -> tuple[str, ...]:
+    # a field that is no argument, such as a remembered hash, is no part of the value
+    return tuple(field.name for field in fields(kind) if field.init)
 
 
 def _map(value: dict[object, object]) -> object:
@@ -109,4 +122,9 @@ def text(value: object) -> str:
 
 def digest(kind: str, value: object) -> str:
     """SHA-256 (hex) over the kind and the canonical text of `value`."""
-    return hashlib.sha256(b"ztpm/1 %s\n%s" % (kind.encode("utf-8"), _encoded(plain(value)))).hexdigest()
+    return plain_digest(kind, plain(value))
+
+
+def plain_digest(kind: str, value: object) -> str:
+    """Digest of what has the plain form `value`."""
+    return hashlib.sha256(b"ztpm/1 %s\n%s" % (kind.encode("utf-8"), _encoded(value))).hexdigest()

@@ -36,10 +36,13 @@ class ProofAuth(httpx2.Auth):
 
     def auth_flow(self, request: httpx2.Request) -> Generator[httpx2.Request, httpx2.Response, None]:
         """The request with a fresh proof over its method, address and body."""
+        url = str(request.url)
+        if "?" in url or "#" in url:
+            url = str(request.url.copy_with(query=None, fragment=None))
         request.headers["DPoP"] = prove(
             self._key,
             method=request.method,
-            url=str(request.url.copy_with(query=None, fragment=None)),
+            url=url,
             body=request.content,
             token=self._token,
             at=int(self._now()),

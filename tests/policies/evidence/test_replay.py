@@ -6,13 +6,13 @@ import hashlib
 import json
 import math
 import random
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import pytest
 import rfc8785
 from capabilities.values.arguments import argument
 from capabilities.values.chain import Refusal
-from capabilities.values.errors import FaultCode
+from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Each, Range, Stems, Tier
 from capabilities.values.units import kind_of
 from policies.decision.load import load_shipped
@@ -25,6 +25,7 @@ from tests.policies import world
 
 from policies import NOT_COLLECTED, Effect, Evidence, ImpactFault, PolicyError, PolicyFault, Reason, decide
 from policies.evidence import case_json
+from policies.words import canonical
 
 F = PolicyFault
 SHIPPED = load_shipped("paper-default")
@@ -59,6 +60,17 @@ def test_of_a_scope_the_record_has_the_grant_that_was_asked_for():
         assert replace(kept, scope=replace(kept.scope, grants=hop.scope.grants)) == hop
     bare = case_json.read_evidence(json.loads(json.dumps(case_json.evidence_to_plain(evidence, None))))
     assert {hop.scope.grants for hop in bare.chain.hops} == {()}
+
+
+def test_the_digest_of_readings_is_that_of_their_map_and_takes_them_plain():
+    request, evidence = world.asked()
+    for each in (evidence, replace(evidence, chain=Fault(FaultCode.REVOKED, "TOK-9"))):
+        chain = each.chain
+        if chain is evidence.chain:
+            chain = ("verified", chain.token_id, chain.digest, chain.root_key_id, chain.epoch, chain.view_age_ms)
+        readings = {field.name: getattr(each, field.name) for field in fields(each)}
+        assert each.digest == canonical.digest("evidence", {**readings, "chain": chain})
+        assert each.digest == each.digest_of(case_json.evidence_to_plain(each, request))
 
 
 def test_what_a_value_remembers_for_itself_is_not_written():
