@@ -143,6 +143,35 @@ def bench_rtde(
     console.print(summary(result))
 
 
+@bench.command("tools", epilog="Example: ztpm eval bench tools --calls 200")
+def bench_tools(
+    *,
+    calls: Annotated[int, typer.Option(min=10, help="Timed calls of each way.")] = 1_000,
+    seed: Annotated[int, typer.Option(help="Of the order in which guarded and unguarded take turns.")] = 1,
+    as_json: AsJson = False,
+) -> None:
+    """A guarded act beside the unguarded one, over HTTP and as a function; records on."""
+    from evaluation.tools.bench import NotMeasuredError, last_line, tables
+    from evaluation.tools.run import run
+
+    try:
+        if as_json:
+            result = run(calls, seed=seed, told=_nothing)
+        else:
+            with console.status("") as status:
+                result = run(calls, seed=seed, told=status.update)
+    except NotMeasuredError as error:
+        fail("NOT_MEASURED", str(error))
+    if as_json:
+        say_json(result.to_json())
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(last_line(result))
+
+
 def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:
     """Runs a benchmark; prints its tables, its remarks beside them, and the ratios last."""
     from evaluation.decisions.rules import NoPlainFormError
