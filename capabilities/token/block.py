@@ -316,7 +316,7 @@ def _limit(name: str, bound: Bound | None) -> Limit:
 def _kept_grants(
     alternatives: tuple[Alternative, ...], parent: tuple[Grant, ...], rows: tuple[BudgetRow, ...]
 ) -> tuple[Grant, ...]:
-    """The grants that a hop keeps, each with the limits and budgets that it states, named as the parent names them."""
+    """Grants that a hop keeps, with the limits and budgets that it states, named as the parent names them."""
     known = {(grant.object, grant.operation): grant.limits for grant in parent}
     found = []
     for kept in alternatives:

@@ -61,7 +61,7 @@ def to_json(budgets: Budgets) -> list[dict[str, object]]:
 
 
 def defect(scope: Scope) -> str | None:
-    """What is wrong with the budgets of a scope, or None.
+    """Defect of the budgets of a scope, or None.
 
     A budget is of a quantity of its grant that is never below 0, and each audience has a share of what another has.
     """

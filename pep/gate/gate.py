@@ -23,6 +23,7 @@ from pep.base.operation_row import OperationKind
 from pep.base.operations import touchable
 from pep.base.ports import Assessed
 from pep.gate import records
+from pep.gate.budget_charge import BudgetCharge
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.journal.conduct import Conduct
 from pep.people.deferral import AskState
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock, Facts, Journal, MotionSlot, Registry
     from pep.gate.observe_only import Simulated
     from pep.gate.robot_ports import RobotPorts
+    from pep.journal.budget_store import BudgetStore
     from pep.people.asks import Asks
     from pep.people.deferral import Announcer, AskNotice
     from pep.request.authority import Authority
@@ -99,6 +101,7 @@ class Gate(Edge):
         robot: ports of the robot; None where there is none, and each request for one breaks, which denies it.
         policies: the policies of decisions.
         journal: durable; nothing moves before its answer.
+        budgets: durable; what is spent of them, by every worker of this point.
         asks: deferrals, what people answered, and what was used of it.
         announcer: tells people of a new deferral.
         facts: of sensors, for the rows that depend on them; None where nobody hears any, and each of them is missing.
@@ -118,6 +121,7 @@ class Gate(Edge):
         robot: RobotPorts | None,
         policies: PolicySet,
         journal: Journal,
+        budgets: BudgetStore,
         asks: Asks,
         announcer: Announcer,
         facts: Facts | None = None,
@@ -131,6 +135,7 @@ class Gate(Edge):
         self._clock = clock
         self._authority = authority
         self._robot = robot
+        self._budgets = budgets
         self._asks = asks
         self._announcer = announcer
         self._facts = facts
@@ -151,11 +156,13 @@ class Gate(Edge):
         """
         permitted: Future[str] | None = None
         permit: Permit | None = None
+        charge = BudgetCharge(self._budgets, recorder=self._recorder, clock=self._clock, request=call.request)
         try:
             physical, attempt = requirement(call.request, self._policies).physical, 0
             while True:
                 attempt += 1
                 evidence, decision, decided_ms = await self._decided(call, physical=physical)
+                decision = await charge.charged(evidence, decision)
                 if decision.effect is not Effect.PERMIT:
                     if self._unsafe_observe is None:
                         return await self._conclude(call, evidence, decision)
@@ -178,7 +185,8 @@ class Gate(Edge):
                 )
                 record = await asyncio.wrap_future(permitted)
                 if self._clock.monotonic_ms() <= permit.deadline_ms:
-                    return await self._effect(call, evidence, decision, permit, record=record, effect=effect)
+                    sent = charge.watched(effect)
+                    return await self._effect(call, evidence, decision, permit, record=record, effect=sent)
                 await self._refused(call, decision, permit, record, ActuationRefusedError(Reason.VERDICT_EXPIRED))
                 permitted = None
                 if attempt == ATTEMPTS:
@@ -191,6 +199,7 @@ class Gate(Edge):
         except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
             return await self._broken(call, error)
         finally:
+            charge.settle()
             self._asks.release(call.request.request_id)
             self._free(call)
 
@@ -456,9 +465,10 @@ class Gate(Edge):
             self._journal.append("outcome", records.outcome(request, decided.result(), "cancelled"))
 
     def close(self) -> None:
-        """Ends the workers."""
+        """Ends the workers, and closes the store of budgets."""
         self._assessor.shutdown(wait=False, cancel_futures=True)
         super().close()
+        self._budgets.close()
 
 
 def _denied(decided: Decision, reason: Reason) -> Decision:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.gate.gate import Gate
+from pep.journal.budget_store import BudgetStore
 from pep.perception.fact_feed import FactFeed
 from pep.point.deferrals import Deferrals, recover_gate
 from pep.point.parts import PointParts, opened
@@ -58,6 +59,7 @@ class DecidingPoint(PointParts):
             robot=None,
             policies=inputs["policies"],
             journal=self.journal,
+            budgets=BudgetStore(config.budget_file),
             asks=self.asks,
             announcer=self._asking,
             facts=self.facts,

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pep.base.declaration import row_from_toml
 from pep.base.errors import ConfigError, PepFault
+from pep.journal.budget_store import BUDGETS
 from pep.point.config_text import check_url, read_text, spelled
 from policies.decision.load import SHIPPED
 
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
 
-OPTIONAL: Final = frozenset({"policy", "tool", "sensors"})
+OPTIONAL: Final = frozenset({"budgets", "policy", "tool", "sensors"})
 PORT_MOST: Final = 65_535
 
 
@@ -31,6 +32,7 @@ class GuardConfig:
         trust_file: its public trust bundle.
         pep_key_file: this PEP's key, encrypted; its passphrase is in `ZTPM_PASSPHRASE`.
         folder: of the journal and of all other state over restarts; it is made where it is missing.
+        budgets: store of what is spent, shared by all workers of this audience; None for one in `folder`.
         policy: name of a shipped set, or a path.
         tool: declarations of tools that cannot be decorated, by the tool's name.
         sensors: "HOST:PORT" at which sensors push their frames; "" where no row depends on a fact.
@@ -42,6 +44,7 @@ class GuardConfig:
     trust_file: Path
     pep_key_file: Path
     folder: Path
+    budgets: Path | None = None
     policy: str = "tools"
     tool: Mapping[str, Any] = field(default_factory=dict)
     sensors: str = ""
@@ -85,6 +88,11 @@ class GuardConfig:
     def state_dir(self) -> Path:
         """Directory of all other state over restarts."""
         return self.folder
+
+    @property
+    def budget_file(self) -> Path:
+        """The durable store of what is spent."""
+        return self.folder / BUDGETS if self.budgets is None else self.budgets
 
     def rows(self) -> dict[str, Operation]:
         """The declared rows, by the name of the tool.

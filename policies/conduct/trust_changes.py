@@ -153,6 +153,7 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
         Reason.SCOPE_CONTRACTED: _CONSEQUENCE,
         Reason.APPROVAL_TIMEOUT: _WAITING,
         Reason.ASK_BUDGET_SPENT: _SLIP,
+        Reason.BUDGET_SPENT: _WAITING,
         Reason.BUSY: _WAITING,
         Reason.LEASE_HELD: _WAITING,
         Reason.VERDICT_EXPIRED: _HOUSE,

@@ -305,6 +305,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.ASK_BUDGET_SPENT: ReasonRow(
             "People are asked too often.", "Wait until earlier questions are answered or over."
         ),
+        Reason.BUDGET_SPENT: ReasonRow(
+            "The budget of this operation is spent.", "Ask for less, or wait until there is more."
+        ),
         Reason.APPROVAL_TIMEOUT: ReasonRow("Nobody answered in time.", "Ask again while an approver is present."),
         Reason.BUSY: ReasonRow("A motion is not finished.", "Wait until it ends, or stop it.", ("TEA-6", "TEA-4")),
         Reason.LEASE_HELD: ReasonRow(

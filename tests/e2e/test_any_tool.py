@@ -24,7 +24,7 @@ from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
 
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
-from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Stems, Tier
+from capabilities.values.scope import Budget, Grant, Limit, Range, Restriction, Scope, Stems, Tier
 from pep import pins
 from pep.base.declaration import declared
 from ztpm_idp.client import Agent, Operator
@@ -46,11 +46,11 @@ MEASUREMENT = bytes(range(32))
 ROWS = {tool.name: declared(tool.fn) for tool in server._tool_manager.list_tools()}
 
 
-def grant(name, **tighter):
-    """Grant of a tool as wide as its row, but for the named bounds."""
+def grant(name, *budgets, **tighter):
+    """Grant of a tool as wide as its row, but for the named bounds, with these budgets."""
     row = ROWS[name]
     limits = (Limit(each.parameter, tighter.get(each.parameter.name, each.bound)) for each in row.limits)
-    return Grant(row.object, name, tuple(limits))
+    return Grant(row.object, name, tuple(limits), budgets)
 
 
 class Signed(httpx2.Auth):
@@ -125,8 +125,10 @@ class Plant:
     def lend(self, planner, worker):
         """The planner has all six tools; the worker has each narrower where it has more than one value, but one."""
         now = int(time.time())
+        few = {"move_agv": (Budget("", self.audience, 600, 2),)}
+        grants = (grant(name, *few.get(name, ())) for name in ROWS)
         scope = Scope(
-            grants=tuple(sorted((grant(name) for name in ROWS), key=lambda each: (each.object, each.operation))),
+            grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))),
             ceiling=Tier.HIGH_CONSEQUENCE,
             audiences=frozenset({self.audience}),
             delegates=frozenset({"worker"}),
@@ -285,6 +287,15 @@ def test_a_plant_is_guarded(plant):
     until = time.monotonic() + DEADLINE_S
     while (answer := told(plant.use(worker, less.token, *call)))["decision"] != "PERMIT":
         assert answer["decision"] == "DEFER" and time.monotonic() < until, answer
+
+    # two drives in ten minutes, which the agents share, and the rest is told
+    drive = ("move_agv", {"x": 1.0, "y": 2.0, "speed": 0.5})
+    for agent, token in ((planner, whole), (worker, less)):
+        assert told(plant.use(agent, token.token, *drive))["decision"] == "PERMIT"
+    spent = told(plant.use(worker, less.token, *drive))
+    assert (spent["decision"], spent["reason"], spent["left"]) == ("DENY", "BUDGET_SPENT", 0)
+    assert (spent["set_by"]["hop"], spent["set_by"]["agent"]) == (0, "planner")
+    assert 500 < spent["more_at"] - time.time() < 620
 
     # a revocation reaches the guard within a second
     with plant.provider.operator() as alice:

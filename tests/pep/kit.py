@@ -34,6 +34,7 @@ from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL
 from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
 from pep.gate.gate import Gate, EffectResult
 from pep.gate.robot_ports import RobotPorts
+from pep.journal.budget_store import BUDGETS, BudgetStore
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.mapping import ARM_TOOLS, to_request
@@ -429,6 +430,7 @@ class Rig:
             audience=AUDIENCE,
             started_s=self.clock.wall_s() - 100,
         )
+        self.budgets = BudgetStore(self.tmp / BUDGETS)
         self.gate = Gate(
             clock=self.clock,
             authority=self.authority,
@@ -436,6 +438,7 @@ class Rig:
             robot=RobotPorts(slot=self.slot, sequence=Still(self.clock), physics=self.physics),
             policies=self.policies,
             journal=journal,
+            budgets=self.budgets,
             asks=self.asks,
             announcer=self.asking,
         )

@@ -11,6 +11,7 @@ from pep.base.clock import SystemClock
 from pep.gate.gate import Gate
 from pep.gate.observe_only import Marked
 from pep.gate.robot_ports import RobotPorts
+from pep.journal.budget_store import BUDGETS, BudgetStore
 from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
@@ -135,6 +136,7 @@ class RobotPoint(EnforcementPoint):
             robot=RobotPorts(slot=slot, sequence=Sequence(self.clock), physics=self.physics),
             policies=policies,
             journal=self.journal,
+            budgets=BudgetStore(self.config.state_dir / BUDGETS),
             asks=self.asks,
             announcer=self.asking,
             unsafe_observe=self._unsafe_observe,

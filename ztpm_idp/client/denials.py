@@ -26,6 +26,7 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
             kind where it is no quantity.
         set_by: hop, agent and sponsor that set the limit.
         nearest_permitted: the nearest value that is permitted.
+        left, more_at: of a spent budget: its rest; when there is enough, seconds since the epoch, or None for never.
         remedy: what may help.
         told: everything that the server told.
     """
@@ -40,6 +41,8 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
         self.limit = told.get("limit")
         self.set_by = told.get("set_by")
         self.nearest_permitted = told.get("nearest_permitted")
+        self.left = told.get("left")
+        self.more_at = told.get("more_at")
         self.remedy = str(told.get("remedy") or "")
         super().__init__(": ".join(part for part in (reason, self.remedy) if part))
 

@@ -180,7 +180,7 @@ def test_what_has_no_shape_has_no_remedy(broken):
 @pytest.mark.long
 def test_every_suggestion_on_random_cases_is_what_decide_says_of_the_changed_case():
     """And each reason of a refusal has a suggestion, or a word that there is none."""
-    pick, permitted, seen = random.Random(11).choice, 0, set()
+    pick, permitted, seen = random.Random(12).choice, 0, set()
     for _ in range(1_500):
         request, evidence, policies = triples.triple(pick)
         decision = decide(request, evidence, policies)
