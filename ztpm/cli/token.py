@@ -7,24 +7,29 @@ A token is written to a file that only its owner can read; it is never shown. Ex
 from __future__ import annotations
 
 import json
+import re
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 
 from capabilities.keys.trust import TrustBundle
-from capabilities.values import strict_json
+from capabilities.values import budgets, strict_json
+from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, Fault, TokenError
+from capabilities.values.scope import Budget
+from capabilities.values.well_formed import well_formed_grants
 from ztpm.cli.agent import Software, agent_of
 from ztpm.cli.output import console, fail, fail_at, say_json
 from ztpm.cli.person import As, CellDirectory, Json, layout_of, operator, refusals
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
-    from capabilities.values.scope import Scope
+    from capabilities.values.scope import Grant, Scope
     from ztpm_idp.client import Issued
 
 T = TypeVar("T")
@@ -34,6 +39,12 @@ app = typer.Typer(no_args_is_help=True, help="Tokens: lend authority, lend a par
 Purpose = Annotated[str, typer.Option(help="What for; in the token and the ledger.")]
 Out = Annotated[Path, typer.Option("--out", help="New file for the token.")]
 TokenFile = Annotated[Path, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)]
+_BUDGET_HELP: Final = (
+    'Budget of a grant, "OBJECT/OPERATION: MOST in SECONDS" for acts, "MOST PARAMETER in SECONDS" for a quantity; '
+    '"at URL" behind it where there are several audiences, or none is stated.'
+)
+Budgeted = Annotated[list[str] | None, typer.Option("--budget", help=_BUDGET_HELP)]
+_FORM: Final = re.compile(r"(\S+): ([1-9][0-9]{0,15})(?: (\S+))? in ([1-9][0-9]{0,6})(?: at (\S+))?")
 
 
 @app.command("inspect")
@@ -49,7 +60,6 @@ def inspect(
     """
     from capabilities.token.token_text import token_from_text
     from capabilities.token.verify import inspect_token
-    from capabilities.values.caps import DEFAULT
 
     try:
         bundle = TrustBundle.from_json(trust.read_bytes())
@@ -83,6 +93,7 @@ def issue(
     scope: Annotated[
         Path | None, typer.Option(help="JSON of the whole scope (default: the arm, up to tier 3).")
     ] = None,
+    budget: Budgeted = None,
     delegate: Annotated[list[str] | None, typer.Option(help="Whom it may lend to, with the default scope.")] = None,
     minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, with the default scope.")] = 15,
     name: As,
@@ -94,6 +105,8 @@ def issue(
 
     _check_new(out)
     lent = _arm(directory, frozenset(delegate or ()), 60 * minutes) if scope is None else _read(scope, scope_from_json)
+    grants = with_budgets(lent.grants, budget or (), audiences=lent.audiences)
+    lent = replace(lent, grants=grants or lent.grants)
     person = operator(directory=directory, name=name, issuer="", key=None)
     receiver = agent_of(agent, software, directory=directory)
     with refusals(), person, receiver:
@@ -113,6 +126,7 @@ def delegate(
     software: Software,
     purpose: Purpose,
     out: Out,
+    budget: Budgeted = None,
     directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
@@ -121,6 +135,7 @@ def delegate(
 
     _check_new(out)
     less = _read(restriction, restriction_from_json)
+    less = replace(less, grants=with_budgets(less.grants, budget or (), audiences=less.audiences))
     text = read_token(token)
     # The lender signs with its key; only the receiver's measurement is attested.
     holder = agent_of(lender, software, directory=directory)
@@ -136,6 +151,41 @@ def read_token(file: Path) -> str:
         return file.read_text("utf-8-sig").strip()
     except (OSError, UnicodeDecodeError) as error:
         fail_at(file, error, "UNREADABLE")
+
+
+def with_budgets(
+    grants: tuple[Grant, ...] | None, stated: Iterable[str], *, audiences: frozenset[str] | None
+) -> tuple[Grant, ...] | None:
+    """Grants with these budgets beside those that they have; the command ends where one is refused.
+
+    Args:
+        grants: of a scope or restriction.
+        stated: each budget as the command line has it.
+        audiences: likewise; the only one is that of a budget that names none.
+    """
+    kept = {f"{grant.object}/{grant.operation}": grant for grant in grants or ()}
+    for text in stated:
+        read = _FORM.fullmatch(text)
+        if read is None:
+            fail("UNREADABLE", f"--budget {text!r}: not OBJECT/OPERATION: MOST [PARAMETER] in SECONDS [at URL]")
+        pair, most, parameter, window_s, audience = read.groups()
+        if pair not in kept:
+            fail("UNREADABLE", f"--budget {text!r}: the grants are {', '.join(kept) or 'not stated'}")
+        if audience is None and len(audiences or ()) != 1:
+            fail("UNREADABLE", f"--budget {text!r}: say at which audience; each has a share of its own")
+        where = audience or min(audiences or ())
+        own = kept[pair].budgets
+        made = budgets.least((*own, Budget(parameter or "", where, int(window_s), int(most))))
+        if len(made) <= len(own):
+            fail("UNREADABLE", f"--budget {text!r}: another budget of {pair} implies it, or it another")
+        kept[pair] = replace(kept[pair], budgets=made)
+    made_grants = tuple(kept.values())
+    try:
+        if made_grants:
+            well_formed_grants(made_grants, DEFAULT)
+    except CapabilityError as error:
+        fail("UNREADABLE", f"--budget: {error.code} {error.detail}")
+    return made_grants or None
 
 
 def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:

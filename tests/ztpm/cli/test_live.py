@@ -95,6 +95,18 @@ def test_an_agents_life(run, live, tmp_path):
     told = run("token", "inspect", second, "--trust", live.layout.trust, "--json")
     assert [hop["hop_id"] for hop in told.json["hops"]] == [issued["hop_id"], narrower["hop_id"]]
 
+    # at most so many acts
+    where = f"at {live.addresses.audience}"
+    few = tmp_path / "few.token"
+    done(*pass_on, "--restriction", less, "--budget", f"ur3e/move_joint: 3 in 60 {where}", "--out", few)
+    told = run("token", "inspect", few, "--trust", live.layout.trust, "--json").json
+    assert [grant.get("budgets") for grant in told["hops"][-1]["scope"]["grants"]] == [
+        [{"audience": live.addresses.audience, "most": 3, "per_s": 60}],
+        None,
+        None,
+    ]
+    assert refused(*lend, "--budget", "ur3e/fly: 3 in 60", "--out", tmp_path / "x") == (2, "UNREADABLE")
+
     # a scope of one's own
     own = tmp_path / "scope.json"
     own.write_text(
