@@ -141,7 +141,8 @@ def test_siblings_share_what_is_above_them(rig):
 def test_a_hop_that_states_no_budget_is_not_charged_twice(rig):
     chain = rig.credentials(holder(rig, budget(5), below=())).chain
     request = call(rig, holder(rig)).request
-    assert [each.hop for each in charges(chain, request)] == [0]
+    (only,) = charges(chain, request)
+    assert (only.hop, only.account.split(" ")[0]) == (0, chain.token_id), "charged to the sponsor's promise"
     paced = rig.credentials(holder(rig, budget(5), below=(budget(1, 9), budget(5)))).chain
     assert [(each.hop, each.most) for each in charges(paced, request)] == [(0, 5), (1, 1)]
     assert charges(rig.credentials(holder(rig)).chain, request) == ()
@@ -149,8 +150,8 @@ def test_a_hop_that_states_no_budget_is_not_charged_twice(rig):
 
 def test_a_share_of_another_point_is_not_spent_here(rig):
     both = frozenset({AUDIENCE, ELSEWHERE})
-    caller = holder(rig, budget(1), budget(9, audience=ELSEWHERE), audiences=both)
-    assert pour(rig, caller).effect is Effect.PERMIT
+    caller = holder(rig, budget(2), budget(1, audience=ELSEWHERE), audiences=both)
+    assert [pour(rig, caller).effect for _ in range(2)] == [Effect.PERMIT] * 2
     assert pour(rig, caller).reason is Reason.BUDGET_SPENT
 
 
@@ -248,6 +249,28 @@ def test_nobody_is_asked_about_what_a_budget_refuses(rig):
     assert pour(rig, caller).effect is Effect.PERMIT, "a question takes nothing"
     assert pour(rig, caller, 902).reason is Reason.BUDGET_SPENT
     assert len(rig.records("ask")) == 1
+
+
+@pytest.mark.clause("BDG-1")
+def test_what_waits_for_people_is_not_charged_meanwhile(rig, monkeypatch):
+    made = []
+    monkeypatch.setattr(rig.budgets, "charge", lambda due, **_: made.append(due))
+    assert pour(rig, holder(rig, budget(1)), 901).effect is Effect.DEFER
+    assert made == []
+
+
+def test_a_permit_that_is_decided_anew_is_charged_once(rig, monkeypatch):
+    caller, slow, append = holder(rig, budget(1)), [60_000], rig.journal.append
+
+    def late(kind, body):
+        if slow and kind == "decision":
+            rig.clock.advance(slow.pop())
+        return append(kind, body)
+
+    monkeypatch.setattr(rig.journal, "append", late)
+    assert pour(rig, caller).effect is Effect.PERMIT
+    assert [record["kind"] for record in rig.records()] == ["decision", "outcome", "decision", "outcome"]
+    assert pour(rig, caller).reason is Reason.BUDGET_SPENT
 
 
 def test_one_budget_is_shared_by_calls_at_once(rig):

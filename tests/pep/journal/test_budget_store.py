@@ -127,6 +127,8 @@ import sys
 from pathlib import Path
 from pep.journal.budget_store import BudgetStore, Charge, Spending
 store = BudgetStore(Path(sys.argv[1]))
+print("ready", flush=True)
+sys.stdin.readline()
 charges = [Charge("parent", 1, 100, 3600, 0, ""), Charge(sys.argv[2], 1, 70, 3600, 1, "")]
 print(sum(isinstance(store.charge(charges, wall_ms=int(sys.argv[3])), Spending) for _ in range(90)), flush=True)
 """
@@ -139,10 +141,14 @@ def test_processes_at_one_store_never_overspend(tmp_path):
     children = [
         subprocess.Popen(
             [sys.executable, "-c", CHILD, str(path), f"child-{n}", str(T0 - n * 10_000)],
-            cwd=TOP, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
+            cwd=TOP, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True,
         )
         for n in range(3)
     ]  # fmt: skip
+    assert [child.stdout.readline() for child in children] == ["ready\n"] * 3
+    for child in children:
+        child.stdin.write("go\n")
+        child.stdin.flush()
     told = [child.communicate(timeout=60) for child in children]
     spent = [int(out) for out, _ in told]
     assert sum(spent) == 100, told
