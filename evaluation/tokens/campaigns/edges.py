@@ -25,7 +25,9 @@ from capabilities import (
     verify,
 )
 from capabilities.statements import statement_form
+from capabilities.values.budgets import least
 from capabilities.values.caps import DEFAULT, Caps
+from capabilities.values.scope import Budget
 from capabilities.values.units import Parameter, Unit
 from evaluation.harness.campaign import Campaign, Misses, Outcome, Settings
 from evaluation.tokens.peers import lending as tokens
@@ -184,6 +186,10 @@ def _of_scopes() -> Iterator[Edge]:
         limits = tuple(Limit(Parameter(f"p{n}", Unit.COUNT), Range(0, 1)) for n in range(count))
         return _mint(replace(whole, grants=(Grant("ur3e", "move", limits),)))
 
+    def budgets(distance: int) -> FaultCode | None:
+        some = tuple(Budget("", tokens.SERVER, n + 1, 500 + n) for n in range(DEFAULT.budgets + distance))
+        return _mint(replace(whole, grants=(Grant("ur3e", "move", (), some),)))
+
     def one_of(distance: int) -> FaultCode | None:
         some = OneOf(frozenset(range(0, 2 * (DEFAULT.one_of + distance), 2)))
         return _mint(replace(whole, grants=(Grant("ur3e", "move", (Limit(Parameter("p", Unit.COUNT), some),)),)))
@@ -203,6 +209,7 @@ def _of_scopes() -> Iterator[Edge]:
 
     yield Edge("grants", "by mint", out, grants, early=True)
     yield Edge("parameters", "by mint", out, parameters, early=True)
+    yield Edge("budgets", "by mint", out, budgets, early=True)
     yield Edge("one_of", "members of a set, by mint", out, one_of, early=True)
     yield Edge("one_of", "audiences, by mint", out, audiences, early=True)
     yield Edge("text_bytes", "a name, by mint", FaultCode.STATEMENT_MALFORMED, name, early=True)
@@ -212,16 +219,28 @@ def _of_scopes() -> Iterator[Edge]:
 
 def _of_scopes_in_tokens() -> Iterator[Edge]:
     """Cases of a token that was minted under wider caps than the verifier's."""
+    longest = tokens.ISSUER + "/" + "a" * 100
+    audiences = frozenset({tokens.SERVER, longest})
+    paces = least(Budget("", where, window, most) for where in audiences for window, most in ((1, 5), (9, 6)))
     two = Limit(Parameter("p", Unit.COUNT), OneOf(frozenset({1, 3, 5})))
     whole = replace(
         tokens.scope(SMALL, 0),
-        grants=(Grant("ur3e", "a", (two, Limit(Parameter("q", Unit.COUNT), Range(0, 1)))), Grant("ur3e", "b")),
+        grants=(
+            Grant("ur3e", "a", (two, Limit(Parameter("q", Unit.COUNT), Range(0, 1)))),
+            Grant("ur3e", "b", (), paces),
+        ),
     )
-    longest = tokens.ISSUER + "/" + "a" * 100
-    wide = tokens.first_of(SMALL, 0) | {"scope": replace(whole, audiences=frozenset({tokens.SERVER, longest}))}
+    wide = tokens.first_of(SMALL, 0) | {"scope": replace(whole, audiences=audiences)}
     token = mint(**wide)
     purpose = tokens.grant_to(0, 0).purpose
-    sizes = {"grants": 2, "parameters": 2, "one_of": 3, "text_bytes": len(longest), "purpose_bytes": len(purpose)}
+    sizes = {
+        "grants": 2,
+        "parameters": 2,
+        "budgets": 4,
+        "one_of": 3,
+        "text_bytes": len(longest),
+        "purpose_bytes": len(purpose),
+    }
 
     def asked(cap: str, distance: int) -> FaultCode | None:
         return _verified(token, replace(DEFAULT, **{cap: sizes[cap] - distance}))

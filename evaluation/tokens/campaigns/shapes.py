@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.chain import EvidenceKind
 from capabilities.values.scope import (
+    Budget,
     Each,
     Flags,
     Grant,
@@ -79,8 +80,12 @@ OF_EVERY_KIND: Final = (
     Limit(Parameter("files", ListOf(Sort.PATH)), Each(Stems(frozenset({"/srv"}), "/"), 0, 9)),
     Limit(Parameter("counts", ListOf(Unit.COUNT)), Each(OneOf(frozenset({1, 5})), 1, 2)),
 )
+_FIRST_BUDGETS: Final = (Budget("", CELLS[0], 60, 10), Budget("pressure", CELLS[0], 3_600, INT_LIMIT))
 _KINDS: Final = replace(
-    SMALL, grants=(Grant("r", "s", OF_EVERY_KIND), STOP), delegates=frozenset({_AGENTS[1]}), depth=1
+    SMALL,
+    grants=(Grant("r", "s", OF_EVERY_KIND, _FIRST_BUDGETS), STOP),
+    delegates=frozenset({_AGENTS[1]}),
+    depth=1,
 )
 LESS_OF_EVERY_KIND: Final = Restriction(
     grants=(
@@ -93,6 +98,7 @@ LESS_OF_EVERY_KIND: Final = Restriction(
                 Limit(Parameter("file", Sort.PATH), Stems(frozenset({"/srv/a"}), "/")),
                 Limit(Parameter("files", ListOf(Sort.PATH)), Each(Stems(frozenset({"/srv/a"}), "/"), 1, 5)),
             ),
+            (Budget("", CELLS[0], 20, 3), *_FIRST_BUDGETS[1:]),
         ),
     )
 )
