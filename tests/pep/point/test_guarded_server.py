@@ -149,6 +149,7 @@ def test_the_digest_of_a_pin_is_the_served_tools():
         'issuer = ""',
         "further = 1",
         "tool = 3",
+        "budgets = 3",
         'sensors = "8950"',
         'sensors = "127.0.0.1:x"',
         'sensors = "127.0.0.1:65536"',
@@ -261,3 +262,11 @@ def test_a_set_beside_the_configuration_extends_one_beside_itself(written, tmp_p
 def test_a_set_of_its_own_is_the_default(written):
     config = GuardConfig.read(written())
     assert (config.policy, config.journal_file.parent.name) == ("tools", "state")
+
+
+@pytest.mark.clause("BDG-6")
+def test_workers_may_share_one_store_of_budgets(written):
+    path = written()
+    assert GuardConfig.read(path).budget_file == path.parent / "state" / "budgets.sqlite"
+    path.write_text(path.read_text() + '\nbudgets = "shared/spent.sqlite"\n')
+    assert GuardConfig.read(path).budget_file == path.parent / "shared" / "spent.sqlite"
