@@ -27,6 +27,7 @@ from capabilities.values.chain import Attestation, Chain, EvidenceKind, Hop, Hop
 from capabilities.values.errors import CapabilityError, Fault, FaultCode, ScopeError, StatementError, TokenError
 from capabilities.values.explanation import Explanation, explain, explanation_to_json, repair
 from capabilities.values.scope import (
+    Budget,
     Each,
     Flags,
     Grant,
@@ -47,6 +48,7 @@ __all__ = [
     "DEFAULT_CAPS",
     "Argument",
     "Attestation",
+    "Budget",
     "CapabilityError",
     "Caps",
     "Chain",
