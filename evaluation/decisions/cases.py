@@ -74,6 +74,7 @@ BROKEN: Final[Mapping[str, Mapping[str, Fact]]] = MappingProxyType(
         "no sponsor": {"sponsor": ""},
         "no issuer": {"issuer": ""},
         "the sponsor logged in too long ago": {"sponsor_age_s": 86_401},
+        "the sponsor logged in before any mandate": {"sponsor_age_s": 604_801},
         "the sponsor logs in in the future": {"sponsor_age_s": -6},
         "too long ago for tier 2": {"sponsor_age_s": 28_801, "impact_tier": 2},
         "too long ago for tier 3": {"sponsor_age_s": 3_601, "impact_tier": 3},

@@ -148,10 +148,15 @@ def _agent(p: identity.AgentAuthentication) -> Parts:
 def _root(p: identity.HumanRoot) -> Parts:
     lower = [
         (Atom("tier", Op.LESS, tier), Atom("sponsor_age_s", Op.AT_MOST, bound_s))
-        for tier, bound_s in ((2, p.sponsor_age_tier_2_s), (3, p.sponsor_age_tier_3_s), (4, p.sponsor_age_tier_4_s))
+        for tier, bound_s in (
+            (1, p.sponsor_age_tier_1_s),
+            (2, p.sponsor_age_tier_2_s),
+            (3, p.sponsor_age_tier_3_s),
+            (4, p.sponsor_age_tier_4_s),
+        )
     ]
     named: list[Clause] = [(Atom("sponsor", Op.UNEQUAL, ""),), (Atom("issuer", Op.UNEQUAL, ""),)]
-    return [_CHAIN, *named, *_between("sponsor_age_s", -p.skew_s, p.sponsor_age_tier_1_s), *lower], []
+    return [_CHAIN, *named, *_between("sponsor_age_s", -p.skew_s, p.sponsor_age_tier_0_s), *lower], []
 
 
 def _links(p: identity.LinkValidity) -> Parts:

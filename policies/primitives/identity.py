@@ -66,6 +66,7 @@ class AgentAuthentication:
 class HumanRoot:
     """AID-2: the chain starts at a human principal who was authenticated recently enough for the tier."""
 
+    sponsor_age_tier_0_s: int
     sponsor_age_tier_1_s: int
     sponsor_age_tier_2_s: int
     sponsor_age_tier_3_s: int
@@ -83,7 +84,9 @@ class HumanRoot:
     def bound_s(self, tier: Tier) -> int:
         """Oldest authentication for `tier`, in seconds."""
         match tier:
-            case Tier.NO_EFFECT | Tier.REVERSIBLE:
+            case Tier.NO_EFFECT:
+                return self.sponsor_age_tier_0_s
+            case Tier.REVERSIBLE:
                 return self.sponsor_age_tier_1_s
             case Tier.CONSEQUENTIAL:
                 return self.sponsor_age_tier_2_s

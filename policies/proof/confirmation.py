@@ -59,8 +59,8 @@ class DecidedCase:
 def human_root(parameters: Parameters) -> HumanRoot:
     """AID-2 with a set's own numbers, lowered so that no higher tier allows an older authentication."""
     values = {f.name: getattr(parameters, f.name) for f in fields(HumanRoot)}
-    bound_s = values["sponsor_age_tier_1_s"]
-    for tier in range(1, 5):
+    bound_s = values["sponsor_age_tier_0_s"]
+    for tier in range(5):
         bound_s = min(bound_s, values[f"sponsor_age_tier_{tier}_s"])
         values[f"sponsor_age_tier_{tier}_s"] = bound_s
     return HumanRoot(**values)

@@ -65,13 +65,21 @@ class Parameters:
         meaning="oldest attestation of an agent in the chain",
         source="ours: the longest life of a hop with evidence of kind key",
     )
+    sponsor_age_tier_0_s: int = _named(
+        604_800,
+        unit="s",
+        low=1,
+        high=604_800,
+        meaning="oldest authentication of the sponsor for tier 0",
+        source="ours: the longest life of a mandate",
+    )
     sponsor_age_tier_1_s: int = _named(
         86_400,
         unit="s",
         low=1,
         high=86_400,
-        meaning="oldest authentication of the sponsor for tiers 0 and 1",
-        source="ours: the longest life of a token",
+        meaning="oldest authentication of the sponsor for tier 1",
+        source="ours: the longest life of a token that was not drawn",
     )
     sponsor_age_tier_2_s: int = _named(
         28_800,

@@ -105,7 +105,9 @@ def chain(pick):
                 scope=Scope((), ceiling, frozenset({"https://a/"}), frozenset(), 0, start, start + window),
             )
         )
-    sponsor_age = mostly(pick, 300, [0, -5, -6, 900, 901, 3_600, 3_601, 28_800, 28_801, 86_400, 86_401])
+    sponsor_age = mostly(
+        pick, 300, [0, -5, -6, 900, 901, 3_600, 3_601, 28_800, 28_801, 86_400, 86_401, 604_800, 604_801]
+    )
     sponsor = Sponsor("https://idp/", mostly(pick, "alice", ["bob", ""]), "operator-key", NOW - sponsor_age)
     age = mostly(pick, 100, [-1, 0, 2_000, 2_001, 30_000, 30_001])
     return Chain("t", bytes(32), sponsor, 1, tuple(hops), 1, age)

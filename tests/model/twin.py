@@ -96,7 +96,7 @@ def judge(primitive, r, e, physical):
             tier = base(e)
         if tier is None:
             return NO, missing(me)
-        bound = [86_400, 86_400, 28_800, 3_600, 900][tier]
+        bound = [604_800, 86_400, 28_800, 3_600, 900][tier]
         return (
             (YES, set()) if in_age(e, c.sponsor.authenticated_at, bound) else (NO, {(me, "SPONSOR_AUTHENTICATION_OLD")})
         )

@@ -248,6 +248,7 @@ def test_what_a_pit_bound_says(given, effect, reason, detail):
     [
         ("CII-5", {"unvouched_max_tier": 3, "agent_max_tier": 2, "recorded_max_tier": 4}),
         ("CII-5", {"agent_max_tier": 3, "recorded_max_tier": 2}),
+        ("AID-2", {"sponsor_age_tier_0_s": 86_399}),
         ("AID-2", {"sponsor_age_tier_1_s": 899, "sponsor_age_tier_2_s": 900}),
         ("AID-2", {"sponsor_age_tier_2_s": 3_599, "sponsor_age_tier_3_s": 3_600}),
         ("AID-2", {"sponsor_age_tier_3_s": 900, "sponsor_age_tier_4_s": 901}),
