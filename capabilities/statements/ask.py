@@ -101,6 +101,8 @@ class Ask(Form, frozen=True):
         pep, audience: who asks, and the canonical URL of its server.
         issuer, sponsor: of the chain's human root.
         token_id: of the root token.
+        mandate_id: of the mandate that the token was drawn from, or "". An approval of an ask with one outlives the
+            token, and counts for no other mandate's.
         agent, agent_key: the chain's leaf and its key's thumbprint (RFC 7638).
         object, operation, values: the typed request, in the operation's order; of a free value size and digest.
         request_digest: SHA-256 (hex) of the request (`policies.evidence.model.Request.digest`).
@@ -143,6 +145,7 @@ class Ask(Form, frozen=True):
     opening_id: IdOrEmpty
     asked_at: Whole
     expires_at: Whole
+    mandate_id: IdOrEmpty = ""
 
 
 NAMES: Final = Ask.__struct_fields__

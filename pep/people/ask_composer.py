@@ -107,6 +107,7 @@ def compose(
         opening_id="" if leave is None else leave.opening_id,
         asked_at=asked_at,
         expires_at=expires_at,
+        mandate_id=chain.mandate_id or "",
     )
     text = ask.sign(asked, asker.key)
     # an unreadable question must not be asked

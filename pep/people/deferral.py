@@ -25,8 +25,8 @@ RESERVED_MS: Final = 5_000
 NEVER_MS: Final = 2**31
 """Age of a word that was never heard."""
 
-Holder: TypeAlias = tuple[str, str, str]
-"""Agent, thumbprint of its key, digest of the request."""
+Holder: TypeAlias = tuple[str, str, str, str]
+"""Agent, thumbprint of its key, digest of the request, and id of the mandate under which it asks, or ""."""
 Key: TypeAlias = tuple[Holder, frozenset[str], "Tier | None"]
 """A question: holder, reasons, tier. An answer about a glass is none about a person."""
 
@@ -201,12 +201,12 @@ class Deferral:
 
 def holder_of(chain: Chain, request: Request) -> Holder:
     """Holder of the chain, with the digest of its request."""
-    return chain.leaf.agent, keys.thumbprint(chain.leaf.key), request.digest
+    return chain.leaf.agent, keys.thumbprint(chain.leaf.key), request.digest, chain.mandate_id or ""
 
 
 def key_of(question: ask_statement.Ask) -> Key:
     """The key of an ask that was put."""
-    holder = question.agent, question.agent_key, question.request_digest
+    holder = question.agent, question.agent_key, question.request_digest, question.mandate_id
     return holder, frozenset(question.reasons), question.tier
 
 

@@ -148,8 +148,8 @@ class Agent:
         )
 
 
-def agent(made, at, *, name="robotic", scope=None, sponsor="alice", caps=CAPS):
-    key, hop_id = keys.generate(), secrets.token_hex(16)
+def agent(made, at, *, name="robotic", scope=None, sponsor="alice", caps=CAPS, key=None, mandate_id=None):
+    key, hop_id = key or keys.generate(), secrets.token_hex(16)
     hop = HopGrant(
         hop_id=hop_id,
         agent=name,
@@ -168,6 +168,7 @@ def agent(made, at, *, name="robotic", scope=None, sponsor="alice", caps=CAPS):
         hop=hop,
         scope=scope or full_scope(at),
         caps=caps,
+        mandate_id=mandate_id,
     )
     return Agent(name, key, token, hop_id)
 

@@ -20,6 +20,7 @@ from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, MOVE, FailingJournal, Person, Rig, full_scope, reading
 
 from capabilities.keys import keys
+from capabilities.statements import ask as ask_statement
 
 PERSON = Contribution("person", 2_500, "wrist_3", "dave", 100, 400_000, 200_000, "camera-1")
 BOX = Contribution("rigid", 800, "gripper", "box", 100, 100_000, 200_000)
@@ -128,10 +129,23 @@ def test_one_approver_moves_it_once_and_the_second_time_is_asked_anew(rig):
     assert len(rig.sent) == 2
 
 
+def test_an_approval_is_of_the_mandate_and_outlives_the_token(rig):
+    """A renewed token uses it; one of another mandate, or of none, is asked anew."""
+    mandate, scope = "0a" * 16, full_scope(rig.clock.wall_s(), ceiling=Tier(3))
+    rig.holder = rig.agent(scope=scope, mandate_id=mandate)
+    rig.ask()
+    asked = ask_statement.open(rig.text, [keys.public_raw(rig.pep_key)], DEFAULT)
+    assert asked.mandate_id == mandate
+    rig.cast(rig.vote())
+    for other in (None, "0b" * 16):
+        answer = rig.go(rig.agent(scope=scope, key=rig.holder.key, mandate_id=other))
+        assert (answer.decision.effect, answer.ask.ask_id != rig.ask_id) == (Effect.DEFER, True)
+    renewed = rig.go(rig.agent(scope=scope, key=rig.holder.key, mandate_id=mandate))
+    assert (renewed.decision.effect, renewed.decision.approval.ask_id) == (Effect.PERMIT, rig.ask_id)
+
+
 def test_what_is_asked_is_what_was_decided_on(rig):
     rig.ask()
-    from capabilities.statements import ask as ask_statement
-
     asked = ask_statement.open(rig.text, [keys.public_raw(rig.pep_key)], DEFAULT)
     decision = rig.decisions()[0]
     assert asked.ask_id == decision["request"]["id"]

@@ -50,6 +50,7 @@ SHOWN = {
     "opening_id": "",
     "asked_at": 1_700_000_000,
     "expires_at": 1_700_000_060,
+    "mandate_id": "",
 }
 ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "votes": [], "expires_at": 1_700_000_060}
 
