@@ -68,7 +68,7 @@ class Surroundings:
                 return tuple(configured.values())
             server = server_of(self.server)
             served = asyncio.run(tool_guard.tools_of(server))
-            return tuple(rows_of(served, decorated=decorated(server), configured=configured).values())
+            return tuple(rows_of(served, decorated=asyncio.run(decorated(server)), configured=configured).values())
         except PepError as error:
             fail(error.code, error.detail)
 
