@@ -109,7 +109,8 @@ _ANGULAR: Final = {
 def readable(value: int, unit: Measure) -> str:
     """The figure for people: exact where the unit allows it, an angle in degrees to two places, with `≈`."""
     if isinstance(unit, DeclaredUnit):
-        return f"{value} {unit}"
+        places = len(str(unit.scale)) - 1
+        return f"{Decimal(value).scaleb(-places):f} {unit.name}" if unit.scale == 10**places else f"{value} {unit}"
     if unit in _ANGULAR:
         return f"≈ {math.degrees(value / unit.per_si):z.2f}{_ANGULAR[unit]}"
     places, word = _DECIMAL[unit]

@@ -196,6 +196,17 @@ def test_names_that_look_alike_are_shown_apart(run, who, double):
     assert "m⟨U+043E⟩ver" in run("approvals", "show", ID, *who).out
 
 
+def test_words_are_shown_in_quotes_and_letter_by_letter(run, who, double):
+    values = [
+        {"name": "query", "kind": "text", "value": "a\" = 1 urad"}, {"name": "tags", "kind": "[text]", "value": ["p\u0430y"]},
+        {"name": "bleed", "kind": "flag", "value": True},
+    ]  # fmt: skip
+    double.answers = {"approval": {**ASKED, "shown": {**SHOWN, "values": values}}}
+    out = run("approvals", "show", ID, *who).out
+    for shown in (r'query = "a\" = 1 urad" text', r'tags = ["p\u0430y"] [text]', "bleed = true flag"):
+        assert shown in out
+
+
 def test_approve_shows_asks_and_binds_what_was_shown(run, who, double):
     double.answers = {"approval": ASKED, "approve": {"state": "granted"}}
     told = run(

@@ -236,8 +236,12 @@ def test_whatever_a_text_holds_it_stays_a_text():
         Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
 
 
-def test_a_declared_unit_is_shown_with_its_scale():
-    assert ask_page.readable(901, DeclaredUnit("x-bar", 1_000)) == "901 x-bar/1000"
+def test_a_declared_unit_is_shown_in_what_it_names_where_the_point_alone_moves():
+    for value, unit, shown in (
+        (901, DeclaredUnit("x-bar", 1_000), "0.901 x-bar"), (1_234, DeclaredUnit("cur-EUR", 100), "12.34 cur-EUR"),
+        (-3, DeclaredUnit("x-box", 1), "-3 x-box"), (9, DeclaredUnit("x-dozen", 12), "9 x-dozen/12"),
+    ):  # fmt: skip
+        assert ask_page.readable(value, unit) == shown
 
 
 def test_a_name_that_looks_like_another_is_shown_apart():
