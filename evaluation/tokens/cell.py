@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -72,6 +72,8 @@ class Peer(Protocol):
 
     name: str
     version: str
+    words: ClassVar[bool]
+    """It is measured on limits of texts, paths and URLs, too."""
 
     def prepare(self, workload: Workload, depth: int, calls: int) -> Prepared:
         """Cells of one scope at one depth, each good for `calls` calls."""

@@ -85,7 +85,7 @@ class ActToken(PlainPeer):
             "act": act,
             "authorization_details": [
                 {"type": operation, "limits": {limit.name: [limit.low, limit.high] for limit in limits}}
-                for operation, limits in workload.lent(depth, serial)
+                for operation, limits in workload.numbers(depth, serial)
             ],
         }
         return str(self._jwt.encode(claims, self._root, algorithm="EdDSA"))

@@ -86,7 +86,7 @@ def _check(workload: Workload, hop: int, serial: int) -> tuple[str, dict[str, An
     """
     alternatives: list[str] = []
     bound: dict[str, Any] = {}
-    for operation, limits in workload.lent(hop, serial):
+    for operation, limits in workload.numbers(hop, serial):
         name = f"o{len(bound)}"
         bound[name] = operation
         parts = [f"req({', '.join([f'{{{name}}}', *(f'$v{i}' for i in range(len(limits)))])})"]

@@ -8,7 +8,7 @@ from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from multiprocessing import get_context
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -33,15 +33,17 @@ from capabilities import (
 from capabilities.keys import keys
 from capabilities.statements.revocation import RevocationView
 from capabilities.values.caps import DEFAULT
-from capabilities.values.units import Parameter, Unit
-from evaluation.tokens.workload import OBJECT
+from capabilities.values.scope import Stems, Words
+from capabilities.values.units import Parameter
+from evaluation.tokens.workload import OBJECT, WordLimit
+from evaluation.tokens.workload import Limit as WorkLimit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from capabilities import Fault
-    from evaluation.tokens.workload import Limit as WorkLimit
-    from evaluation.tokens.workload import Workload
+    from capabilities.values.scope import Bound
+    from evaluation.tokens.workload import AnyLimit, Workload
 
 NOW: Final = 1_800_000_000
 """Seconds since the epoch at which everything of ours happens: time is an argument."""
@@ -123,8 +125,16 @@ def grant_to(hop: int, serial: int) -> HopGrant:
     )
 
 
-def _limit(limit: WorkLimit) -> Limit:
-    return Limit(Parameter(limit.name, Unit(limit.unit)), Range(limit.low, limit.high))
+def _limit(limit: AnyLimit) -> Limit:
+    bound: Bound
+    match limit:
+        case WorkLimit(_, _, low, high):
+            bound = Range(low, high)
+        case WordLimit(_, _, stem, words):
+            bound = Words(frozenset(words)) if words else Stems(frozenset({stem}), limit.divider)
+        case _:
+            assert_never(limit)
+    return Limit(Parameter(limit.name, limit.kind), bound)
 
 
 def scope(workload: Workload, serial: int) -> Scope:

@@ -77,7 +77,7 @@ def _caveat(workload: Workload, hop: int, serial: int) -> str:
                 else None
                 for limit in limits
             }
-            for operation, limits in workload.lent(hop, serial)
+            for operation, limits in workload.numbers(hop, serial)
         },
         separators=(",", ":"),
     )

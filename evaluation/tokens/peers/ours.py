@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass
 from importlib import metadata
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
@@ -28,14 +28,14 @@ from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 from evaluation.tokens.peers import lending as tokens
 from evaluation.tokens.peers import session as stream
 from evaluation.tokens.peers.lending import Declined
-from evaluation.tokens.workload import OBJECT, body, quantities
+from evaluation.tokens.workload import OBJECT, body, values_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from capabilities.values.units import Quantity
+    from capabilities.values.arguments import Value
     from evaluation.tokens.peers.lending import HeldToken
-    from evaluation.tokens.workload import Workload
+    from evaluation.tokens.workload import Given, Workload
 
 NAME: Final = "ztpm"
 CHECKS: Final = (
@@ -62,7 +62,7 @@ class OurCall:
     text: str
     proof: str
     body: bytes
-    values: tuple[Quantity, ...]
+    values: tuple[Value, ...]
 
 
 def forget() -> None:
@@ -80,6 +80,7 @@ class OurTokens:
 
     name = NAME
     version = metadata.version("ztpm")
+    words: ClassVar[bool] = True
 
     def __init__(self, lend: Callable[[Workload, int, range, bool], list[HeldToken] | Declined]) -> None:
         self._lend = lend
@@ -155,9 +156,9 @@ class OurTokens:
         *,
         proof: bool,
         verifier: Verifier,
-        values: tuple[int, ...] | None = None,
+        values: tuple[Given, ...] | None = None,
         signer: Ed25519PrivateKey | None = None,
-        body_of: tuple[int, ...] | None = None,
+        body_of: tuple[Given, ...] | None = None,
     ) -> OurCall:
         """A request with a proof of its own; `signer` and `body_of` make the proof one of another key or body."""
         values = workload.values if values is None else values
@@ -174,7 +175,7 @@ class OurTokens:
                 at=tokens.NOW - 1,
                 jti=f"{self._proofs:022d}",
             )
-        return OurCall(verifier, held.token, text, made, sent, quantities(workload, values))
+        return OurCall(verifier, held.token, text, made, sent, values_of(workload, values))
 
     def _wrong(
         self, workload: Workload, held: HeldToken, *, proof: bool, verifier: Verifier

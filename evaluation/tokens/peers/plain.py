@@ -14,7 +14,7 @@ from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from evaluation.tokens.workload import Workload
+    from evaluation.tokens.workload import Given, Workload
 
 NEVER_LENT: Final = "teach_mode"
 """An operation that no workload lends."""
@@ -25,7 +25,7 @@ class Ask:
     """A request: an operation and its arguments."""
 
     operation: str
-    arguments: dict[str, int]
+    arguments: dict[str, Given]
 
 
 class PlainPeer(ABC):
@@ -39,6 +39,8 @@ class PlainPeer(ABC):
     """Checks that a decision under a token read before rests on; "" where reading leaves nothing to keep."""
     limits: ClassVar[bool] = True
     """Values are checked, and not the operation alone."""
+    words: ClassVar[bool] = False
+    """Limits of texts, paths and URLs are among them."""
 
     def __init__(self) -> None:
         self._serials = count()

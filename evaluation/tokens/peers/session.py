@@ -15,16 +15,16 @@ from evaluation.harness.bench import Row
 from evaluation.harness.timing import Cell, Verdict
 from evaluation.tokens.cell import Kind, TokenKey
 from evaluation.tokens.peers import lending as tokens
-from evaluation.tokens.workload import OBJECT, body, quantities
+from evaluation.tokens.workload import OBJECT, body, values_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.proof.session_frames import Session
     from capabilities.statements.revocation import RevocationView
-    from capabilities.values.units import Quantity
+    from capabilities.values.arguments import Value
     from evaluation.tokens.peers.lending import HeldToken
-    from evaluation.tokens.workload import Workload
+    from evaluation.tokens.workload import Given, Workload
 
 CHECKS: Final = (
     "the token once; MAC, counter (so replay too), times, audience, revocations, limits and tier of each frame"
@@ -36,7 +36,7 @@ class Frame:
     """One frame, and the values that its message states."""
 
     frame: bytes
-    values: tuple[Quantity, ...]
+    values: tuple[Value, ...]
 
 
 def cell(
@@ -66,11 +66,11 @@ def cell(
         )
         return Verdict.ALLOWED if refused is None else Verdict.REFUSED
 
-    def sealed(values: tuple[int, ...]) -> Frame:
+    def sealed(values: tuple[Given, ...]) -> Frame:
         frame = holder_end.seal(body(workload, values), at=tokens.NOW)
         if isinstance(frame, Fault):
             raise RuntimeError(f"a frame of the benchmark is refused: {frame.code}")  # noqa: TRY004 - not a type error
-        return Frame(frame, quantities(workload, values))
+        return Frame(frame, values_of(workload, values))
 
     def spoiled() -> Frame:
         good = sealed(workload.values)

@@ -2,6 +2,7 @@
 
 Each warrant restates its tools and limits in full, as its interface demands, in the very integers of the workload. Its
 ranges are floats; integers of this size are the shorter spelling of them on the wire, which is to Tenuo's advantage.
+Words are its own forms of the same sets: `OneOf`, `Pattern`, `Subpath` and `UrlPattern`, which takes any port.
 """
 
 from __future__ import annotations
@@ -9,17 +10,19 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from itertools import count
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final, assert_never
 
+from capabilities.values.units import Sort
 from evaluation.harness.absent import package
 from evaluation.harness.timing import Cell, Verdict
 from evaluation.tokens.cell import Kind, Prepared, TokenKey, endless
+from evaluation.tokens.workload import Limit, WordLimit
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from evaluation.harness.bench import Row
-    from evaluation.tokens.workload import Workload
+    from evaluation.tokens.workload import AnyLimit, Given, Workload
 
 NAME: Final = "tenuo"
 CHECKS: Final = "every signature, linkage, narrowing, limits, times (no attestation, audience or revocation list)"
@@ -40,7 +43,7 @@ class TenuoCall:
     authorizer: Any
     wire: tuple[bytes, ...]
     chain: list[Any]
-    arguments: dict[str, int]
+    arguments: dict[str, Given]
     proof: bytes
 
 
@@ -57,6 +60,7 @@ class Tenuo:
     """See the module."""
 
     name = NAME
+    words: ClassVar[bool] = True
 
     def __init__(self) -> None:
         self._tenuo, self.version = package("tenuo", "tenuo")
@@ -81,11 +85,25 @@ class Tenuo:
         return self._tenuo.Authorizer(trusted_roots=[self._root.public_key])
 
     def _tools(self, workload: Workload, hop: int, serial: int) -> list[tuple[str, dict[str, Any]]]:
-        bounded = self._tenuo.Range
         return [
-            (operation, {limit.name: bounded(limit.low, limit.high) for limit in limits})
+            (operation, {limit.name: self._bound(limit) for limit in limits})
             for operation, limits in workload.lent(hop, serial)
         ]
+
+    def _bound(self, limit: AnyLimit) -> Any:
+        match limit:
+            case Limit(_, _, low, high):
+                return self._tenuo.Range(low, high)
+            case WordLimit(words=(_, *_)):
+                return self._tenuo.OneOf(list(limit.words))
+            case WordLimit(kind=Sort.PATH):
+                return self._tenuo.Subpath(limit.stem)
+            case WordLimit(kind=Sort.URL):
+                return self._tenuo.UrlPattern(f"{limit.stem}/*")
+            case WordLimit():
+                return self._tenuo.Pattern(f"{limit.stem}*")
+            case _:
+                assert_never(limit)
 
     def _first(self, tools: list[tuple[str, dict[str, Any]]], holder: Any) -> Any:
         builder = self._tenuo.Warrant.mint_builder()
@@ -119,9 +137,9 @@ class Tenuo:
         wire: tuple[bytes, ...],
         *,
         authorizer: Any,
-        values: tuple[int, ...] | None = None,
+        values: tuple[Given, ...] | None = None,
         signer: Any = None,
-        signed: tuple[int, ...] | None = None,
+        signed: tuple[Given, ...] | None = None,
     ) -> TenuoCall:
         """A request with a proof of its own; `signer` and `signed` make the proof one of another key or request."""
         arguments = workload.named(workload.values if values is None else values)

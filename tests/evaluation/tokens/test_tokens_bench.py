@@ -22,6 +22,7 @@ pytestmark = pytest.mark.long
 RATIOS = {
     "warm_proof_d3",
     "warm_proof_d8",
+    "warm_proof_d3_digital",
     "stream_d3",
     "cold_proof_d3",
     "novel_proof_d3",
@@ -39,6 +40,8 @@ ROWS = (
     row("ztpm", 3, "warm", 90.0),
     row("tenuo", 3, "warm", 100.0),
     row("tenuo", 3, "warm", 1.0, scope="small"),
+    row("ztpm", 3, "warm", 30.0, scope="digital"),
+    row("tenuo", 3, "warm", 40.0, scope="digital"),
     row("ztpm", 8, "warm", 90.0),
     row("tenuo", 8, "warm", 200.0),
     row("ztpm", 3, "stream", 20.0),
@@ -68,10 +71,11 @@ MORE = {"sizes": SIZES, **tokens.BENCH.more(ROWS, {"sizes": SIZES})}
 RESULT = Result(ROWS, ratios(), {"ztpm": "0", "tenuo": "1"}, MORE, machine(), QUICK, 1.0)
 
 
-def test_ratios_are_ours_over_theirs_in_the_realistic_scope_with_proof():
+def test_ratios_are_ours_over_theirs_in_their_scope_with_proof():
     expected = {
         "warm_proof_d3": 0.9,
         "warm_proof_d8": 0.45,
+        "warm_proof_d3_digital": 0.75,
         "stream_d3": 0.2,
         "cold_proof_d3": 1.5,
         "novel_proof_d3": 2.0,
@@ -130,7 +134,7 @@ def test_the_command_as_a_user_runs_it():
     said = json.loads(done.stdout)
     assert said["ratios"].keys() == RATIOS
     ours = {(r["scope"], r["depth"], r["kind"], r["proof"]) for r in said["rows"] if r["peer"] == "ztpm"}
-    for scope in ("realistic", "small"):
+    for scope in ("realistic", "small", "digital"):
         for depth in (0, 1, 3, 8):
             assert {(scope, depth, kind, True) for kind in ("first", "cold", "warm", "stream")} <= ours
             assert {(scope, depth, kind, False) for kind in ("first", "cold", "warm")} <= ours
