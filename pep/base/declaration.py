@@ -13,7 +13,6 @@ import json
 import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
-from weakref import WeakSet
 
 from capabilities.values import text as forms
 from capabilities.values.scope import Tier
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
 
 ROW: Final = "__ztpm_operation__"
 """Attribute of a decorated function that holds its row."""
-_DECLARED: Final[WeakSet[Callable[..., Any]]] = WeakSet()
-"""Every function that was decorated and is still there."""
 ELEMENTS: Final = 32
 """Most elements of a list that are parameters of their own; an ask holds no more values."""
 FLAG: Final = "flag"
@@ -75,7 +72,6 @@ def operation(
         arguments = {each: stated for each in hints if (stated := _stated(f"{name}.{each}", hints[each])) is not None}
         made = row(object, name, arguments, base_tier=base_tier, exact=exact, when=when)
         setattr(function, ROW, _with_defaults(made, function))
-        _DECLARED.add(function)
         return function
 
     return declare
@@ -88,17 +84,14 @@ def declared(function: object) -> Operation | None:
 
 
 def defined_twice(function: Callable[..., Any]) -> bool:
-    """True where the function's module defined another one of its name, which a server may have passed over."""
+    """True where the function's module has another one under its name, which a server may have passed over."""
     own = inspect.unwrap(function)
     if not inspect.isfunction(own):
         return False
-    others = [inspect.unwrap(each) for each in (*_DECLARED, own.__globals__.get(own.__name__)) if callable(each)]
-    place = own.__module__, own.__qualname__
+    named = own.__globals__.get(own.__name__)
+    other = inspect.unwrap(named) if callable(named) else None
     # The same definition may run again, as in a function that makes a server.
-    return any(
-        inspect.isfunction(each) and (each.__module__, each.__qualname__) == place and each.__code__ != own.__code__
-        for each in others
-    )
+    return inspect.isfunction(other) and other.__qualname__ == own.__qualname__ and other.__code__ != own.__code__
 
 
 def _with_defaults(stated: Operation, function: Callable[..., Any]) -> Operation:

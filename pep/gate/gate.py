@@ -25,6 +25,7 @@ from pep.base.ports import Assessed
 from pep.gate import records
 from pep.gate.budget_charge import BudgetCharge
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
+from pep.gate.robot_ports import robot_of, takes_slot
 from pep.journal.conduct import Conduct
 from pep.people.deferral import AskState
 from pep.request.authority import NO_TOKEN
@@ -42,7 +43,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
 
-    from pep.base.ports import Clock, Facts, Journal, MotionSlot, Registry
+    from pep.base.ports import Clock, Facts, Journal, Registry
     from pep.gate.observe_only import Simulated
     from pep.gate.robot_ports import RobotPorts
     from pep.journal.budget_store import BudgetStore
@@ -166,7 +167,7 @@ class Gate(Edge):
                 if decision.effect is not Effect.PERMIT:
                     if self._unsafe_observe is None:
                         return await self._conclude(call, evidence, decision)
-                    robot = _robot_of(call, self._robot)
+                    robot = robot_of(call, self._robot)
                     if not physical or robot is None or robot.slot.reserve(call.request.request_id):
                         return await self._observed(call, evidence, decision, effect)
                     return await self._conclude(call, evidence, _denied(decision, Reason.BUSY))
@@ -213,7 +214,7 @@ class Gate(Edge):
         They are asked once of what is cheap and of the robot's own state, and once more when physics has answered.
         """
         evidence = self._cheap(call)
-        ports = _robot_of(call, self._robot)
+        ports = robot_of(call, self._robot)
         if ports is not None and call.readiness is not None and physical and not _fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
@@ -221,7 +222,7 @@ class Gate(Edge):
             decision = decide(call.request, evidence, self._policies)
             ready = all(finding.primitive != STATE for finding in decision.findings)
             # A request without the arm takes no slot from the one that has it.
-            if (robot.exclusive or ready) and not _takes_slot(call, evidence, ports.slot):
+            if (robot.exclusive or ready) and not takes_slot(call, evidence, ports.slot):
                 return evidence, _denied(decision, Reason.BUSY), decided_ms
             if not ready:
                 return evidence, decision, decided_ms
@@ -339,7 +340,7 @@ class Gate(Edge):
         effect: Callable[[Permit], Awaitable[EffectResult]],
     ) -> GateResult:
         """The effect, with its outcome on record."""
-        robot = _robot_of(call, self._robot)
+        robot = robot_of(call, self._robot)
         if robot is not None:
             robot.sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
         try:
@@ -366,7 +367,7 @@ class Gate(Edge):
     ) -> GateResult:
         """Effect of a denied or deferred request, observed in the simulator: recorded before, and reported as such."""
         record = await self.record("decision", records.decision(call, evidence, decision))
-        robot = _robot_of(call, self._robot)
+        robot = robot_of(call, self._robot)
         assessed = isinstance(evidence.impact, ImpactReading)
         if robot is not None and call.operation.kind is OperationKind.MOTION and not assessed:
             await self._in_time(partial(robot.physics.remember, call.request))
@@ -474,27 +475,6 @@ class Gate(Edge):
 def _denied(decided: Decision, reason: Reason) -> Decision:
     """Denial of the gate itself, over the digests of the decision."""
     return replace(denial(decided, reason, SEQUENCE), findings=(Finding(SEQUENCE, reason),))
-
-
-def _robot_of(call: Call, ports: RobotPorts | None) -> RobotPorts | None:
-    """Ports of the robot that the call commands; None for an operation without one.
-
-    Raises:
-        ValueError: the operation is a robot's, and here is none.
-    """
-    if call.operation.robot is None:
-        return None
-    if ports is None or call.readiness is None:
-        raise ValueError("an operation of a robot, and no robot")
-    return ports
-
-
-def _takes_slot(call: Call, evidence: Evidence, slot: MotionSlot) -> bool:
-    """True where the slot is this request's, or the request prolongs the same agent's running stream."""
-    chain = evidence.chain
-    return slot.reserve(call.request.request_id) or (
-        isinstance(chain, Chain) and slot.joins(call.request, agent=chain.leaf.agent)
-    )
 
 
 def _agent(call: Call) -> str:

@@ -5,9 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from capabilities.values.chain import Chain
+
 if TYPE_CHECKING:
     from pep.base.ports import MotionSlot, Physics
+    from pep.request.call import Call
     from pep.world.sequence import Sequence
+    from policies.evidence.evidence import Evidence
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,3 +27,24 @@ class RobotPorts:
     slot: MotionSlot
     sequence: Sequence
     physics: Physics
+
+
+def robot_of(call: Call, ports: RobotPorts | None) -> RobotPorts | None:
+    """Ports of the robot that the call commands; None for an operation without one.
+
+    Raises:
+        ValueError: the operation is a robot's, and here is none.
+    """
+    if call.operation.robot is None:
+        return None
+    if ports is None or call.readiness is None:
+        raise ValueError("an operation of a robot, and no robot")
+    return ports
+
+
+def takes_slot(call: Call, evidence: Evidence, slot: MotionSlot) -> bool:
+    """True where the slot is this request's, or the request prolongs the same agent's running stream."""
+    chain = evidence.chain
+    return slot.reserve(call.request.request_id) or (
+        isinstance(chain, Chain) and slot.joins(call.request, agent=chain.leaf.agent)
+    )

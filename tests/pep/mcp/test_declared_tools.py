@@ -227,7 +227,9 @@ def defaulting():
 
 def test_an_argument_that_is_left_out_has_the_default_of_the_tools_own_signature():
     server = defaulting()
-    (row_,) = rows_of(asyncio.run(server.list_tools()), decorated=decorated(server), configured={}).values()
+    (row_,) = rows_of(
+        asyncio.run(server.list_tools()), decorated=asyncio.run(decorated(server)), configured={}
+    ).values()
     assert [argument.default for argument in row_.arguments] == [None, "3", '"/"', "[]"]
     short, whole = {"query": "a"}, {"query": "a", "top": 3, "under": "/", "tags": []}
     left, given_ = (to_request(row_, each, request_id="r", audience="a", at=0.0) for each in (short, whole))
@@ -321,28 +323,9 @@ def test_every_tool_has_one_row(tools, decorated, configured, code):
     assert refused.value.code is code
 
 
-def test_a_tool_that_was_defined_twice_is_refused_though_the_server_kept_one():
-    server = MCPServer("plant", log_level="ERROR")
-    for _ in range(2):
-        made = defaulting()  # the same definition, run again, is another server's
-
-    @server.tool()
-    @operation("docs", base_tier=0)
-    def search(query: str) -> str:
-        return query
-
-    first = search
-
-    @server.tool()
-    @operation("docs", base_tier=0)
-    def search(query: str) -> str:
-        return query + "?"
-
-    assert [tool.fn for tool in server._tool_manager.list_tools()] == [first]
-    with pytest.raises(DeclarationError) as refused:
-        decorated(server)
-    assert (refused.value.code, "search" in refused.value.detail) == (PepFault.TOOL_TWICE, True)
-    assert list(decorated(made)) == ["search"]
+def test_a_definition_that_runs_again_for_another_server_is_one_definition():
+    made = [defaulting() for _ in range(2)]
+    assert [list(asyncio.run(decorated(each))) for each in made] == [["search"], ["search"]]
 
 
 MODULE = """
@@ -372,8 +355,8 @@ def test_a_module_that_defines_a_tool_twice_is_refused_with_any_decorators(times
     }
     exec(compile(text, "module", "exec"), names)  # noqa: S102 - a module
     if code is None:
-        assert set(decorated(server)) == ({"vent"} if "operation" in inner else set())
+        assert set(asyncio.run(decorated(server))) == ({"vent"} if "operation" in inner else set())
         return
     with pytest.raises(DeclarationError) as refused:
-        decorated(server)
+        asyncio.run(decorated(server))
     assert refused.value.code is code

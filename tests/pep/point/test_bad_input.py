@@ -260,8 +260,6 @@ class Answers:
             done = append(kind, body)
             if kind in {"decision", "refusal"}:
                 self.kept.append((kind, json.loads(json.dumps(body))))
-            elif kind == "outcome":  # maybe after the answer
-                self.ended[body["request_id"]] = body["outcome"]
             return done
 
         self.point.journal.append = keeping
@@ -286,6 +284,8 @@ class Answers:
                 for body in bodies:
                     before = len(DONE)
                     found.append((*await self.ask(http, body), DONE[before:]))
+            bodies = (record["body"] for record in self.point.journal.records() if record["kind"] == "outcome")
+            self.ended = {each["request_id"]: each["outcome"] for each in bodies}
         return found
 
 

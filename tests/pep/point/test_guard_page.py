@@ -43,7 +43,7 @@ def test_both_forms_of_the_page_are_one_row(names, written):  # noqa: F811
     configured = GuardConfig.read(written(TABLE)).rows()
     served = asyncio.run(names["server"].list_tools())
     rows = rows_of(served, decorated={}, configured=configured)
-    assert rows == rows_of(served, decorated=decorated(names["server"]), configured={})
+    assert rows == rows_of(served, decorated=asyncio.run(decorated(names["server"])), configured={})
     assert set(rows) == {"open_valve", "search_docs"}
 
 
