@@ -37,8 +37,8 @@ def charges(chain: Chain, request: Request) -> tuple[Charge, ...]:
 
 
 def promise(chain: Chain) -> str:
-    """Name of the sponsor's promise, to which all that is drawn from it is charged."""
-    return chain.token_id
+    """Name of the sponsor's promise, the mandate or the token, to which all that is drawn from it is charged."""
+    return chain.mandate_id or chain.token_id
 
 
 def _account(holder: str, request: Request, budget: Budget) -> str:

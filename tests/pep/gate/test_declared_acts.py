@@ -4,14 +4,16 @@ import asyncio
 import secrets
 
 import pytest
+from capabilities.values.arguments import argument, plain
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Grant, Limit, Range, Tier
+from capabilities.values.units import Sort
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from pep.base.declaration import row
-from pep.base.stated_values import Within
 from pep.base.operations import MOVE_JOINT
 from pep.base.ports import RegisteredTool
+from pep.base.stated_values import Free, Length, Listed, Within, Word
 from pep.mcp.mapping import to_request
 from pep.request.call import Call
 from policies.decision.load import load_shipped
@@ -30,11 +32,15 @@ VALVE = row(
     base_tier=1,
     exact=False,
 )
+SEND = row(
+    "hall", "send", {"notes": Listed(Word(), Length(0, 20)), "body": Free(4_000)}, base_tier=3, exact=False
+)  # fmt: skip
 STOP = row("plant", "stop", {}, base_tier=2, exact=False)
 GRANTS = {
     "open_valve": Grant(
         "valve-7", "open_valve", tuple(Limit(p, Range(0, 980)) for p in VALVE.parameters)
     ),
+    "send": Grant("hall", "send", tuple(Limit(each.parameter, each.bound) for each in SEND.limits)),
     "stop": Grant("plant", "stop"),
 }  # fmt: skip
 
@@ -115,6 +121,29 @@ def test_people_are_asked_in_words_and_their_answer_binds_the_act(rig):
     assert other.decision.effect is Effect.DEFER, "another request is another question"
     approved = run(rig, call(rig, caller, {"opening": 0.9, "speed": 3}))
     assert (approved.decision.effect, approved.decision.approval.ask_id) == (Effect.PERMIT, asked.ask_id)
+
+
+def test_people_are_asked_of_words_and_their_answer_binds_each_of_them(rig):
+    caller = holder(rig, "send")
+    given = {"notes": ["a", "b"], "body": {"to": "hall 2"}}
+    deferred = run(rig, call(rig, caller, given, operation=SEND))
+    text = rig.issuer.asks[deferred.ask.ask_id]
+    asked = ask_statement.open(text, [keys.public_raw(rig.pep_key)], CAPS)
+    assert [plain(value) for value in asked.values] == [["a", "b"], plain(argument("body", Sort.FREE, given["body"]))]
+    rig.issuer.cast(asked.ask_id, rig.people["bob"].vote(text, at=rig.clock.wall_s()))
+    rig.pull()
+    for other in ({"notes": ["b", "a"]}, {"body": {"to": "hall 3"}}):
+        assert run(rig, call(rig, caller, given | other, operation=SEND)).decision.effect is Effect.DEFER
+    assert run(rig, call(rig, caller, given, operation=SEND)).decision.effect is Effect.PERMIT
+
+
+def test_people_are_not_asked_what_they_could_not_read(rig):
+    """The act is denied with its reason, and on record."""
+    caller = holder(rig, "send")
+    answer = run(rig, call(rig, caller, {"notes": ["x" * 1_000] * 17, "body": 1}, operation=SEND))
+    assert (answer.decision.effect, answer.decision.reason) == (Effect.DENY, Reason.STATEMENT_MALFORMED)
+    assert answer.ask is None and rig.issuer.asks == {} and rig.sent == []
+    assert rig.records()[-1]["body"]["decision"]["reason"] == "STATEMENT_MALFORMED"
 
 
 def test_the_class_of_the_registry_counts_where_it_is_higher(rig):
