@@ -45,6 +45,8 @@ ELEMENTS: Final = 32
 """Most elements of a list that are parameters of their own; an ask holds no more values."""
 FLAG: Final = "flag"
 """The word of TOML for an argument that is true or false; in Python it is `bool`."""
+_UNREAD: Final = (Any, dict, dict[str, Any], list, list[Any])
+"""Types that no reader of a tool's arguments changes a value to fit: the tool gets a free value as it was decided."""
 
 
 def operation(
@@ -209,7 +211,7 @@ def _stated(place: str, hint: Any) -> Stated | None:
         if kind == list[float] and not lengths:
             return said
     elif isinstance(said, Free):
-        if kind is not str and not lengths:
+        if kind in _UNREAD and not lengths:
             return said
     elif get_origin(kind) is list:
         element = _one(get_args(kind)[0], said)

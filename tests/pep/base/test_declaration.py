@@ -159,7 +159,7 @@ def test_a_set_and_a_unit_of_ones_own_are_exact(stated, exact):
 @pytest.mark.parametrize(
     "hint",
     [
-        Annotated[int, Word()], Annotated[str, Within(0, 1)], Annotated[str, Free(9)], Annotated[str, Length()],
+        Annotated[int, Word()], Annotated[str, Within(0, 1)], Annotated[str, Free(9)], Annotated[dict[str, int], Free(9)], Annotated[str, Length()],
         Annotated[str, Word(), Word("path")], Annotated[list[str], Length(), Length()], Annotated[list[dict], Word()],
         Annotated[list[int], Within(0, 1, elements=2)], Annotated[dict, Length()],
     ],

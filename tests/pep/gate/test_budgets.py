@@ -143,6 +143,8 @@ def test_a_hop_that_states_no_budget_is_not_charged_twice(rig):
     request = call(rig, holder(rig)).request
     (only,) = charges(chain, request)
     assert (only.hop, only.account.split(" ")[0]) == (0, chain.token_id), "charged to the sponsor's promise"
+    (drawn,) = charges(replace(chain, mandate_id="6d" * 16), request)
+    assert drawn.account.split(" ")[0] == "6d" * 16, "all that is drawn from a mandate shares its budgets"
     paced = rig.credentials(holder(rig, budget(5), below=(budget(1, 9), budget(5)))).chain
     assert [(each.hop, each.most) for each in charges(paced, request)] == [(0, 5), (1, 1)]
     assert charges(rig.credentials(holder(rig)).chain, request) == ()

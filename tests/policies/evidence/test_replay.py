@@ -15,6 +15,7 @@ from capabilities.values.chain import Refusal
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Each, Range, Stems, Tier
 from capabilities.values.units import kind_of
+from policies.conduct import journal_reports
 from policies.decision.load import load_shipped
 from policies.evidence.shape import fault
 from policies.words.canonical import EXACT
@@ -340,6 +341,16 @@ def test_a_request_with_values_of_each_kind_is_read_as_it_was_and_is_decided_the
         assert replace(decided, evidence=None) == replace(before, evidence=None)
     told = decide(request, seen[2], SHIPPED).findings[0].detail
     assert (told["kind"], told["member"], told["nearest_permitted"]) == ("[x-bar/1000]", 1, (1, 1))
+
+
+def test_a_report_has_the_numbers_of_a_request_alone():
+    request, (evidence, *_) = of_each_kind()
+    decision = {"tier": 1, "effect": "PERMIT", "reason": "PERMITTED"}
+    body = {**case_json.to_plain(request, evidence), "decision": decision}
+    found = journal_reports.decided(body, reporter="pep-1", at_ms=1_000_000)
+    assert found.report.values == (("bar", 7),)
+    body["request"]["values"][0][1] = "word"
+    assert journal_reports.decided(body, reporter="pep-1", at_ms=1_000_000) is None, "no kind is called so"
 
 
 def test_the_digest_is_of_the_canonical_form_of_every_value():
