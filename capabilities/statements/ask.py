@@ -44,7 +44,9 @@ PERCEPTIONS: Final = frozenset({"fresh", "stale", "missing", NO_ROBOT})
 VALUES: Final = 32
 CONTRIBUTORS: Final = 64
 REASONS: Final = 16
-"""Most parameters, contributors and reasons of one ask."""
+FACTS: Final = 16
+"""Most parameters, contributors, reasons and facts of one ask."""
+FACT_STATES: Final = frozenset({"fresh", "stale", "missing", "invalid"})
 READ_BYTES: Final = 16_384
 """Most bytes of an ask's values, as canonical JSON: nobody reads more before they vote."""
 JOINTS: Final = 6
@@ -92,6 +94,25 @@ class Contributor(Form, frozen=True):
     source: Name = ""
 
 
+class AskedFact(Form, frozen=True):
+    """Fact of a sensor on which the tier depends ([FCT-2]); value and age are None where nothing is believed.
+
+    `raises` says whether it is why the act is of its tier.
+    """
+
+    fact: Name
+    state: Annotated[str, words(*FACT_STATES)]
+    unit: Unit
+    value: Signed | None
+    age_ms: Whole | None
+    raises: bool
+
+    @property
+    def contributor(self) -> tuple[str, str]:
+        """Kind and object under which an approval binds it."""
+        return ("fact" if self.state == "fresh" else "fact-unseen"), self.fact
+
+
 class Ask(Form, frozen=True):
     """Ask of a PEP to people, with all that they are shown.
 
@@ -116,6 +137,7 @@ class Ask(Form, frozen=True):
         approvers: how many different people must approve, 1 or 2.
         opening_id: the opening that a tier 4 ask rests on, else "".
         asked_at, expires_at: seconds since the epoch.
+        facts: of an act without a robot, each once.
     """
 
     ask_id: Id
@@ -146,6 +168,7 @@ class Ask(Form, frozen=True):
     asked_at: Whole
     expires_at: Whole
     mandate_id: IdOrEmpty = ""
+    facts: Annotated[tuple[AskedFact, ...], Meta(min_length=1, max_length=FACTS)] = ()
 
 
 NAMES: Final = Ask.__struct_fields__
@@ -187,6 +210,9 @@ def _read(claims: dict[str, object]) -> Ask:
     looked = ask.index_milli or ask.start_urad or ask.contributors or ask.perception_age_ms is not None
     if ask.perception == NO_ROBOT and looked:
         raise malformed("an act without a robot has no physics")
+    unique(ask.facts, lambda fact: fact.fact, "a fact")
+    if ask.facts and ask.perception != NO_ROBOT:
+        raise malformed("facts of an act that a robot does")
     if not ask.asked_at < ask.expires_at:
         raise malformed("it ends before it begins")
     if ask.approvers < APPROVERS_OF_TIER.get(ask.tier, 1):

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
 from capabilities.statements import ask
-from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, Contributor
+from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, AskedFact, Contributor
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
+from capabilities.values.units import Unit
 from policies.evidence.evidence import DeclaredImpact, ImpactReading, prior_leave
 from policies.words.reason_table import Reason
 
@@ -108,7 +109,15 @@ def compose(
         asked_at=asked_at,
         expires_at=expires_at,
         mandate_id=chain.mandate_id or "",
+        facts=_facts(impact) if isinstance(impact, DeclaredImpact) else (),
     )
     text = ask.sign(asked, asker.key)
     # an unreadable question must not be asked
     return ask.open(text, [keys.public_raw(asker.key)], CAPS), text
+
+
+def _facts(impact: DeclaredImpact) -> tuple[AskedFact, ...]:
+    """The facts that rows depended on, as people are shown them."""
+    return tuple(
+        AskedFact(f.fact, f.state, Unit(f.unit), f.value, f.age_ms, f.fact in impact.raised_by) for f in impact.facts
+    )

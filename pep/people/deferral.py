@@ -165,7 +165,8 @@ class Deferral:
             reasons=frozenset(question.reasons),
             tier=question.tier,
             index_milli=question.index_milli,
-            contributors=frozenset((c.kind, c.object) for c in question.contributors),
+            contributors=frozenset((c.kind, c.object) for c in question.contributors)
+            | {fact.contributor for fact in question.facts if fact.raises},
             start_urad=question.start_urad,
             model_digest=question.model_digest,
             policy_digest=question.policy_digest,

@@ -135,7 +135,9 @@ def _physical_differences(
     evidence: Evidence, approval: ApprovalReading, parameters: Parameters
 ) -> Iterator[dict[str, object]]:
     impact = evidence.impact
-    if isinstance(impact, DeclaredImpact):  # its tier, which was compared, is all that was shown of it
+    if isinstance(impact, DeclaredImpact):  # beside its tier, which was compared, people were shown the facts behind it
+        if others := impact.contributors - approval.contributors:
+            yield _difference("contributors", sorted(map(list, approval.contributors)), sorted(map(list, others)))
         return
     if not isinstance(impact, ImpactReading):
         yield _difference("impact", "computed", None)

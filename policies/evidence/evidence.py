@@ -138,6 +138,12 @@ class DeclaredImpact:
     raised_by: tuple[str, ...] = ()
     facts: tuple[FactReading, ...] = ()
 
+    @property
+    def contributors(self) -> frozenset[tuple[str, str]]:
+        """Kind and name of each fact that raised the tier: `fact`, or `fact-unseen` for one that is not fresh."""
+        raising = (fact for fact in self.facts if fact.fact in self.raised_by)
+        return frozenset(("fact" if fact.state == "fresh" else "fact-unseen", fact.fact) for fact in raising)
+
 
 @dataclass(frozen=True, slots=True)
 class ImpactFault:

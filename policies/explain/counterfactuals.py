@@ -13,6 +13,7 @@ from capabilities.values.chain import Chain, Refusal
 from policies.decision.pdp import decide
 from policies.evidence.evidence import (
     ApprovalReading,
+    DeclaredImpact,
     ImpactReading,
     OpeningReading,
     PerceptionReading,
@@ -100,13 +101,14 @@ def approved(request: Request, evidence: Evidence, policies: PolicySet, people: 
     if not isinstance(chain, Chain) or deferred.effect is not Effect.DEFER or deferred.tier is None:
         return asked
     computed = impact if isinstance(impact, ImpactReading) else None
+    declared = impact.contributors if isinstance(impact, DeclaredImpact) else frozenset()
     approval = ApprovalReading(
         ask_id="supposed",
         state="granted",
         reasons=frozenset(str(finding.reason) for finding in deferred.findings),
         tier=deferred.tier,
         index_milli=0 if computed is None else computed.index_milli,
-        contributors=frozenset((c.kind, c.object) for c in (computed.contributions if computed else ())),
+        contributors=declared | {(c.kind, c.object) for c in (computed.contributions if computed else ())},
         start_urad=() if computed is None else computed.start_urad,
         model_digest="" if computed is None else computed.model_digest,
         policy_digest=policies.digest,

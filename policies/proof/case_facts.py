@@ -205,7 +205,7 @@ def _same_impact(evidence: Evidence, approval: ApprovalReading, policies: Policy
     """True where the impact is the shown one, within the slack of an approval."""
     now, slack = evidence.impact, policies.parameters
     if not isinstance(now, ImpactReading):
-        return isinstance(now, DeclaredImpact)
+        return isinstance(now, DeclaredImpact) and now.contributors <= approval.contributors
     moved = [abs(a - b) for a, b in zip(now.start_urad, approval.start_urad, strict=False)]
     return (
         now.model_digest == approval.model_digest

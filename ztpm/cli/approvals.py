@@ -322,6 +322,8 @@ def _show(asked: Mapping[str, Any]) -> None:
         match member:
             case "values":
                 lines = [f"{v['name']} = {json.dumps(v['value'])} {v.get('unit') or v['kind']}" for v in value]
+            case "facts":
+                lines = [_fact(each) for each in value]
             case "contributors":
                 lines = [
                     f"{c['kind']} {c['object']} near {c['link']}, said by {c['source'] or 'no sensor'}: "
@@ -339,6 +341,12 @@ def _show(asked: Mapping[str, Any]) -> None:
     table.add_row("state", Text(plain(f"{asked['state']}, {len(asked['votes'])} votes")))
     table.add_row("binds", Text(plain(f"SHA-256 {asked['ask_digest']} of the ask's text")))
     console.print(table)
+
+
+def _fact(fact: Mapping[str, Any]) -> str:
+    value = "unknown" if fact["value"] is None else f"{fact['value']} {fact['unit']}"
+    age = "" if fact["age_ms"] is None else f", {fact['age_ms']} ms old"
+    return f"{fact['fact']} = {value}, {fact['state']}{age}{', raises the tier' if fact['raises'] else ''}"
 
 
 def _index(milli: object) -> str:

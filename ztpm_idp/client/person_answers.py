@@ -114,6 +114,8 @@ def _plain(value: object) -> Any:
             return structs.asdict(value)
         case Quantity() | Argument():
             return ask.stated(value)
+        case ask.AskedFact():
+            return structs.asdict(value) | {"unit": str(value.unit)}
         case Tier():
             return int(value)
         case _:

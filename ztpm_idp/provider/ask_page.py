@@ -164,6 +164,16 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
             )
             for c in ask.contributors
         ],
+        facts=[
+            (
+                fact.fact,
+                None if fact.value is None else _figure("", fact.value, fact.unit),
+                fact.state,
+                None if fact.age_ms is None else _figure("", fact.age_ms, Unit.MILLISECOND),
+                "yes" if fact.raises else "no",
+            )
+            for fact in ask.facts
+        ],
         perception=_PERCEPTION[ask.perception],
         robot=ask.perception != NO_ROBOT,
         seen=ask.perception in {"fresh", NO_ROBOT},

@@ -990,6 +990,47 @@ def test_a_frame_is_well_formed(path, value):
     assert code_of(observation, statement_form.sign("observation", wrong, SIGNER)) is FaultCode.STATEMENT_MALFORMED
 
 
+ACT = structs.replace(
+    ASKED,
+    perception="none",
+    start_urad=(),
+    index_milli=0,
+    contributors=(),
+    perception_age_ms=None,
+    facts=(
+        ask.AskedFact("zone-a/people", "fresh", Unit.COUNT, 1, 120, True),
+        ask.AskedFact("tank/level", "missing", Unit.PERMILLE, None, None, False),
+    ),
+)
+
+
+@pytest.mark.clause("STM-5", "FCT-3")
+def test_an_ask_with_facts_comes_back():
+    assert ask.open(ask.sign(ACT, SIGNER), TRUSTED, DEFAULT) == ACT
+    assert [fact.contributor for fact in ACT.facts] == [("fact", "zone-a/people"), ("fact-unseen", "tank/level")]
+
+
+@pytest.mark.clause("STM-5")
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("facts",), []),  # left out then: one spelling
+        (("facts", 0, "state"), "old"),
+        (("facts", 0, "unit"), "metre"),
+        (("facts", 0, "value"), "1"),
+        (("facts", 0, "age_ms"), -1),
+        (("facts", 0, "raises"), 1),
+        (("facts", 1, "fact"), "zone-a/people"),
+        (("facts", 0, "fact"), "zone a"),
+        (("perception",), "missing"),  # a robot's act has physics
+    ],
+)
+def test_an_ask_with_facts_is_well_formed(path, value):
+    claims = json.loads(jws.split(ask.sign(ACT, SIGNER), most_bytes=10**6).payload_raw)
+    text = statement_form.sign("ask", put(claims, path, value), SIGNER)
+    assert code_of(ask, text) is FaultCode.STATEMENT_MALFORMED
+
+
 STATED = structs.replace(
     FRAME,
     facts=(observation.ObservedFact("people", "count", 2), observation.ObservedFact("oven", "mdegC", -INT_LIMIT)),

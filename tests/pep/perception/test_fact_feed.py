@@ -21,7 +21,7 @@ from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, CALIBRATION, Rig, full_scope, own_choice
 
 from capabilities.keys import keys
-from capabilities.statements import checkpoint, observation
+from capabilities.statements import ask, checkpoint, observation
 
 FRESH_MS = 500
 TRANSIT_MS = 20
@@ -238,9 +238,27 @@ def test_an_approval_of_a_seen_person_is_none_for_an_unseen_zone(plant):
             ((ask_id, text),) = plant.rig.issuer.asks.items()
             plant.rig.issuer.cast(ask_id, plant.rig.people["bob"].vote(text, at=plant.rig.clock.wall_s()))
             await asyncio.to_thread(plant.rig.pull)
+            (shown,) = ask.open(text, [keys.public_raw(plant.rig.pep_key)], CAPS).facts
+            assert (shown.fact, shown.state, shown.value, shown.raises) == ("zone-a/people", "fresh", 1, True)
             plant.rig.clock.advance(FRESH_MS)
             assert (await plant.close_press()).reason is Reason.APPROVAL_NOT_USABLE
             await plant.push(plant.frame(("people", "count", 1)))
             assert (await plant.close_press()).effect is Effect.PERMIT
+
+    asyncio.run(story())
+
+
+def test_an_approval_of_an_unseen_zone_is_none_for_a_seen_person(plant):
+    """An unseen zone was approved; a person who stands there is news."""
+
+    async def story():
+        async with plant:
+            await plant.close_press()
+            ((ask_id, text),) = plant.rig.issuer.asks.items()
+            plant.rig.issuer.cast(ask_id, plant.rig.people["bob"].vote(text, at=plant.rig.clock.wall_s()))
+            await asyncio.to_thread(plant.rig.pull)
+            await plant.push(plant.frame(("people", "count", 1)))
+            answer = await plant.close_press()
+            assert (answer.effect, answer.reason) == (Effect.DEFER, Reason.APPROVAL_NOT_USABLE)
 
     asyncio.run(story())

@@ -31,6 +31,7 @@ from ztpm.cli import app as command_line
 from policies import (
     ROWS,
     SHIPPED,
+    ApprovalReading,
     DeclaredImpact,
     Effect,
     ImpactReading,
@@ -521,9 +522,14 @@ def test_the_formulas_know_declared_impacts():
         facts = tuple(
             FactReading("zone-a/people", state, "", 0, "count", 1) for state in pick([(), ("fresh",), ("stale",)])
         )
-        declared = DeclaredImpact(Tier(pick(range(5))), pick([(), ("opening",)]), facts)
+        declared = DeclaredImpact(Tier(pick(range(5))), pick([(), ("opening",), ("zone-a/people",)]), facts)
         evidence = dataclasses.replace(evidence, impact=declared)
         evidence = triples.approved(pick, evidence, policies, decide(request, evidence, policies).tier)
+        if isinstance(evidence.approval, ApprovalReading) and pick([True, True, False]):
+            shown = evidence.approval.contributors | {("fact", "zone-a/people"), ("fact-unseen", "zone-a/people")}
+            evidence = dataclasses.replace(
+                evidence, approval=dataclasses.replace(evidence.approval, contributors=shown)
+            )
         answer = decided(request, evidence, policies)
         assert modelled(request, evidence, policies) == answer, f"triple {number}"
         seen[answer[0]] += 1

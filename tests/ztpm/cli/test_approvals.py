@@ -7,7 +7,7 @@ from ztpm.base.layout import new_key
 
 from capabilities.keys import keys
 from capabilities.statements import ask
-from ztpm_idp.client import ClientError
+from ztpm_idp.client import ClientError, person_answers
 
 pytestmark = pytest.mark.long
 
@@ -51,6 +51,7 @@ SHOWN = {
     "asked_at": 1_700_000_000,
     "expires_at": 1_700_000_060,
     "mandate_id": "",
+    "facts": [],
 }
 ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "votes": [], "expires_at": 1_700_000_060}
 
@@ -60,6 +61,7 @@ def test_the_double_shows_an_ask_of_the_real_form():
     assert tuple(SHOWN) == ask.NAMES
     stated = {**SHOWN, "tier": Tier(3), "values": (Quantity("q0", Unit.MICRORADIAN, -600_000),)}
     stated["contributors"] = tuple(ask.Contributor(**c) for c in SHOWN["contributors"])
+    stated["facts"] = tuple(SHOWN["facts"])
     stated["start_urad"], stated["reasons"] = tuple(SHOWN["start_urad"]), tuple(SHOWN["reasons"])
     assert str(Unit.MICRORADIAN) == SHOWN["values"][0]["unit"]
     ask.sign(ask.Ask(**stated), keys.generate())
@@ -178,6 +180,19 @@ def test_show_shows_every_member_that_the_vote_binds(run, who, double):
     ):
         assert shown in told.out
     assert run("approvals", "show", ID, *who, "--json").json["shown"] == SHOWN
+
+
+def test_facts_of_sensors_are_shown_with_state_and_age(run, who, double):
+    facts = (
+        ask.AskedFact("zone-a/people", "fresh", Unit.COUNT, 3, 120, True),
+        ask.AskedFact("tank/level", "missing", Unit.PERMILLE, None, None, False),
+    )
+    shown = SHOWN | {"facts": [person_answers._plain(fact) for fact in facts]}
+    double.answers = {"approval": ASKED | {"shown": shown}}
+    told = run("approvals", "show", ID, *who)
+    assert "zone-a/people = 3 count, fresh, 120 ms old, raises the tier" in told.out
+    assert "tank/level = unknown, missing" in told.out
+    assert run("approvals", "show", ID, *who, "--json").json["shown"]["facts"][0]["unit"] == "count"
 
 
 def test_what_an_agent_wrote_does_not_speak_to_the_terminal(run, who, double):

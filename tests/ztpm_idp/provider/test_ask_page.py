@@ -166,6 +166,21 @@ def test_words_flags_lists_and_free_values_are_shown_so_that_none_passes_for_ano
         assert shown in seen, shown
 
 
+def test_what_sensors_say_is_told_beside_an_act_without_a_robot(cell):
+    nothing = {"start_urad": (), "contributors": (), "index_milli": 0, "perception_age_ms": None}
+    facts = (
+        ask.AskedFact("zone-a/people", "fresh", Unit.COUNT, 3, 120, True),
+        ask.AskedFact("tank/level", "missing", Unit.PERMILLE, None, None, False),
+    )
+    ask_id, _ = cell.taken(perception="none", object="press", operation="close_press", facts=facts, **nothing)
+    seen = Reader(fetched(cell, ask_id).text).text
+    assert "What sensors say" in seen
+    assert "zone-a/people 3 3 count fresh 0.120 s yes" in " ".join(seen.split())
+    assert "tank/level unknown missing unknown no" in " ".join(seen.split())
+    plain, _ = cell.taken(perception="none", object="press", operation="close_press", **nothing)
+    assert "What sensors say" not in Reader(fetched(cell, plain).text).text
+
+
 def test_an_ask_without_parameters_start_or_contributors(cell):
     ask_id, _ = cell.taken(values=(), start_urad=(), contributors=(), perception_age_ms=None)
     seen = Reader(fetched(cell, ask_id).text).text
@@ -219,6 +234,7 @@ NUMBERS = dict(
     index_milli=4_000,
     reasons=(HOSTILE,),
     contributors=(ask.Contributor(HOSTILE, HOSTILE, HOSTILE, 0, -INT_LIMIT, INT_LIMIT, HOSTILE),),
+    facts=(ask.AskedFact(HOSTILE, HOSTILE, Unit.COUNT, -INT_LIMIT, INT_LIMIT, True),),
     perception="missing",
     perception_age_ms=INT_LIMIT,
     approvers=2,
