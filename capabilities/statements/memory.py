@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 KIND: Final = "memory"
 FIRST_PREVIOUS: Final = "0" * 64
 BEHIND: Final = 32
-"""Most names behind a row: sponsor, token, and three for each of at most nine hops."""
+"""Most names behind a row: sponsor, token, mandate, and three for each of at most nine hops."""
 _REVOCABLE: Final = frozenset(map(str, Revoked)) - {str(Revoked.AUDIENCE)}
 
 

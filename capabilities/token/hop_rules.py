@@ -90,7 +90,7 @@ def check_lifetimes(hops: tuple[Hop, ...], caps: Caps) -> None:
     if whole.not_after - whole.not_before > caps.lifetime_s:
         raise TokenError(FaultCode.LIFETIME_TOO_LONG, f"longer than {caps.lifetime_s} s")
     for hop in hops:
-        longest = _longest_s(hop.attestation.kind, caps)
+        longest = longest_s(hop.attestation.kind, caps)
         if hop.scope.not_after - hop.attestation.at > longest:
             raise TokenError(
                 FaultCode.LIFETIME_TOO_LONG, f"hop {hop.index} outlives its evidence by more than {longest} s"
@@ -104,6 +104,17 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
             return tier(caps.key_evidence_ceiling)
         case EvidenceKind.JWT:
             return tier(caps.jwt_evidence_ceiling)
+        case _:
+            assert_never(kind)
+
+
+def longest_s(kind: EvidenceKind, caps: Caps) -> int:
+    """The longest life, in seconds, of a hop attested by this kind of evidence."""
+    match kind:
+        case EvidenceKind.KEY:
+            return caps.key_evidence_lifetime_s
+        case EvidenceKind.JWT:
+            return caps.jwt_evidence_lifetime_s
         case _:
             assert_never(kind)
 
@@ -145,13 +156,3 @@ def _check_holder(hop: HopGrant, index: int, parents: tuple[Hop, ...], reserved:
 def _check_ceiling(hop: Hop, caps: Caps) -> None:
     if hop.scope.ceiling > highest(hop.attestation.kind, caps):
         raise TokenError(FaultCode.HOP_NOT_ATTESTED, f"the evidence of hop {hop.index} does not carry its ceiling")
-
-
-def _longest_s(kind: EvidenceKind, caps: Caps) -> int:
-    match kind:
-        case EvidenceKind.KEY:
-            return caps.key_evidence_lifetime_s
-        case EvidenceKind.JWT:
-            return caps.jwt_evidence_lifetime_s
-        case _:
-            assert_never(kind)

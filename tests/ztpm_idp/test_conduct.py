@@ -500,3 +500,27 @@ def test_a_young_agent_is_compared_with_its_peers_alone(world, monkeypatch):
     alice.retire_agent("old", "r")
     worked(world, alice.issue(world.agents["new"], world.scope(), purpose="p").token, 1)
     assert found["new"] == []
+
+
+def test_a_contracted_agent_loses_its_mandates_and_what_it_drew(lent):
+    alice, mover = lent.people["alice"], lent.agents["mover"]
+    week = lent.scope(not_after=int(lent.clock()) + 604_800)
+    first, other = (alice.sign_mandate(agent, week, purpose="p") for agent in ("mover", "planner"))
+    mover.draw(first)
+    probed(lent)
+    assert listed(lent, "mover")["conduct"]["contracted"] is True
+    assert {row["mandate_id"]: row["state"] for row in alice.mandates()} == {first: "revoked", other: "in force"}
+    lent.clock.at_s += 5
+    alice.restore_agent("mover", "looked at")
+    with pytest.raises(ClientError) as caught:
+        mover.draw(first)
+    assert caught.value.code == "MANDATE_REVOKED"
+    mover.draw(alice.sign_mandate("mover", week, purpose="p"))
+
+
+def test_nothing_is_promised_while_an_agent_is_contracted(lent):
+    probed(lent)
+    week = lent.scope(not_after=int(lent.clock()) + 604_800)
+    with pytest.raises(ClientError) as caught:
+        lent.people["alice"].sign_mandate("mover", week, purpose="p")
+    assert (caught.value.code, caught.value.status) == ("SCOPE_CONTRACTED", 403)

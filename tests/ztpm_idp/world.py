@@ -90,11 +90,14 @@ LATEST_COLUMNS = (
     ("agents", "held"),
     ("agents", "suspended_ms"),
     ("peps", "heard"),
+    ("hops", "mandate"),
 )
 """Columns that no database of an earlier release has."""
 
 
 def drop_latest_columns(base) -> None:
+    base.execute("DROP TABLE mandates")
+    base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
         base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
 

@@ -21,11 +21,11 @@ from ztpm.cli import (
     doctor,
     explain,
     keys,
+    mandate,
     mcp,
     people,
     pit,
     restore,
-    revoke,
     rtde_run,
     serve,
     setup,
@@ -61,7 +61,7 @@ app.command("demo", rich_help_panel=START)(demo.demo)
 app.command("up", rich_help_panel=START)(up.up)
 app.command("init", rich_help_panel=START)(setup.init)
 app.command("doctor", rich_help_panel=START)(doctor.doctor)
-app.command("revoke", rich_help_panel=PEOPLE)(revoke.revoke)
+app.command("revoke", rich_help_panel=PEOPLE)(token.revoke)
 app.command("explain", rich_help_panel=LOOK)(explain.explain)
 app.command("version", rich_help_panel=LOOK)(setup.version)
 mcp.app.command("serve")(serve.tools)
@@ -77,6 +77,7 @@ for name, group, panel in (
     ("approvals", approvals.app, PEOPLE),
     ("agent", agent.app, PEOPLE),
     ("token", token.app, PEOPLE),
+    ("mandate", mandate.app, PEOPLE),
     ("person", people.app, PEOPLE),
     ("keys", keys.app, PEOPLE),
     ("cell", cell.app, START),

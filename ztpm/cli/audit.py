@@ -32,10 +32,11 @@ MILLI: Final = 1000
 LEDGER: Final = (
     "agent-attested", "agent-registered", "agent-restored", "agent-suspended", "agent-vouched", "agents-held",
     "ask-refused", "ask-taken", "change-confirmed", "change-declined", "change-ended", "change-proposed",
-    "closing-refused", "delegation-refused", "line-begun", "opening-closed", "opening-made", "opening-refused",
-    "pep-record", "pep-registered", "person-key-added", "person-registered", "point-heard", "refusals-spent",
-    "revoked", "sensor-registered", "store-restored", "store-resumed", "suspension-ended", "token-delegated",
-    "token-issued", "tool-registered", "trust-stated", "vote-cast", "vote-refused",
+    "closing-refused", "delegation-refused", "line-begun", "mandate-signed", "opening-closed", "opening-made",
+    "opening-refused", "pep-record", "pep-registered", "person-key-added", "person-registered", "point-heard",
+    "refusals-spent", "revoked", "sensor-registered", "store-restored", "store-resumed", "suspension-ended",
+    "token-delegated", "token-drawn", "token-issued", "tool-registered", "trust-stated", "vote-cast",
+    "vote-refused",
 )  # fmt: skip
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (

@@ -62,6 +62,11 @@ EXAMPLES: Final = {
     "token issue": "mover --software mover.py --purpose 'try it' --out mover.token --as alice",
     "token delegate": "mover helper --token mover.token --restriction less.json --software helper.py "
     "--purpose 'hold the part' --out helper.token",
+    "mandate sign": "mover --scope mover.scope.json --days 7 --purpose 'tidy the hall' --as alice",
+    "mandate list": "--as alice",
+    "mandate show": "0123456789abcdef0123456789abcdef --as alice",
+    "mandate revoke": "0123456789abcdef0123456789abcdef --reason 'the work is done' --as alice",
+    "mandate draw": "0123456789abcdef0123456789abcdef mover --software mover.py --out mover.token",
     "cell sign": "draft.toml --key .ztpm/operators/alice.key --out cell.jws",
     "cell show": "cell.jws --signer PUBLIC",
     "mcp pin": "--as carol",

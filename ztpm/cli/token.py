@@ -1,4 +1,4 @@
-"""`ztpm token issue`, `delegate` and `inspect`: authority for agents of a cell, with keys in its directory.
+"""`ztpm token issue`, `delegate` and `inspect`, and `ztpm revoke`: authority lent, looked into, and taken back.
 
 A token is written to a file that only its owner can read; it is never shown. Exit status: 0 done, 1 failure, 2 usage,
 3 refused.
@@ -11,6 +11,7 @@ import re
 import sys
 import time
 from dataclasses import replace
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
@@ -24,7 +25,7 @@ from capabilities.values.scope import Budget
 from capabilities.values.well_formed import well_formed_grants
 from ztpm.cli.agent import Software, agent_of
 from ztpm.cli.output import console, fail, fail_at, say_json
-from ztpm.cli.person import As, CellDirectory, Json, layout_of, operator, refusals
+from ztpm.cli.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -103,15 +104,19 @@ def issue(
     """Lend an agent authority, as its sponsor."""
     from capabilities.values.scope_json import scope_from_json
 
-    _check_new(out)
-    lent = _arm(directory, frozenset(delegate or ()), 60 * minutes) if scope is None else _read(scope, scope_from_json)
+    check_new(out)
+    lent = (
+        arm_scope(directory, frozenset(delegate or ()), 60 * minutes)
+        if scope is None
+        else read_as(scope, scope_from_json)
+    )
     grants = with_budgets(lent.grants, budget or (), audiences=lent.audiences)
     lent = replace(lent, grants=grants or lent.grants)
     person = operator(directory=directory, name=name, issuer="", key=None)
     receiver = agent_of(agent, software, directory=directory)
     with refusals(), person, receiver:
         issued = person.issue(receiver, lent, purpose=purpose)
-    _keep(issued, out, as_json=as_json)
+    keep(issued, out, as_json=as_json)
 
 
 @app.command("delegate")
@@ -133,8 +138,8 @@ def delegate(
     """Lend a narrower part of a token on; --software is the receiver's software."""
     from capabilities.values.scope_json import restriction_from_json
 
-    _check_new(out)
-    less = _read(restriction, restriction_from_json)
+    check_new(out)
+    less = read_as(restriction, restriction_from_json)
     less = replace(less, grants=with_budgets(less.grants, budget or (), audiences=less.audiences))
     text = read_token(token)
     # The lender signs with its key; only the receiver's measurement is attested.
@@ -142,7 +147,7 @@ def delegate(
     other = agent_of(receiver, software, directory=directory)
     with refusals(), holder, other:
         issued = holder.delegate(text, other, less, purpose=purpose)
-    _keep(issued, out, as_json=as_json)
+    keep(issued, out, as_json=as_json)
 
 
 def read_token(file: Path) -> str:
@@ -188,7 +193,8 @@ def with_budgets(
     return made_grants or None
 
 
-def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:
+def arm_scope(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:
+    """The whole arm of a cell, up to tier 3, for so long from now."""
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.stage.lending import sweep_scope
 
@@ -199,7 +205,8 @@ def _arm(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> 
     return sweep_scope(audience, delegates=delegates, now=int(time.time()), lifetime_s=lifetime_s)
 
 
-def _read(path: Path, parse: Callable[[object], T]) -> T:
+def read_as(path: Path, parse: Callable[[object], T]) -> T:
+    """The JSON of a file, parsed strictly, or the command ends."""
     try:
         return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
     except CapabilityError as error:
@@ -208,13 +215,14 @@ def _read(path: Path, parse: Callable[[object], T]) -> T:
         fail_at(path, error, "UNREADABLE")
 
 
-def _check_new(out: Path) -> None:
+def check_new(out: Path) -> None:
     """Checks before the delegation that the token's file can be made: an unkept token would be lost authority."""
     if out.exists() or not out.absolute().parent.is_dir():
         fail("EXISTS" if out.exists() else "UNWRITABLE", str(out))
 
 
-def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
+def keep(issued: Issued, out: Path, *, as_json: bool) -> None:
+    """Writes the token to a new file that only its owner can read, and tells its ids."""
     from ztpm.base.layout import LayoutError, write_private
 
     try:
@@ -228,3 +236,39 @@ def _keep(issued: Issued, out: Path, *, as_json: bool) -> None:
         say_json({"ok": True, "file": str(out), **told})
     else:
         typer.echo(f"{out}: token {issued.token_id}, hop {issued.hop_id}.")
+
+
+# --- taking back ------------------------------------------------------------------------------------------------------
+
+
+class Revocable(StrEnum):
+    """Kinds of things that can be revoked."""
+
+    TOKEN = "token"  # noqa: S105 - a word, not a secret
+    HOP = "hop"
+    AGENT = "agent"
+    KEY = "key"
+    SPONSOR = "sponsor"
+    AUDIENCE = "audience"
+    MANDATE = "mandate"
+
+
+@signed
+def revoke(
+    kind: Annotated[Revocable, typer.Argument(help="A hop takes all that is below it along.")],
+    id_: Annotated[str, typer.Argument(metavar="ID", help="As `ztpm token inspect` and `ztpm agent list` show it.")],
+    *,
+    reason: Reason,
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Revoke a token, hop, agent, key, sponsor, audience or mandate; enforcement points know within a feed's period."""
+    person = signer.operator()
+    with refusals(), person:
+        made = person.revocation(kind.value, id_, reason)
+    if as_json:
+        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": made.epoch, "known": made.known})
+    else:
+        typer.echo(f"Revoked, epoch {made.epoch}.")
+        if not made.known:
+            typer.echo(f"The identity provider never knew such a {kind.value}: check the id, this may protect nobody.")

@@ -3,6 +3,7 @@
 from ztpm_idp.client.caller import ClientError, Issued, Revocation
 from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
 from ztpm_idp.client.denials import Deferred, Denied, raise_refused, refusal_in
+from ztpm_idp.client.renewal import Renewal, RenewingAuth
 from ztpm_idp.client.signing import ProofAuth
 
 __all__ = [
@@ -14,6 +15,8 @@ __all__ = [
     "Issued",
     "Operator",
     "ProofAuth",
+    "Renewal",
+    "RenewingAuth",
     "Revocation",
     "delegate_request",
     "issue_request",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final, Self
+from urllib.parse import quote
 
 import httpx2
 import rfc8785
@@ -132,6 +133,26 @@ class Caller:
             return Revocation(int(answer["epoch"]), known=answer["known"] is True)
         except (KeyError, ValueError, TypeError):
             raise ClientError("ANSWER_MALFORMED", 200) from None
+
+    def mandates(self) -> list[dict[str, Any]]:
+        """Mandates that this caller signed or may draw from, the newest first; every one for an administrator.
+
+        Each has mandate_id, state ("in force", "suspended", "revoked", "ended", "over"), sponsor, agent, purpose,
+        signed_at, not_after (seconds since the epoch) and live, the number of its tokens that are.
+        """
+        found: list[dict[str, Any]] = self._json(self._send("GET", "/mandates", b"", None))
+        return found
+
+    def mandate(self, mandate_id: str) -> dict[str, Any]:
+        """A mandate as `mandates` tells it, with its scope, its signed text as `mandate`, and its newest `draws`.
+
+        Each draw has token_id, hop_id, drawn_at, not_after (seconds since the epoch) and `live`.
+
+        Raises:
+            ClientError: `MANDATE_UNKNOWN`, also for one of other parties.
+        """
+        found: dict[str, Any] = self._json(self._send("GET", f"/mandates/{quote(mandate_id, safe='')}", b"", None))
+        return found
 
     def agents(self) -> list[dict[str, Any]]:
         """Every registered agent.

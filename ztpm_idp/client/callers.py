@@ -22,13 +22,14 @@ from urllib.parse import quote
 import rfc8785
 
 from capabilities.keys.keys import b64u, public_raw, thumbprint
-from capabilities.statements import attestation, opening
+from capabilities.statements import attestation, mandate, opening
 from capabilities.values.errors import StatementError
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.client import person_answers
 from ztpm_idp.client.caller import Caller, ClientError, Issued
 from ztpm_idp.client.people import PeopleCaller
+from ztpm_idp.client.renewal import Renewal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -48,6 +49,8 @@ class Evidence:
     jws: str
 
 
+DRAWN_S: Final = 3_600
+"""Longest life of a drawn token, seconds: that of its evidence."""
 PAGE_ENTRIES: Final = 2_000
 """Entries of the ledger that are asked for at once: some megabytes."""
 
@@ -129,8 +132,38 @@ class Agent(Caller):
         request = delegate_request(delegate, restriction, purpose=purpose)
         return self._issued(self._post("/tokens/delegate", {"request": request, "evidence": evidence}, token=token))
 
+    def draw(self, mandate_id: str, *, lifetime_s: int = DRAWN_S) -> Issued:
+        """A token from a mandate, for this agent, attested anew; nobody is asked.
+
+        Args:
+            mandate_id: as `mandates` lists it.
+            lifetime_s: longest life of the token, 1 to `DRAWN_S`; it ends with its mandate at the latest.
+
+        Raises:
+            ClientError: `MANDATE_REVOKED`, `MANDATE_OVER`, `MANDATE_TOKENS_LIVE`, `MANDATE_NEEDS_PLATFORM`,
+                `SPONSOR_INACTIVE`, `SCOPE_CONTRACTED` and other codes of the identity provider.
+        """
+        sponsor = str(self.mandate(mandate_id)["sponsor"])
+        request: dict[str, object] = {"lifetime_s": lifetime_s, "mandate_id": mandate_id}
+        body = {"request": request, "evidence": self.evidence(sponsor, request)}
+        return self._issued(self._post(f"/mandates/{mandate_id}/tokens", body))
+
+    def renewal(self, mandate_id: str, *, lifetime_s: int = DRAWN_S) -> Renewal:
+        """Tokens of a mandate, one after another: the next is drawn before the last ends.
+
+        Args:
+            mandate_id: as `mandates` lists it.
+            lifetime_s: longest life of each token, 1 to `DRAWN_S`.
+        """
+        return Renewal(self, mandate_id, lifetime_s=lifetime_s, now=self._now)
+
     def tools(
-        self, url: str, token: str, *, patience_s: float = 0.0, asked: Callable[[str], None] | None = None
+        self,
+        url: str,
+        token: str | Renewal,
+        *,
+        patience_s: float = 0.0,
+        asked: Callable[[str], None] | None = None,
     ) -> Tools:
         """The tools of an MCP server, called with this agent's authority.
 
@@ -141,13 +174,15 @@ class Agent(Caller):
 
         Args:
             url: of the server: the audience of the token.
-            token: this agent's.
+            token: this agent's; or the `renewal` of a mandate, for work that is longer than a token.
             patience_s: so long a deferred call waits for people before it raises `Deferred`.
             asked: told the page at which people answer, once for each deferred call.
         """
         from ztpm_idp.client.tools import Tools  # with the MCP SDK, whose import takes half a second
 
-        return Tools(url, self.auth(token), patience_s=patience_s, asked=asked)
+        renewal = token if isinstance(token, Renewal) else None
+        auth = self.auth(token) if isinstance(token, str) else token.auth()
+        return Tools(url, auth, patience_s=patience_s, asked=asked, renewal=renewal)
 
     def _evidence(self, delegator: str, request_digest: bytes) -> str:
         stated = attestation.Evidence(
@@ -270,6 +305,33 @@ class Operator(PeopleCaller):
         else:
             request, evidence = issue_request(agent.agent, scope, purpose=purpose), agent.jws
         return self._issued(self._post("/tokens", {"request": request, "evidence": evidence}))
+
+    def sign_mandate(self, agent: str, scope: Scope, *, purpose: str) -> str:
+        """A mandate: the agent may draw tokens of `scope` until its window ends, with nobody asked; its id.
+
+        Args:
+            agent: id of a registered agent; the mandate is for the key with which it is registered now.
+            scope: all that a drawn token may allow; its window ends at most seven days from now.
+            purpose: of each token that is drawn.
+
+        Raises:
+            ClientError: `NOT_FOUND` for an agent that is not registered, and other codes of the identity provider.
+            StatementError: for a scope that lasts longer, or is malformed.
+        """
+        keys = [str(each["key"]) for each in self.agents() if each["id"] == agent]
+        if not keys:
+            raise ClientError("NOT_FOUND", 404, f"no agent {agent}")
+        promised = mandate.Mandate(
+            mandate_id=secrets.token_hex(16),
+            issuer=self.issuer,
+            sponsor=self.id,
+            agent=agent,
+            agent_key=keys[0],
+            purpose=purpose,
+            scope=scope,
+            at=int(self._now()),
+        )
+        return str(self._post("/mandates", {"mandate": mandate.sign(promised, self._key)})["mandate_id"])
 
     def approvals(self, state: str = "open") -> list[dict[str, Any]]:
         """The asks in one state ("open", "granted", "denied", "withdrawn", "expired"), the oldest first."""

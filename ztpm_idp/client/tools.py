@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
     from mcp_types import CallToolResult, Tool
 
+    from ztpm_idp.client.renewal import Renewal
+
 CALL_S: Final = 600.0
 """Ours: longest wait for the answer to a call, which may be a motion's end."""
 _RETRY_S: Final = 5.0
@@ -36,6 +38,7 @@ class Tools:
         patience_s: so long a deferred call waits for people before it raises `Deferred`.
         asked: told the page at which people answer, once for each deferred call.
         clock: monotonic, seconds.
+        renewal: of the tokens that `auth` presents; None for a single token.
 
     Raises:
         Denied: on entering: the server refused the token.
@@ -50,16 +53,19 @@ class Tools:
         patience_s: float = 0.0,
         asked: Callable[[str], None] | None = None,
         clock: Callable[[], float] = time.monotonic,
+        renewal: Renewal | None = None,
     ) -> None:
         self.url = url
         self._auth = auth
         self._patience_s = patience_s
         self._asked = asked
         self._clock = clock
+        self._renewal = renewal
         self._open = AsyncExitStack()
         self._client: Client | None = None
 
     async def __aenter__(self) -> Self:
+        await self._renewed()
         async with AsyncExitStack() as opening:
             http = await opening.enter_async_context(direct_http.async_client())
             http.auth, http.timeout = self._auth, httpx2.Timeout(TIMEOUT_S, read=CALL_S)
@@ -86,6 +92,7 @@ class Tools:
         found: list[Tool] = []
         cursor: str | None = None
         while True:
+            await self._renewed()
             try:
                 page = await self._connected().list_tools(cursor=cursor)
             except Exception as error:
@@ -120,7 +127,17 @@ class Tools:
                     raise
             await anyio.sleep(pause_s)
 
+    async def _renewed(self) -> None:
+        """Draws the next token when it is time; within a request a refusal would be told as an outage.
+
+        Raises:
+            Denied, ClientError: as `Renewal.token`.
+        """
+        if self._renewal is not None:
+            await anyio.to_thread.run_sync(self._renewal.token)
+
     async def _once(self, tool: str, arguments: dict[str, Any]) -> CallToolResult:
+        await self._renewed()
         try:
             result = await self._connected().call_tool(tool, arguments)
         except Exception as error:

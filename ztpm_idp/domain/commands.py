@@ -213,6 +213,37 @@ class Delegate:
 
 
 @dataclass(frozen=True, slots=True)
+class SignMandate:
+    """A sponsor promises authority to an agent; `text` is the signed mandate, `signed` the request that brought it."""
+
+    by: str
+    text: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class DrawToken:
+    """An agent draws a token from a mandate.
+
+    Attributes:
+        lifetime_s: longest life that it asks for.
+        request_digest: SHA-256 of the canonical request as it was sent.
+        evidence: its own, for exactly this request, with the mandate's sponsor as delegator.
+        token_id, hop_id: fresh randomness.
+        signed: the request.
+    """
+
+    by: str
+    mandate_id: str
+    lifetime_s: int
+    request_digest: bytes
+    evidence: str
+    token_id: str
+    hop_id: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
 class Revoke:
     """Revokes one subject, for ever."""
 
@@ -359,4 +390,6 @@ Command = (
     | TakeMark
     | ResumeStore
     | VouchAgent
+    | SignMandate
+    | DrawToken
 )

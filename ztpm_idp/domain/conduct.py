@@ -15,7 +15,7 @@ from policies.conduct import behaviour, journal_reports, trust
 from policies.conduct.report import TEXT_MAX, Report, ReportError
 from policies.evidence.model import Effect
 from ztpm_idp.domain.agent_conduct import AgentConduct, Concerned, Published
-from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened
+from ztpm_idp.domain.events import ConductObserved, PermitConcluded, PermitOpened, RevocationKind, Revoked
 from ztpm_idp.domain.parties import RegisteredAgent
 
 if TYPE_CHECKING:
@@ -34,6 +34,8 @@ DELEGATE: Final = "delegate"
 """The operation of lending on."""
 PEERS: Final = 8
 """Number of others of its role that a young agent is compared with."""
+CONTRACTED: Final = "the agent was contracted"
+"""Reason for which the mandates of a contracted agent are revoked."""
 OPEN_RECORDS: Final = 4_096
 """Most records that may follow a PERMIT before its outcome; a later outcome makes no report."""
 
@@ -102,8 +104,8 @@ def _ours(state: State, pep: RegisteredPep, found: journal_reports.RecordedDecis
     return found.audience in pep.audiences and state.held.made.get(found.hop_id) == found.report.edge
 
 
-def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) -> tuple[ConductObserved, ...]:
-    """Conduct after the reports, one event for each agent that they are about."""
+def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) -> tuple[Event, ...]:
+    """Conduct after the reports, one event for each agent that they are about; a contracted one loses its mandates."""
     parameters, now, known = rules.policies.parameters, at_ms // 1_000, dict[str, AgentConduct]()
     for report in reports:
         before = known.get(report.agent) or of(state, report.agent)
@@ -114,10 +116,17 @@ def observed(rules: Rules, state: State, reports: Iterable[Report], at_ms: int) 
             trust=trust.observe(before.trust, report, parameters, now=now),
             behaviour=_beside(state, before.behaviour, report, parameters, now=now, role=role),
         )
-    return tuple(
+    found = [
         ConductObserved(agent, conduct, published(agent, conduct, at=now, parameters=parameters))
         for agent, conduct in sorted(known.items())
+    ]
+    contracted = {event.agent for event in found if event.published.reading.contracted}
+    lost = (
+        Revoked(RevocationKind.MANDATE, mandate.mandate_id, CONTRACTED, None)
+        for mandate in state.mandates
+        if mandate.agent in contracted
     )
+    return (*found, *lost)
 
 
 def _beside(

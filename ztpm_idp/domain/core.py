@@ -4,7 +4,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import approvals, attestation, issuance, ledger, people, refusals, registry, restoring, revocation
+from ztpm_idp.domain import (
+    approvals,
+    attestation,
+    issuance,
+    ledger,
+    mandates,
+    people,
+    refusals,
+    registry,
+    restoring,
+    revocation,
+)
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
@@ -13,6 +24,7 @@ from ztpm_idp.domain.commands import (
     CloseOpening,
     CompleteRecovery,
     Delegate,
+    DrawToken,
     GiveNonce,
     Initialise,
     Issue,
@@ -28,6 +40,7 @@ from ztpm_idp.domain.commands import (
     RestoreStore,
     ResumeStore,
     Revoke,
+    SignMandate,
     StateTrust,
     SuspendAgent,
     TakeAsk,
@@ -131,6 +144,10 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return restoring.resume(state, command)
         case VouchAgent():
             return restoring.vouch(state, command)
+        case SignMandate():
+            return mandates.sign(rules, state, command, at_ms)
+        case DrawToken():
+            return mandates.draw(rules, state, command, at_ms)
         case _:
             assert_never(command)
 

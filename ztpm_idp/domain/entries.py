@@ -25,6 +25,7 @@ from ztpm_idp.domain.events import (
     DelegationRefused,
     KeyAdded,
     LineBegun,
+    MandateSigned,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -111,8 +112,22 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "evidence": evidence,
                 "evidence_kind": kind.value,
             }
-        case TokenIssued():
+        case TokenIssued(mandate_id=None):
             return "token-issued", _made(event) | {"token_id": event.token_id, "sponsor": event.sponsor.subject}
+        case TokenIssued(mandate_id=mandate_id):
+            return "token-drawn", _made(event) | {
+                "token_id": event.token_id,
+                "sponsor": event.sponsor.subject,
+                "mandate_id": mandate_id,
+            }
+        case MandateSigned(mandate=mandate, signed=signed):
+            return "mandate-signed", {
+                "mandate_id": mandate.mandate_id,
+                "sponsor": mandate.sponsor,
+                "agent": mandate.agent,
+                "mandate": mandate.text,
+                "signed": _signed(signed),
+            }
         case TokenDelegated():
             chain = event.chain
             return "token-delegated", _made(event) | {

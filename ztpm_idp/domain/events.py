@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
     from ztpm_idp.domain.changes import Change, ChangeState, Word
     from ztpm_idp.domain.parties import Party, RegisteredTool
+    from ztpm_idp.domain.state import MandateRecord
 
 
 RevocationKind = revocation.Revoked
@@ -122,13 +123,25 @@ class AgentAttested:
 
 @dataclass(frozen=True, slots=True)
 class TokenIssued:
-    """A person lent authority: everything that the authority block will say."""
+    """A person lent authority: everything that the authority block will say.
+
+    `mandate_id` is that of the mandate from which the agent drew it; then `signed` is the agent's request.
+    """
 
     token_id: str
     sponsor: Sponsor
     hop: HopGrant
     scope: Scope
     evidence: str
+    signed: SignedRequest
+    mandate_id: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class MandateSigned:
+    """A sponsor's mandate is in force from now on."""
+
+    mandate: MandateRecord
     signed: SignedRequest
 
 
@@ -422,4 +435,5 @@ Event = (
     | OpeningClosed
     | ApprovalActRefused
     | RestoringEvent
+    | MandateSigned
 )

@@ -28,9 +28,10 @@ if TYPE_CHECKING:
     from capabilities.values.chain import EvidenceKind
     from capabilities.values.scope import Scope
     from policies.evidence.model import Decision
+    from ztpm_idp.domain.attestation import AcceptedEvidence
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import Delegate, Issue
-    from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.events import Event, SignedRequest
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -51,13 +52,42 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     )  # fmt: skip
     if isinstance(shown, Refusal):
         return shown
-    # 3. The scope keeps the profile's rules and what this kind of evidence can carry: the very checks that verifiers
-    # make.
-    hop = _hop(command, agent, shown.kind, delegator=command.by, sponsor=command.by, at_ms=at_ms)
+    # 3. The scope keeps the profile's rules and what this kind of evidence can carry.
     sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
-    authority = block.AuthorityBlock(command.token_id, sponsor, 0, hop, command.scope)
+    lent = Lent(
+        purpose=command.purpose,
+        scope=command.scope,
+        request_digest=command.request_digest,
+        evidence=command.evidence,
+        token_id=command.token_id,
+        hop_id=command.hop_id,
+        signed=command.signed,
+    )
+    return first_block(rules, lent, sponsor, agent, shown, at_ms=at_ms)
+
+
+@dataclass(frozen=True, slots=True)
+class Lent:
+    """Content of a token to be: fields as in `Issue`, with the mandate that it is drawn from, if any."""
+
+    purpose: str
+    scope: Scope
+    request_digest: bytes
+    evidence: str
+    token_id: str
+    hop_id: str
+    signed: SignedRequest
+    mandate_id: str | None = None
+
+
+def first_block(
+    rules: Rules, lent: Lent, sponsor: Sponsor, agent: RegisteredAgent, shown: AcceptedEvidence, *, at_ms: int
+) -> Outcome:
+    """The authority block of a token, when it passes the very checks that verifiers make."""
+    hop = _hop(lent, agent, shown.kind, delegator=sponsor.subject, sponsor=sponsor.subject, at_ms=at_ms)
+    authority = block.AuthorityBlock(lent.token_id, sponsor, 0, hop, lent.scope, lent.mandate_id)
     highest = hop_rules.highest(shown.kind, rules.caps)
-    if command.scope.ceiling > highest:
+    if lent.scope.ceiling > highest:
         return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {shown.kind} carries at most tier {int(highest)}")
     try:
         block.well_formed(authority, rules.caps)
@@ -65,9 +95,10 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
         hop_rules.check_lifetimes((first,), rules.caps)
     except CapabilityError as error:
         return Refusal(error.code, error.detail)
-    if (over := _over(rules, command.scope, at_ms)) is not None:
+    if (over := _over(rules, lent.scope, at_ms)) is not None:
         return over
-    return (shown.spent, TokenIssued(command.token_id, sponsor, hop, command.scope, command.evidence, command.signed))
+    made = TokenIssued(lent.token_id, sponsor, hop, lent.scope, lent.evidence, lent.signed, lent.mandate_id)
+    return (shown.spent, made)
 
 
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:
@@ -143,7 +174,7 @@ def _over(rules: Rules, scope: Scope, at_ms: int) -> Refusal | None:
 
 
 def _hop(
-    command: Issue | Delegate, agent: RegisteredAgent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
+    command: Lent | Delegate, agent: RegisteredAgent, kind: EvidenceKind, *, delegator: str, sponsor: str, at_ms: int
 ) -> HopGrant:
     return HopGrant(
         hop_id=command.hop_id,

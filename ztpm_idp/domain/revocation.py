@@ -48,7 +48,13 @@ def revoke(state: State, command: Revoke) -> Outcome:
         if (refused := end_refused(state, command.by, person, wholly=not alone)) is not None:
             return refused
         concerned = None if alone else concerned
-    return ended(state, Revoked(command.kind, command.id, command.reason, concerned))
+    # With a key ends whatever it promised.
+    promised = (
+        Revoked(RevocationKind.MANDATE, mandate.mandate_id, command.reason, None)
+        for mandate in state.mandates
+        if command.kind is RevocationKind.KEY and mandate.key == command.id
+    )
+    return (*ended(state, Revoked(command.kind, command.id, command.reason, concerned)), *promised)
 
 
 def _of_oneself(state: State, command: Revoke, person: str) -> bool:
@@ -86,7 +92,9 @@ def _in_trees_of(state: State, command: Revoke, person: str) -> bool:
             )
         case RevocationKind.SPONSOR:
             return command.id == person
-        case RevocationKind.AUDIENCE | RevocationKind.MANDATE:
+        case RevocationKind.MANDATE:
+            return state.mandate is not None and state.mandate.sponsor == person
+        case RevocationKind.AUDIENCE:
             return False
         case _:
             assert_never(command.kind)
@@ -104,7 +112,9 @@ def _held_by(state: State, command: Revoke, agent: RegisteredAgent) -> bool:
             return command.id == agent.id
         case RevocationKind.KEY:
             return command.id == agent.thumbprint
-        case RevocationKind.SPONSOR | RevocationKind.AUDIENCE | RevocationKind.MANDATE:
+        case RevocationKind.MANDATE:
+            return state.mandate is not None and state.mandate.agent == agent.id
+        case RevocationKind.SPONSOR | RevocationKind.AUDIENCE:
             return False
         case _:
             assert_never(command.kind)

@@ -49,6 +49,53 @@ class HopRecord:
 
 
 @dataclass(frozen=True, slots=True)
+class MandateRecord:
+    """Part of a mandate that decides; all the rest is in its text.
+
+    Attributes:
+        mandate_id: 32 hex digits.
+        digest: SHA-256 (hex) of its text.
+        sponsor, agent: who promised, and to whom.
+        key: thumbprint of the key that signed it.
+        signed_at, not_after: seconds since the epoch.
+        text: as it was signed.
+        revoked: it is in the index of revocations.
+    """
+
+    mandate_id: str
+    digest: str
+    sponsor: str
+    agent: str
+    key: str
+    signed_at: int
+    not_after: int
+    text: str
+    revoked: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Drawn:
+    """Token that was drawn from a mandate.
+
+    Attributes:
+        token_id, hop_id: of the token and its first hop.
+        drawn_ms: wall clock.
+        not_after: its end, seconds since the epoch.
+        revoked: its token or hop is in the index of revocations.
+    """
+
+    token_id: str
+    hop_id: str
+    drawn_ms: int
+    not_after: int
+    revoked: bool
+
+    def live(self, at_ms: int) -> bool:
+        """True where it is neither over nor revoked at this wall-clock time."""
+        return not self.revoked and at_ms < self.not_after * 1_000
+
+
+@dataclass(frozen=True, slots=True)
 class Journal:
     """Progress in taking an enforcement point's journal.
 
@@ -163,6 +210,12 @@ class Wanted:
     """Keys whose owners are wanted, with the parties themselves."""
     points: bool = False
     """The active enforcement points, also while nothing is being restored."""
+    mandate: str | None = None
+    """A mandate, with its parties and the tokens that were drawn from it."""
+    mandates_of: str | None = None
+    """An agent: its mandates that may be in force."""
+    mandates_by: str | None = None
+    """A thumbprint: the mandates that its key signed and that may be in force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -198,6 +251,10 @@ class State:
         restoring: a restore waits for its end.
         points: the active enforcement points, while restoring or when they are wanted.
         owners: party ids by the wanted thumbprints.
+        mandate: the wanted one.
+        drawn: tokens of the wanted mandate that may be live.
+        mandates: those that may be in force and are not revoked: of the wanted agent, of agents whose conduct is
+            wanted or will change, and by the wanted key.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -227,3 +284,6 @@ class State:
     restoring: bool = False
     points: tuple[RegisteredPep, ...] = ()
     owners: Mapping[str, str] = field(default_factory=dict)
+    mandate: MandateRecord | None = None
+    drawn: tuple[Drawn, ...] = ()
+    mandates: tuple[MandateRecord, ...] = ()

@@ -16,6 +16,7 @@ from ztpm_idp.domain.commands import (
     CloseOpening,
     CompleteRecovery,
     Delegate,
+    DrawToken,
     GiveNonce,
     Initialise,
     Issue,
@@ -32,6 +33,7 @@ from ztpm_idp.domain.commands import (
     RestoreStore,
     ResumeStore,
     Revoke,
+    SignMandate,
     StateTrust,
     SuspendAgent,
     TakeAsk,
@@ -134,6 +136,23 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}))
         case VouchAgent(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}))
+        case SignMandate(by=by, text=text):
+            says = stated(text, DEFAULT)
+            agent = says.get("agent", by)
+            return Wanted(
+                parties=frozenset({by, agent}),
+                mandate=says.get("mandate_id"),
+                mandates_of=agent,
+                conduct_of=frozenset({agent}),
+            )
+        case DrawToken(by=by, mandate_id=mandate_id):
+            return Wanted(
+                parties=frozenset({by}),
+                mandate=mandate_id,
+                nonces_of=by,
+                revocations=True,
+                conduct_of=frozenset({by}),
+            )
         case _:
             assert_never(command)
 
@@ -175,12 +194,16 @@ def _wanted_by_revocation(command: Revoke) -> Wanted:
         case RevocationKind.TOKEN:
             return Wanted(parties=parties, token=command.id, revocation=revocation)
         case RevocationKind.KEY:
-            return Wanted(parties=parties, thumbprint=command.id, revocation=revocation, people=True)
+            return Wanted(
+                parties=parties, thumbprint=command.id, revocation=revocation, people=True, mandates_by=command.id
+            )
         case RevocationKind.AGENT:
             return Wanted(parties=parties | {command.id}, revocation=revocation)
         case RevocationKind.SPONSOR:
             return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id, people=True)
-        case RevocationKind.AUDIENCE | RevocationKind.MANDATE:
+        case RevocationKind.MANDATE:
+            return Wanted(parties=parties, mandate=command.id, revocation=revocation)
+        case RevocationKind.AUDIENCE:
             return Wanted(parties=parties, revocation=revocation)
         case _:
             assert_never(command.kind)

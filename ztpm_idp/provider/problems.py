@@ -83,6 +83,17 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.OPENING_OUT_OF_TIME: (409, "The times of the opening are out of bounds."),
     IdpCode.OPENING_NOT_IN_FORCE: (409, "No opening in force allows to ask for this."),
     IdpCode.TOO_MANY_OPENINGS: (429, "Too many openings are in force."),
+    # mandates
+    IdpCode.MANDATE_UNKNOWN: (404, "There is no such mandate."),
+    IdpCode.MANDATE_DIFFERS: (409, "Another mandate has this id."),
+    IdpCode.MANDATE_NOT_YOURS: (403, "The mandate is another party's."),
+    IdpCode.MANDATE_OUT_OF_TIME: (409, "The mandate was not signed just now."),
+    IdpCode.MANDATE_OVER: (403, "The mandate is over."),
+    IdpCode.MANDATE_REVOKED: (403, "The mandate is revoked."),
+    IdpCode.MANDATE_NEEDS_PLATFORM: (403, "So long after the signature a platform must vouch for the agent."),
+    IdpCode.MANDATE_TOKENS_LIVE: (429, "As many tokens of the mandate are live as may be."),
+    IdpCode.MANDATE_LEAVES_NOTHING: (403, "Nothing is left of the mandate that its sponsor could sign now."),
+    IdpCode.TOO_MANY_MANDATES: (429, "As many mandates of the agent are in force as may be."),
     # engines and keys
     FaultCode.LIMIT_EXCEEDED: (503, "An engine's limit was reached; nothing was decided."),
     FaultCode.ENGINES_DISAGREE: (503, "Two engines disagree; nothing was decided."),

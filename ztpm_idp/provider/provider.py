@@ -216,6 +216,7 @@ class Provider:
                         hop=event.hop,
                         scope=event.scope,
                         caps=self.rules.caps,
+                        mandate_id=event.mandate_id,
                     )
                     return token_to_text(made)
                 case TokenDelegated() if isinstance(command, Delegate):

@@ -18,6 +18,8 @@ from ztpm_idp.provider.body_json import BodyError, parse_json
 
 TEXT_BYTES: Final = 512
 """Longest purpose or reason, as in a token (`Caps.purpose_bytes`)."""
+DRAWN_S: Final = max(DEFAULT.key_evidence_lifetime_s, DEFAULT.jwt_evidence_lifetime_s)
+"""Longest life of a drawn token, in seconds, that may be asked for."""
 URL_BYTES: Final = 256
 """Longest URL, as in a token (`Caps.text_bytes`)."""
 
@@ -74,6 +76,10 @@ AskText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]
 """A signed ask: the longest one, of 64 contributors and 32 parameters with the longest names, still fits."""
+MandateText = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
+]
+"""A signed mandate: the longest scope of a token, spelled out and in base64, still fits."""
 MarkText = Annotated[
     str,
     StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=DEFAULT.statement_bytes),
@@ -226,6 +232,26 @@ class DelegateBody(Body):
     """A request for a further hop."""
 
     request: DelegateRequest
+    evidence: Statement
+
+
+class MandateBody(Body):
+    """A sponsor's signed mandate."""
+
+    mandate: MandateText
+
+
+class DrawRequest(Body):
+    """Request of an agent to draw a token; its own evidence names the canonical form."""
+
+    mandate_id: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
+    lifetime_s: Annotated[int, Field(ge=1, le=DRAWN_S)]
+
+
+class DrawBody(Body):
+    """A request for a token from a mandate."""
+
+    request: DrawRequest
     evidence: Statement
 
 

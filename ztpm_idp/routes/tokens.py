@@ -53,13 +53,13 @@ async def issue(request: Request, call: Lender) -> dict[str, Any]:
         agent=body.request.agent,
         purpose=body.request.purpose,
         scope=scope,
-        request_digest=_digest(body.request),
+        request_digest=digest_of_request(body.request),
         evidence=body.evidence,
         token_id=b64u(secrets.token_bytes(16)),
         hop_id=secrets.token_hex(16),
         signed=call.signed,
     )
-    return _made(await provider_of(request).run(command, actor=call.party.id))
+    return made(await provider_of(request).run(command, actor=call.party.id))
 
 
 @router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
@@ -79,13 +79,13 @@ async def delegate(request: Request, call: Lender) -> dict[str, Any]:
         delegate=body.request.delegate,
         purpose=body.request.purpose,
         restriction=restriction,
-        request_digest=_digest(body.request),
+        request_digest=digest_of_request(body.request),
         evidence=body.evidence,
         hop_id=secrets.token_hex(16),
         signed=call.signed,
         agents=_named(call.token, provider),
     )
-    return _made(await provider.run(command, actor=call.party.id))
+    return made(await provider.run(command, actor=call.party.id))
 
 
 def _named(token: bytes, provider: Provider) -> frozenset[str]:
@@ -139,12 +139,13 @@ async def wait_for_revocation(request: Request) -> dict[str, int]:
     return {"epoch": await provider_of(request).epochs.above(since_of(since), gone=gone)}
 
 
-def _digest(body: wire.Body) -> bytes:
+def digest_of_request(body: wire.Body) -> bytes:
     """SHA-256 of the request's canonical form, which the agent's evidence names."""
     return hashlib.sha256(rfc8785.dumps(body.model_dump(mode="json"))).digest()
 
 
-def _made(done: Done) -> dict[str, Any]:
+def made(done: Done) -> dict[str, Any]:
+    """Answer to a request by which a token was made."""
     for event in done.events:
         match event:
             case TokenIssued(token_id=token_id, hop=hop, scope=scope):

@@ -1,23 +1,32 @@
-"""Hops in their table: who lent authority to whom, and in which tree."""
+"""Authority that was lent, in its tables: hops, each in its tree, and mandates with the tokens drawn from them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, assert_never
+from typing import TYPE_CHECKING, Final, Literal, assert_never
 
 import sqlalchemy as sa
 
-from ztpm_idp.domain.events import RevocationKind, TokenDelegated, TokenIssued
-from ztpm_idp.domain.state import HopRecord
+from ztpm_idp.domain.events import MandateSigned, RevocationKind, TokenDelegated, TokenIssued
+from ztpm_idp.domain.state import Drawn, HopRecord, MandateRecord
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from ztpm_idp.domain.state import Wanted
 
+SHOWN: Final = 256
+"""Most mandates, or tokens of one, in one list."""
 Lent = Literal[RevocationKind.TOKEN, RevocationKind.HOP, RevocationKind.MANDATE]
 """Kinds of what is lent."""
+_IDS: Final = {
+    RevocationKind.TOKEN: t.hops.c.token_id,
+    RevocationKind.HOP: t.hops.c.hop_id,
+    RevocationKind.MANDATE: t.mandates.c.mandate_id,
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +63,72 @@ class Lending:
 
     async def knows(self, kind: Lent, id_: str) -> bool:
         """True where such a thing was ever made here."""
-        if kind is RevocationKind.MANDATE:
-            return False
-        found = t.hops.c.token_id if kind is RevocationKind.TOKEN else t.hops.c.hop_id
+        found = _IDS[kind]
         query = sa.select(found).where(found == id_).limit(1)
         return (await self._connection.execute(query)).scalar_one_or_none() is not None
 
-    async def write(self, event: TokenIssued | TokenDelegated, *, at_ms: int) -> None:
-        """Writes the hop that was made."""
+    async def mandate(self, mandate_id: str | None) -> MandateRecord | None:
+        """The mandate, when there is one."""
+        found = await self._mandates(t.mandates.c.mandate_id == mandate_id)
+        return found[0] if found else None
+
+    async def mandates(self, *, since_s: int, agents: Collection[str], key: str | None) -> tuple[MandateRecord, ...]:
+        """Mandates of these agents, or signed by this key, that end at `since_s` or later and are not revoked."""
+        if not agents and key is None:
+            return ()
+        c = t.mandates.c
+        mine = sa.or_(c.agent.in_(sorted(agents)), c.key == key)
+        return tuple(found for found in await self._mandates(mine, c.not_after >= since_s) if not found.revoked)
+
+    async def mandates_of(self, party: str | None) -> list[MandateRecord]:
+        """Mandates that this party signed or received, or of all parties: the newest `SHOWN`, the newest first."""
+        c = t.mandates.c
+        found = await self._mandates(sa.true() if party is None else sa.or_(c.sponsor == party, c.agent == party))
+        return found[:SHOWN]
+
+    async def drawn(self, mandate_id: str | None, *, since_s: int = 0) -> tuple[Drawn, ...]:
+        """Tokens that were drawn from a mandate and end at `since_s` or later, the newest first."""
+        if mandate_id is None:
+            return ()
+        c = t.hops.c
+        over = sa.or_(_revoked("token", c.token_id), _revoked("hop", c.hop_id))
+        found = await self._connection.execute(
+            sa.select(c.token_id, c.hop_id, c.made_ms, c.not_after, over)
+            .where(c.mandate == mandate_id, c.not_after >= since_s)
+            .order_by(c.made_ms.desc(), c.hop_id)
+        )
+        return tuple(Drawn(token, hop, made, end, bool(dead)) for token, hop, made, end, dead in found)
+
+    async def _mandates(self, *conditions: sa.ColumnElement[bool]) -> list[MandateRecord]:
+        c = t.mandates.c
+        columns = (c.mandate_id, c.digest, c.sponsor, c.agent, c.key, c.signed_at, c.not_after, c.text)
+        found = await self._connection.execute(
+            sa.select(*columns, _revoked("mandate", c.mandate_id))
+            .where(*conditions)
+            .order_by(c.signed_at.desc(), c.mandate_id)
+        )
+        return [MandateRecord(*row) for row in found]
+
+    async def write(self, event: TokenIssued | TokenDelegated | MandateSigned, *, at_ms: int) -> None:
+        """Writes the hop that was made, or the mandate that was signed."""
+        mandate_id: str | None = None
         match event:
+            case MandateSigned(mandate=made):
+                await self._connection.execute(
+                    sa.insert(t.mandates).values(
+                        mandate_id=made.mandate_id,
+                        digest=made.digest,
+                        sponsor=made.sponsor,
+                        agent=made.agent,
+                        key=made.key,
+                        signed_at=made.signed_at,
+                        not_after=made.not_after,
+                        text=made.text,
+                    )
+                )
+                return
             case TokenIssued():
-                place = _Place(event.token_id, event.sponsor.subject, None, 0)
+                place, mandate_id = _Place(event.token_id, event.sponsor.subject, None, 0), event.mandate_id
             case TokenDelegated(chain=chain):
                 place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
             case _:
@@ -80,5 +144,12 @@ class Lending:
                 sponsor=place.sponsor,
                 made_ms=at_ms,
                 not_after=event.scope.not_after,
+                mandate=mandate_id,
             )
         )
+
+
+def _revoked(kind: str, column: sa.Column[str]) -> sa.ColumnElement[bool]:
+    """Condition that the id in this column is in the index of revocations."""
+    r = t.revocations.c
+    return sa.select(r.id).where(r.kind == kind, r.id == column).exists()

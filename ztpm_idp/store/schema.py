@@ -141,6 +141,21 @@ hops = sa.Table(
     sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False),
     sa.Column("made_ms", sa.BigInteger, nullable=False),
     sa.Column("not_after", sa.BigInteger, nullable=False),
+    sa.Column("mandate", sa.String(32), nullable=True, index=True),
+)
+"""Hops; a first one names the mandate that its token was drawn from, if any."""
+
+mandates = sa.Table(
+    "mandates",
+    metadata,
+    sa.Column("mandate_id", sa.String(32), primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("sponsor", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("key", sa.String(43), nullable=False, index=True),
+    sa.Column("signed_at", sa.BigInteger, nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
 )
 
 revocations = sa.Table(

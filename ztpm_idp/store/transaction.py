@@ -23,6 +23,7 @@ from ztpm_idp.domain.events import (
     DelegationRefused,
     KeyAdded,
     LineBegun,
+    MandateSigned,
     NonceConsumed,
     NonceGiven,
     OpeningClosed,
@@ -121,7 +122,10 @@ class Transaction:
         held = await self.conduct.held(wanted.conduct_of, wanted.concerned, wanted.journal)
         # Agents whose conduct will change are loaded too, for their role.
         met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
-        parties, since_s = await self._parties(wanted.parties | met), young_ms // 1_000
+        since_s, mandate = young_ms // 1_000, await self.lending.mandate(wanted.mandate)
+        behind = frozenset() if mandate is None else frozenset({mandate.sponsor, mandate.agent})
+        parties = await self._parties(wanted.parties | met | behind)
+        living = met | wanted.conduct_of | (frozenset() if wanted.mandates_of is None else {wanted.mandates_of})
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
         counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
         return State(
@@ -154,6 +158,9 @@ class Transaction:
             restoring=counters.restoring,
             points=await self._points() if wanted.points or counters.restoring else (),
             owners=owners,
+            mandate=mandate,
+            drawn=await self.lending.drawn(wanted.mandate, since_s=since_s),
+            mandates=await self.lending.mandates(since_s=since_s, agents=living, key=wanted.mandates_by),
         )
 
     async def counters(self) -> Counters:
@@ -418,7 +425,7 @@ class Transaction:
                 await self._connection.execute(
                     sa.update(t.agents).where(t.agents.c.id == agent).values(attested_ms=at_ms)
                 )
-            case TokenIssued() | TokenDelegated():
+            case TokenIssued() | TokenDelegated() | MandateSigned():
                 await self.lending.write(event, at_ms=at_ms)
             case RefusalCounted(agent=agent, since_ms=since_ms, number=number):
                 await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))

@@ -15,7 +15,7 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit
 from msgspec import structs
 from tests.capabilities.keys.test_keys import curve_of
-from tests.capabilities.world import CELL, ISSUER, NOW, TRUST, chain_of, chain_of_four, key_of, raw_of
+from tests.capabilities.world import CELL, ISSUER, NOW, SCOPE, TRUST, chain_of, chain_of_four, key_of, raw_of
 
 from capabilities.keys import jws, keys
 from capabilities.statements import (
@@ -27,6 +27,7 @@ from capabilities.statements import (
     checkpoint,
     conduct,
     intent,
+    mandate,
     manifest,
     mark,
     memory,
@@ -254,6 +255,16 @@ PASSED_ON = ticket.Ticket(
     carried=ticket.RequestDigests(token=HEX, proof="cd" * 32, body="ef" * 32),
     at_ms=NOW * 1_000,
 )
+PROMISED = mandate.Mandate(
+    mandate_id="0f" * 16,
+    issuer=ISSUER,
+    sponsor="alice",
+    agent="robotic",
+    agent_key="k" * 42 + "A",
+    purpose="tidy the hall",
+    scope=dataclasses.replace(SCOPE, not_before=NOW - 5, not_after=NOW + 604_800),
+    at=NOW,
+)
 POINT = checkpoint.Checkpoint(ISSUER, 12, HEX, NOW * 1_000)
 KNOWN = mark.Mark(
     issuer=ISSUER,
@@ -283,6 +294,7 @@ KINDS = {
     response: ANSWERED,
     message: SAID,
     intent: WANTED,
+    mandate: PROMISED,
     admission: LET_IN,
     ticket: PASSED_ON,
     trust_bundle: TRUST,

@@ -2,6 +2,8 @@
 
 import json
 import secrets
+import time
+from dataclasses import replace
 
 import pytest
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
@@ -114,6 +116,27 @@ def test_an_agents_life(run, live, tmp_path):
     )
     assert refused(*lend, "--scope", own, "--out", tmp_path / "x")[0] == 3  # long over
 
+    # a mandate: drawn from, looked at, and ended
+    sign, drawn = ("mandate", "sign", "mover", "--purpose", "tidy", "--as", "alice"), tmp_path / "drawn.token"
+    promise = done(*sign, "--days", "2")["mandate_id"]
+    draw = ("mandate", "draw", promise, "mover", *runs, "--minutes", "5", "--out")
+    token_id = done(*draw, drawn)["token_id"]
+    assert drawn.stat().st_mode & 0o777 == 0o600
+    assert run("token", "inspect", drawn, "--trust", live.layout.trust, "--json").json["mandate_id"] == promise
+    (row,) = done("mandate", "list", "--as", "alice")["mandates"]
+    assert (row["mandate_id"], row["state"], row["live"]) == (promise, "in force", 1)
+    assert promise in run("mandate", "list", *data, "--as", "alice").out
+    shown = run("mandate", "show", promise, *data, "--as", "alice").out
+    assert token_id in shown and "in force" in shown
+    assert done("mandate", "revoke", promise, "--reason", "done", "--as", "alice")["known"] is True
+    assert refused(*draw, tmp_path / "x") == (3, "MANDATE_REVOKED")
+    assert refused("mandate", "show", "0" * 32, "--as", "alice") == (3, "MANDATE_UNKNOWN")
+    for lifetime_s, code in ((700_000, "STATEMENT_MALFORMED"), (-1, "STATEMENT_MALFORMED")):
+        long = sweep_scope(live.addresses.audience, delegates=frozenset(), now=int(time.time()), lifetime_s=1)
+        own.write_text(json.dumps(scope_to_json(replace(long, not_before=1, not_after=int(time.time()) + lifetime_s))))
+        assert refused(*sign, "--scope", own)[1] == code
+    assert refused(*sign, "--scope", own, "--days", "8") == (2, "USAGE")
+
     # suspending, and back
     why = ("--reason", "it asks oddly", "--as", "alice")
     assert done("agent", "suspend", "mover", *why)["status"] == "suspended"
@@ -134,8 +157,6 @@ def test_an_agents_life(run, live, tmp_path):
 def test_pin_with_nothing_to_do_and_after_a_change(run, live, monkeypatch):
     who = ("--data", live.layout.root, "--as", "carol")
     assert run("mcp", "pin", *who, "--json").json == {"ok": True, "pinned": []}
-    from dataclasses import replace
-
     import pep.mcp.arm_server
 
     before = pep.mcp.arm_server.tool_definitions()

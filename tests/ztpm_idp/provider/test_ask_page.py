@@ -76,12 +76,12 @@ def fetched(cell, ask_id):
 
 
 def test_everything_that_an_approval_binds_is_on_the_page(cell):
-    stated = cell.ask(reasons=("TIER_NEEDS_APPROVAL", "NOBODY_KNOWS_THIS"))
+    stated = cell.ask(reasons=("TIER_NEEDS_APPROVAL", "NOBODY_KNOWS_THIS"), mandate_id="0d" * 16)
     text = ask.sign(stated, cell.world.private[PEP])
     assert cell.post(PEP, "/approvals", {"ask": text}).status_code == 201
     seen = Reader(fetched(cell, stated.ask_id).text).text
     for value in (
-        stated.ask_id, stated.nonce, stated.pep, stated.audience, stated.issuer, stated.sponsor, stated.token_id, stated.agent,
+        stated.ask_id, stated.nonce, stated.pep, stated.audience, stated.issuer, stated.sponsor, stated.token_id, stated.mandate_id, stated.agent,
         stated.agent_key, stated.object, stated.operation, stated.request_digest, stated.model_digest, stated.policy_digest,
         stated.scene_digest, "2.640", "2640 thousandths", "at most 2.690", "3 (high consequence)", "person-ssm", "person-7", "forearm", SENSOR,
         "412.000 mm", "412000 um", "250.000 mm/s", "250000 um_s", "38 ms", "0.038 s", "TIER_NEEDS_APPROVAL",

@@ -14,11 +14,12 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.proof.proof import prove
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from tests.hostile_bodies import HOSTILE_BODIES
+from msgspec import structs
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 
 from capabilities.keys import keys
-from capabilities.statements import mark
+from capabilities.statements import mandate, mark
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
 pytestmark = [pytest.mark.version, pytest.mark.long]
@@ -94,6 +95,15 @@ def good_bodies(world):
         ("/openings", {"opening": cell.opening("alice", agent="helper")}, {"alice", "carol"}),
         (f"/openings/{opened}/withdraw", {"reason": "done"}, {"alice", "carol"}),
     ]
+    week = world.scope(not_after=int(world.clock()) + 604_800)
+    drawn_from = world.people["alice"].sign_mandate("helper", week, purpose="p")
+    text = world.people["alice"].mandate(drawn_from)["mandate"]
+    promised = structs.replace(mandate.read_again(text), mandate_id=secrets.token_hex(16))
+    draw = {"lifetime_s": 60, "mandate_id": drawn_from}
+    rows += [
+        ("/mandates", {"mandate": mandate.sign(promised, world.private["alice"])}, {"alice"}),
+        (f"/mandates/{drawn_from}/tokens", {"request": draw, "evidence": helper.evidence("alice", draw)}, {"helper"}),
+    ]
     changes = [
         world.people["dan"].propose_person(f"p-{secrets.token_hex(4)}", "P", keys.unb64u(key()), ["admin"])
         for _ in range(2)
@@ -156,6 +166,8 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
                 "PROOF_WRONG_KEY",
                 "ATTESTATION_INVALID",
                 "RECORD_OF_ANOTHER",
+                "STATEMENT_UNTRUSTED",
+                "MANDATE_NOT_YOURS",
             }, (path, who)
         checked(send(world, path, json.dumps(body)), status=401)
         after = tables(world)
@@ -178,7 +190,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             assert checked(answered, status=409)["code"] == "NOT_RESTORING"
         else:
             assert answered.is_success, path
-    assert len(paths) == 27
+    assert len(paths) == 29
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -193,12 +205,12 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
-        "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch",
+        "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
-        "/revocations/wait", "/conduct",
+        "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
     }  # fmt: skip
 
 
@@ -250,6 +262,7 @@ BODY_BYTES = {
     "/tokens": 65_536,
     "/tokens/delegate": 65_536,
     "/approvals": 135_168,
+    "/mandates": 135_168,
     "/ledger/records": 262_144,
     "/restoring/marks": 262_144,
 }

@@ -15,6 +15,7 @@ from capabilities.statements import (
     checkpoint,
     conduct,
     intent,
+    mandate,
     manifest,
     mark,
     memory,
@@ -50,6 +51,7 @@ class Signer(StrEnum):
     LEDGER = "ledger"
     AGENT = "agent"
     APPROVER = "approver"
+    SPONSOR = "sponsor"
     PEP = "pep"
     SENSOR = "sensor"
     SURVEYOR = "surveyor"
@@ -66,6 +68,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         checkpoint.KIND: Signer.LEDGER,
         conduct.KIND: Signer.FEED,
         intent.KIND: Signer.APPROVER,
+        mandate.KIND: Signer.SPONSOR,
         manifest.KIND: Signer.CURATOR,
         mark.KIND: Signer.PEP,
         memory.KIND: Signer.PEP,
