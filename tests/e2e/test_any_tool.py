@@ -27,7 +27,7 @@ from capabilities.proof.proof import prove
 from capabilities.values.scope import Budget, Grant, Limit, Range, Restriction, Scope, Stems, Tier
 from pep import pins
 from pep.base.declaration import declared
-from ztpm_idp.client import Agent, Operator
+from ztpm_idp.client import Agent, Denied, Operator
 
 pytestmark = pytest.mark.e2e
 TOP = Path(__file__).parents[2]
@@ -224,6 +224,44 @@ def approve(plant, ask_id):
     return shown
 
 
+def mandated(plant, planner):
+    """A connection of the planner's outlives two tokens; the mandate's revocation ends it."""
+    now = int(time.time())
+    scope = Scope(
+        grants=(grant("read_sensor"),), ceiling=Tier.NO_EFFECT, audiences=frozenset({plant.audience}),
+        delegates=frozenset(), depth=0, not_before=now - 5, not_after=now + 7 * 86_400,
+    )  # fmt: skip
+
+    async def work(alice, mandate_id):
+        used, until = [], time.monotonic() + DEADLINE_S
+        async with planner.tools(plant.audience, planner.renewal(mandate_id, lifetime_s=2)) as tools:
+            while len(used) < 3:
+                assert time.monotonic() < until
+                assert told(await tools.call("read_sensor", {"id": 7}))["decision"] == "PERMIT"
+                live = [each["token_id"] for each in alice.mandate(mandate_id)["draws"] if each["live"]]
+                assert 1 <= len(live) <= 2
+                used += [token_id for token_id in reversed(live) if token_id not in used]
+                await asyncio.sleep(0.2)  # a token ends with the time, and with nothing else
+            alice.revoke("mandate", mandate_id, "enough")
+            revoked = time.monotonic()
+            with pytest.raises(Denied) as denied:
+                while time.monotonic() < until:
+                    await tools.call("read_sensor", {"id": 7})
+            return used, denied.value.reason, time.monotonic() - revoked
+
+    with plant.provider.operator() as alice:
+        mandate_id = alice.sign_mandate("planner", scope, purpose="watch the hall")
+        used, reason, after_s = asyncio.run(work(alice, mandate_id))
+        shown = alice.mandate(mandate_id)
+    # The sponsor sees each draw, and the first had ended while the work went on.
+    assert [each["token_id"] for each in reversed(shown["draws"])][:3] == used
+    assert (reason, shown["state"]) == ("REVOKED", "revoked")
+    assert after_s < REVOKED_S
+    with pytest.raises(Denied) as ended:
+        planner.renewal(mandate_id).token()
+    assert ended.value.reason == "MANDATE_REVOKED"
+
+
 def test_the_example_is_one_short_file():
     lines = EXAMPLE.read_text().splitlines()
     code = lines[next(at for at, line in enumerate(lines) if line.startswith("import ")) :]
@@ -303,6 +341,9 @@ def test_a_plant_is_guarded(plant):
     assert plant.refused_after_s(worker, less.token, "read_sensor", {"id": 7}) < REVOKED_S
     assert plant.records()[-1]["body"]["reason"] == "REVOKED"
     assert told(plant.use(planner, whole.token, "read_sensor", {"id": 7}))["decision"] == "PERMIT"
+
+    # work outlives a token that is drawn from a mandate, and ends with the mandate
+    mandated(plant, planner)
 
     # without the provider the view ages, and nothing is permitted any more
     plant.provider.end(signal.SIGKILL)
