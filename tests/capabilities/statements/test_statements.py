@@ -15,7 +15,18 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit
 from msgspec import structs
 from tests.capabilities.keys.test_keys import curve_of
-from tests.capabilities.world import CELL, ISSUER, NOW, SCOPE, TRUST, chain_of, chain_of_four, key_of, raw_of
+from tests.capabilities.world import (
+    CELL,
+    ISSUER,
+    NOW,
+    OTHER_CELL,
+    SCOPE,
+    TRUST,
+    chain_of,
+    chain_of_four,
+    key_of,
+    raw_of,
+)
 
 from capabilities.keys import jws, keys
 from capabilities.statements import (
@@ -848,6 +859,47 @@ def test_an_intent_is_well_formed(name):
 def test_an_intent_is_signed_in_one_spelling(body):
     with pytest.raises(StatementError) as caught:
         intent.sign(structs.replace(WANTED, body=body), SIGNER)
+    assert caught.value.code is FaultCode.STATEMENT_MALFORMED
+
+
+def within_mandate(**changes):
+    return {"scope": {**claims_of(mandate)["scope"], **changes}}
+
+
+NO_MANDATES = {
+    "a token's id": {"mandate_id": "g" * 22},
+    "an id in capitals": {"mandate_id": "0F" * 16},
+    "an issuer with a slash": {"issuer": f"{ISSUER}/"},
+    "no sponsor": {"sponsor": ""},
+    "a role for an agent": {"agent": "role:robotic"},
+    "a key for a thumbprint": {"agent_key": "k" * 44},
+    "a purpose that cannot be seen": {"purpose": "tidy\u200b"},
+    "a purpose that is too long": {"purpose": "x" * 513},
+    "no scope": {"scope": None},
+    "a scope of no grant": lambda: within_mandate(grants=[]),
+    "a scope with one more member": lambda: within_mandate(more=1),
+    "a ceiling of 5": lambda: within_mandate(ceiling=5),
+    "audiences out of order": lambda: within_mandate(audiences=[OTHER_CELL, CELL]),
+    "a negative time": {"at": -1},
+    "over before it was signed": lambda: within_mandate(not_after=NOW),
+    "too long a life": lambda: within_mandate(not_after=NOW + mandate.LIFETIME_S + 1),
+    "signed so early that its life is too long": {"at": NOW - 1},
+}
+
+
+@pytest.mark.clause("STM-5", "STM-16")
+@pytest.mark.parametrize("name", NO_MANDATES)
+def test_a_mandate_is_well_formed(name):
+    change = NO_MANDATES[name]
+    claims = claims_of(mandate) | (change() if callable(change) else change)
+    assert code_of(mandate, statement_form.sign("mandate", claims, SIGNER)) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-13", "STM-16")
+def test_no_mandate_is_signed_that_lasts_longer_than_a_week():
+    scope = dataclasses.replace(PROMISED.scope, not_after=NOW + mandate.LIFETIME_S + 1)
+    with pytest.raises(StatementError) as caught:
+        mandate.sign(structs.replace(PROMISED, scope=scope), SIGNER)
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
