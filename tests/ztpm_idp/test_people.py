@@ -316,6 +316,18 @@ def test_an_administrator_who_lost_the_key_comes_back_with_another(tmp_path):
         back.register_person("frank", "Frank", fresh(world, "frank"), ["sponsor"])
 
 
+def test_a_recovery_takes_the_mandates_along_that_the_lost_keys_signed(tmp_path):
+    with Alone(tmp_path) as world:
+        world.agent("mover")
+        week = world.scope(not_after=int(world.clock()) + 7 * DAY_S)
+        mandate_id = world.people["alice"].sign_mandate("mover", week, purpose="p")
+        root(world).recover("alice", "Alice", fresh(world, "alice-2"))
+        world.clock.at_s += DAY_S
+        (told,) = by(world, "alice", "alice-2").mandates()
+        assert (told["mandate_id"], told["state"]) == (mandate_id, "revoked")
+        assert code_of(lambda: world.agents["mover"].draw(mandate_id)) == "MANDATE_REVOKED"
+
+
 def test_only_the_root_key_recovers(trio):
     raw = fresh(trio, "erin")
     for key in (trio.private["alice"], trio.idp_keys.attester, trio.idp_keys.registry, keys.generate()):

@@ -162,7 +162,12 @@ def _recovered(rules: Rules, state: State, change: Change, key: bytes) -> Outcom
             )  # fmt: skip
         case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) as person if PersonRole.ADMIN in roles:
             ended = (Revoked(RevocationKind.KEY, thumbprint(old), RECOVERED, None) for old in sorted(person.keys))
-            return _taken(rules, state, key) or (KeyAdded(person.id, key), *ended)
+            promised = (
+                Revoked(RevocationKind.MANDATE, mandate.mandate_id, RECOVERED, None)
+                for mandate in state.mandates
+                if mandate.sponsor == person.id
+            )
+            return _taken(rules, state, key) or (KeyAdded(person.id, key), *ended, *promised)
         case _:
             return Refusal(IdpCode.ALREADY_REGISTERED, "the id is another party's, not an active administrator's")
 

@@ -216,6 +216,8 @@ class Wanted:
     """An agent: its mandates that may be in force."""
     mandates_by: str | None = None
     """A thumbprint: the mandates that its key signed and that may be in force."""
+    mandates_from: str | None = None
+    """A person: the mandates that it signed, with whichever key, and that may be in force."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -254,7 +256,7 @@ class State:
         mandate: the wanted one.
         drawn: tokens of the wanted mandate that may be live.
         mandates: those that may be in force and are not revoked: of the wanted agent, of agents whose conduct is
-            wanted or will change, and by the wanted key.
+            wanted or will change, by the wanted key, and from the wanted person.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)

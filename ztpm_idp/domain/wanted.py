@@ -168,6 +168,7 @@ def wanted_by_change(change: Change) -> Wanted:
         revocation=(RevocationKind.SPONSOR.value, change.person) if ends else None,
         agents_of=change.person if ends else None,
         every_opening=change.kind is ChangeKind.RECOVERY,
+        mandates_from=change.person if change.kind is ChangeKind.RECOVERY else None,
     )
 
 

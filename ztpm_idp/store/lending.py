@@ -72,12 +72,14 @@ class Lending:
         found = await self._mandates(t.mandates.c.mandate_id == mandate_id)
         return found[0] if found else None
 
-    async def mandates(self, *, since_s: int, agents: Collection[str], key: str | None) -> tuple[MandateRecord, ...]:
-        """Mandates of these agents, or signed by this key, that end at `since_s` or later and are not revoked."""
-        if not agents and key is None:
+    async def mandates(
+        self, *, since_s: int, agents: Collection[str], key: str | None, sponsor: str | None
+    ) -> tuple[MandateRecord, ...]:
+        """Mandates of these agents, or by this key or sponsor, that end at `since_s` or later and are not revoked."""
+        if not agents and key is None and sponsor is None:
             return ()
         c = t.mandates.c
-        mine = sa.or_(c.agent.in_(sorted(agents)), c.key == key)
+        mine = sa.or_(c.agent.in_(sorted(agents)), c.key == key, c.sponsor == sponsor)
         return tuple(found for found in await self._mandates(mine, c.not_after >= since_s) if not found.revoked)
 
     async def mandates_of(self, party: str | None) -> list[MandateRecord]:

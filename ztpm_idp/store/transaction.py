@@ -160,7 +160,9 @@ class Transaction:
             owners=owners,
             mandate=mandate,
             drawn=await self.lending.drawn(wanted.mandate, since_s=since_s),
-            mandates=await self.lending.mandates(since_s=since_s, agents=living, key=wanted.mandates_by),
+            mandates=await self.lending.mandates(
+                since_s=since_s, agents=living, key=wanted.mandates_by, sponsor=wanted.mandates_from
+            ),
         )
 
     async def counters(self) -> Counters:
