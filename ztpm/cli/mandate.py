@@ -142,7 +142,7 @@ def draw(
     directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
-    """Draw a token from a mandate, as the agent; a program of your own does it with `Agent.tools(mandate=...)`."""
+    """Draw a token from a mandate, as the agent; a program of your own goes on drawing with `Agent.renewal`."""
     check_new(out)
     receiver = agent_of(agent, software, directory=directory)
     with refusals(), receiver:

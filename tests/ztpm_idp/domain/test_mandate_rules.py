@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import replace
 
 import pytest
@@ -322,4 +321,3 @@ def test_every_restored_line_knows_mandates():
     lost = (c.Lost(RevocationKind.MANDATE, "0a" * 16, "r"),)
     (event,) = decide(RULES, state(BOB, restoring=True), c.TakeBack(lost), AT * 1_000)
     assert (event.kind, event.id, event.party) == (RevocationKind.MANDATE, "0a" * 16, None)
-    assert dataclasses.is_dataclass(event)
