@@ -16,7 +16,7 @@ from capabilities.values.arguments import Argument, measured
 from capabilities.values.arguments import argument as argument_value
 from capabilities.values.bounds import permits
 from capabilities.values.errors import FaultCode, QuantityError
-from capabilities.values.units import DeclaredUnit, ListOf, Quantity, Sort, Unit, parse, scaled
+from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit, parse, scaled
 from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm, OperationKind
@@ -211,10 +211,20 @@ def decided_arguments(operation: Operation, request: Request, given: Mapping[str
     for argument, limits in operation.stated():
         mine, left = left[: len(limits)], left[len(limits) :]
         if limits[0].parameter.kind is Sort.FREE:
-            decided[argument.name] = json.loads(rfc8785.dumps(_given(argument, given)))
+            decided[argument.name] = _as_decided(_given(argument, given))
         else:
             decided[argument.name] = _argument(argument.form, limits[0].scale or 1, [each.value for each in mine])
     return decided
+
+
+def _as_decided(value: Any) -> Any:
+    """The free value that its canonical JSON states, of which the digest is."""
+
+    def number(figures: str) -> int | float:
+        whole = int(figures)
+        return whole if -INT_LIMIT <= whole <= INT_LIMIT else float(figures)  # a double without a fraction
+
+    return json.loads(rfc8785.dumps(value), parse_int=number)
 
 
 def _argument(form: ArgumentForm, scale: int, values: Sequence[Any]) -> Any:

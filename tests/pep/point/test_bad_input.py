@@ -199,7 +199,7 @@ BODIES: list[tuple[bytes, str]] = [
 """Whole bodies, and the reason of the refusal."""
 FINE = [
     GOOD, GOOD | {"query": "pump \u00e9 \u6c34"}, GOOD | {"path": "/srv"}, GOOD | {"percent": 45.04}, GOOD | {"filter": 1.0},
-    GOOD | {"filter": None}, GOOD | {"filter": {"b": -0.0, "a": 1e21}}, GOOD | {"tags": []}, GOOD | {"top": 9, "bar": 6},
+    GOOD | {"filter": None}, GOOD | {"filter": [9.1e15, -1e20, 123456789012345680.0, 0.1, 5e-324]}, GOOD | {"filter": {"b": -0.0, "a": 1e21}}, GOOD | {"tags": []}, GOOD | {"top": 9, "bar": 6},
     GOOD | {"page": "https://docs.example"}, GOOD | {"query": "pump" + "x" * 1_020}, GOOD | {"filter": {"\u00e9": ""}},
 ]  # fmt: skip
 """Calls that are permitted: the table is not refused for another reason."""
