@@ -147,6 +147,26 @@ def test_values_of_each_kind_are_a_request_and_the_tool_gets_what_was_decided():
     assert sought(**decided).digest == request.digest
 
 
+LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
+JSON = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3))
+WORDS = st.text(st.sampled_from("ab /é水\u0301\u200b"), max_size=4)
+STATED = {"free": Free(10_000), "text": Word(), "texts": Listed(Word(), Length())}
+NOTE = row("docs", "note", STATED, base_tier=1, exact=False)
+
+
+@settings(max_examples=30)
+@given(JSON, WORDS, st.lists(WORDS, max_size=3))
+def test_any_value_is_refused_or_reaches_the_tool_as_it_was_decided(free, text, texts):
+    call = {"free": free, "text": text, "texts": texts}
+    request = to_request(NOTE, call, request_id="r", audience="a", at=0.0)
+    if isinstance(request, Misfit):
+        assert request.reason in {Reason.NOT_CANONICAL, Reason.PARAMETERS_WRONG}
+        return
+    decided = decided_arguments(NOTE, request, call)
+    assert decided == call
+    assert to_request(NOTE, decided, request_id="", audience="a", at=0.0).digest == request.digest
+
+
 @pytest.mark.parametrize(
     ("argument", "value"),
     [
