@@ -1,4 +1,4 @@
-"""A plant's tool server, guarded: six tools, their declarations beside them, and one call of `guard`.
+"""A plant's tool server, guarded: six tools, their declarations beside them, and a call of `guard`.
 
 `python examples/plant.py guard.toml` serves it; docs/guard.md says what guard.toml holds.
 """
