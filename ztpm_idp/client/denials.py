@@ -23,7 +23,7 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
         reason: the code; `ztpm explain CODE` tells about it.
         primitive: id of the policy primitive that denied, or "".
         parameter, value, unit, limit: of the parameter that is outside of a limit, where there is one; `unit` is its
-            kind where it is no quantity.
+            kind where it is no quantity. Of an argument that is no value of its kind only its name, as `tags[1]`.
         set_by: hop, agent and sponsor that set the limit.
         nearest_permitted: the nearest value that is permitted.
         left, more_at: of a spent budget: its rest; when there is enough, seconds since the epoch, or None for never.
@@ -35,7 +35,7 @@ class Denied(Exception):  # noqa: N818 - the word of a decision
         self.reason = reason
         self.told = dict(told)
         self.primitive = str(told.get("primitive") or "")
-        self.parameter = told.get("parameter")
+        self.parameter = told.get("parameter") or told.get("argument")
         self.value = told.get("value")
         self.unit = told.get("unit") or told.get("kind")
         self.limit = told.get("limit")

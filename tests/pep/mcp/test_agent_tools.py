@@ -51,6 +51,16 @@ def test_a_call_outside_of_a_limit_says_what_would_be_permitted_and_who_set_it(c
     assert denied.remedy
 
 
+def test_an_argument_that_is_no_value_is_named_with_its_place(cell):
+    async def scenario():
+        async with tools(cell) as opened:
+            await opened.call("move_joint", {**MOVE, "q_rad": [0.1, "1", 0.1, 0.1, 0.1, 0.1]})
+
+    with pytest.raises(Denied) as caught:
+        with_cell(cell, scenario)
+    assert (caught.value.reason, caught.value.parameter) == ("NOT_A_NUMBER", "q_rad[1]")
+
+
 def test_a_revoked_token_is_called_revoked_at_the_next_call(cell):
     cell.physics.answer = reading(1, 500)
 
@@ -63,6 +73,16 @@ def test_a_revoked_token_is_called_revoked_at_the_next_call(cell):
     with pytest.raises(Denied) as caught:
         with_cell(cell, scenario)
     assert caught.value.reason == "REVOKED"
+
+
+def test_an_argument_that_is_no_value_is_named_with_its_place(cell):
+    async def scenario():
+        async with tools(cell) as opened:
+            await opened.call("move_joint", {**MOVE, "q_rad": [0.1, "1", 0.1, 0.1, 0.1, 0.1]})
+
+    with pytest.raises(Denied) as caught:
+        with_cell(cell, scenario)
+    assert (caught.value.reason, caught.value.parameter) == ("NOT_A_NUMBER", "q_rad[1]")
 
 
 def test_a_revoked_token_is_called_revoked_at_the_door(cell):
