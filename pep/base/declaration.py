@@ -46,7 +46,7 @@ ELEMENTS: Final = 32
 FLAG: Final = "flag"
 """The word of TOML for an argument that is true or false; in Python it is `bool`."""
 _UNREAD: Final = (Any, dict, dict[str, Any], list, list[Any])
-"""Types that a free value reaches as it was decided: no reader of a tool's arguments changes it to fit one."""
+"""Types that a free value reaches unchanged. A reader of a tool's arguments would change it to fit another."""
 
 
 def operation(
