@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.table import Table
@@ -15,6 +15,9 @@ from ztpm.cli.policy.explanation import explain
 from ztpm.cli.policy.policy_set import about, open_set
 from ztpm.cli.policy.proof import prove
 from ztpm.cli.policy.surroundings import Surroundings, operations, plain_advice, surrounded, tell
+
+if TYPE_CHECKING:
+    from policies import PolicySet
 
 app = typer.Typer(no_args_is_help=True, help="Policy sets: check, explain, compare, simulate and prove them.")
 app.command("explain")(surrounded(explain))
@@ -68,7 +71,7 @@ def check(
     if as_json:
         say_json(
             {
-                "ok": not failed, **about(loaded),
+                "ok": not failed, **about(loaded), "extends": _extends(loaded),
                 "policies": [policy.id for policy in loaded.policies], "parameters": parameters, "primitives": rows,
                 "warnings": plain_advice(warnings),
             }
@@ -76,6 +79,9 @@ def check(
     else:
         title = f"{loaded.name} {loaded.version}: {len(loaded.policies)} policies, digest {loaded.digest}"
         console.print(Text(plain(title)))
+        if (base := _extends(loaded)) is not None:
+            kept = ", ".join(base["kept"]) or "none"
+            console.print(Text(plain(f"extends {base['name']} {base['version']}, and keeps whole: {kept}")))
         console.print(_table(("parameter", "value", "unit", "", "meaning"), [
             (str(p["name"]), str(p["value"]), str(p["unit"]), "" if p["stated"] else "default", str(p["meaning"]))
             for p in parameters
@@ -105,6 +111,14 @@ def schema(
         typer.echo(resources.files("policies").joinpath("cases", "ordinary.json").read_text(encoding="utf-8"), nl=False)
     else:
         typer.echo(json.dumps(made(), indent=2))
+
+
+def _extends(policies: PolicySet) -> dict[str, Any] | None:
+    """The set that is extended, with the ids of its policies that deny as before; None for none."""
+    floor = policies.floor
+    if floor is None:
+        return None
+    return {"name": floor.name, "version": floor.version, "kept": [policy.id for policy in floor.policies]}
 
 
 def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> Table:

@@ -433,6 +433,9 @@ def test_a_set_that_extends_another_file_is_read_beside_itself(run, file):
     assert refused(run, "check", path) == "UNKNOWN_BASE"
     file('name = "plant"\nversion = 1\nextends = "tools"\nremove = ["drift"]\nloosens = ["drift"]\n', "plant.toml")
     body = told(run, "check", path)
+    assert (body["extends"]["name"], sorted(body["extends"]["kept"])) == ("plant", sorted(body["policies"]))
+    assert "extends plant 1, and keeps whole: authority" in run("policy", "check", path).out
+    assert told(run, "check", "tools")["extends"] is None
     assert sorted([*body["policies"], "drift"]) == sorted(policy.id for policy in load_shipped("tools").policies)
     file('name = "plant"\nversion = 1\nextends = "tools"\nremove = ["drift"]\n', "plant.toml")
     body = told(run, "check", path, status=2)
