@@ -35,6 +35,16 @@ PRESS = row(
 )
 
 
+FILLED = row(
+    "press",
+    "close_press",
+    {},
+    base_tier=1,
+    exact=False,
+    when={"zone-a/people": Fact(at_least={1: 3}), "zone-a/level": Fact(at_most={10: 3}, unit="permille")},
+)
+
+
 class Plant:
     """A gate without a robot that hears its sensors on TCP, and one sensor."""
 
@@ -92,11 +102,11 @@ class Plant:
         self.feed._frames.admit = admit
         writer.close()
 
-    async def close_press(self):
-        request = to_request(PRESS, {}, request_id=secrets.token_hex(16), audience=AUDIENCE, at=self.rig.clock.wall_s())
+    async def close_press(self, row=PRESS):
+        request = to_request(row, {}, request_id=secrets.token_hex(16), audience=AUDIENCE, at=self.rig.clock.wall_s())
         call = Call(
             request=request,
-            operation=PRESS,
+            operation=row,
             tool=ToolReading("close_press", "d" * 64, "d" * 64, Tier(1)),
             credentials=self.rig.credentials(self.holder),
             arrived_ms=self.rig.clock.monotonic_ms(),
@@ -260,5 +270,28 @@ def test_an_approval_of_an_unseen_zone_is_none_for_a_seen_person(plant):
             await plant.push(plant.frame(("people", "count", 1)))
             answer = await plant.close_press()
             assert (answer.effect, answer.reason) == (Effect.DEFER, Reason.APPROVAL_NOT_USABLE)
+
+    asyncio.run(story())
+
+
+def test_an_approval_for_one_fact_is_none_for_another(plant):
+    """A low tank was approved; a person beside it is another question, which shows both."""
+
+    async def story():
+        async with plant:
+            await plant.push(plant.frame(("people", "count", 0), ("level", "permille", 3)))
+            assert (await plant.close_press(FILLED)).effect is Effect.DEFER
+            ((ask_id, text),) = plant.rig.issuer.asks.items()
+            plant.rig.issuer.cast(ask_id, plant.rig.people["bob"].vote(text, at=plant.rig.clock.wall_s()))
+            await asyncio.to_thread(plant.rig.pull)
+            await plant.push(plant.frame(("people", "count", 1), ("level", "permille", 3)))
+            assert (await plant.close_press(FILLED)).reason is Reason.APPROVAL_NOT_USABLE
+            (again,) = (text for name, text in plant.rig.issuer.asks.items() if name != ask_id)
+            shown = ask.open(again, [keys.public_raw(plant.rig.pep_key)], CAPS).facts
+            assert [(fact.fact, fact.value, fact.raises) for fact in shown] == [
+                ("zone-a/level", 3, True), ("zone-a/people", 1, True),
+            ]  # fmt: skip
+            await plant.push(plant.frame(("people", "count", 0), ("level", "permille", 2)))
+            assert (await plant.close_press(FILLED)).effect is Effect.PERMIT, "what was approved is still so"
 
     asyncio.run(story())
