@@ -179,8 +179,9 @@ def test_an_act_waits_for_its_decisions_disk_and_its_answer_for_none(written, mo
             await program.point.enforced(vent)(program.presented())
             order.append("answered")
             assert program.records() == [("decision", None), ("outcome", "done")]
-            while not journal.settled:
-                await asyncio.sleep(0.01)
+            async with asyncio.timeout(10):
+                while not journal.settled:
+                    await asyncio.sleep(0.01)
             assert order == ["sync", "aired", "answered", "sync"]
 
             # what cannot be settled lets nothing happen any more
@@ -204,8 +205,9 @@ def test_an_acts_conduct_counts_in_what_is_asked_next(written):  # noqa: F811
                 await program.point.enforced(vent)(program.presented())
                 assert conduct.behaviour(holder, at=program.point.clock.wall_s()).samples == count
             await program.point.enforced(vent)(program.presented())
-            while conduct._unheard:
-                await asyncio.sleep(0.01)
+            async with asyncio.timeout(10):
+                while conduct._unheard:
+                    await asyncio.sleep(0.01)
             assert conduct._behaviour.careers[holder].acts == 4, "and when nothing is asked"
 
     asyncio.run(go())
