@@ -153,6 +153,8 @@ def bench_tools(
     """A guarded act beside the unguarded one, over HTTP and as a function; records on."""
     from evaluation.tools.bench import NotMeasuredError, last_line, tables
     from evaluation.tools.run import run
+    from ztpm.base.processes import ChildError
+    from ztpm_idp.client import ClientError
 
     try:
         if as_json:
@@ -160,7 +162,7 @@ def bench_tools(
         else:
             with console.status("") as status:
                 result = run(calls, seed=seed, told=status.update)
-    except NotMeasuredError as error:
+    except (NotMeasuredError, ClientError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
     if as_json:
         say_json(result.to_json())

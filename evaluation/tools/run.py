@@ -22,7 +22,7 @@ from pep import GuardConfig, GuardedFunctions, NotPermittedError, pins
 from pep.point.guarded_functions import function_pins
 from pep.request.authority import PresentedRequest
 from ztpm.base.processes import Child
-from ztpm_idp.client import Denied, direct_http
+from ztpm_idp.client import ClientError, Denied, direct_http
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Mapping
@@ -50,6 +50,8 @@ def run(calls: int, *, seed: int, told: Callable[[str], None]) -> ActResult:
 
     Raises:
         NotMeasuredError: a call had a wrong answer, or too many were refused.
+        ClientError: the provider or the server did not answer.
+        ChildError: one of them did not start.
     """
     began, order = time.monotonic(), random.Random(seed)  # noqa: S311 - turns
     told("starting an identity provider and a tool server")
@@ -80,7 +82,6 @@ async def _over_http(
         direct_http.async_client() as http,
         Client(streamable_http_client(address, http_client=http)) as client,
     ):
-        await _is_refused(lambda: tools.call(act.NAME, act.OUTSIDE))
 
         async def guarded() -> object:
             return (await tools.call(act.NAME, act.ARGUMENTS)).structured_content
@@ -88,7 +89,13 @@ async def _over_http(
         async def bare() -> object:
             return (await client.call_tool(act.NAME, act.ARGUMENTS)).structured_content
 
-        return await _in_turns({GUARDED: guarded, BARE: bare}, {"result": act.ANSWER}, calls, order)
+        try:
+            await _is_refused(lambda: tools.call(act.NAME, act.OUTSIDE))
+            return await _in_turns({GUARDED: guarded, BARE: bare}, {"result": act.ANSWER}, calls, order)
+        except (NotMeasuredError, ClientError) as error:
+            failed = error
+    # The SDK's client would wrap what is raised inside of it.
+    raise failed
 
 
 async def _of_a_function(
@@ -140,8 +147,8 @@ async def _in_turns(ways: Mapping[str, Act], answer: object, calls: int, order: 
             try:
                 found: Any = await once()
             except (Denied, NotPermittedError):
+                found = answer
                 refused[way] += timed
-                continue
             ended = time.perf_counter_ns()
             if found != answer:
                 raise NotMeasuredError(f"{way}: another answer")

@@ -1,6 +1,9 @@
 """The benchmark of a guarded act: its figures, and the command as a user runs it."""
 
+import asyncio
+import itertools
 import json
+import random
 import subprocess
 import sys
 from pathlib import Path
@@ -9,9 +12,6 @@ import pytest
 from evaluation.tools.bench import ActResult, ActRow, NotMeasuredError, last_line, row_of, tables
 from evaluation.tools.run import _in_turns, _is_refused
 from ztpm_idp.client import Denied
-
-import asyncio
-import random
 
 PARTS = {
     "proof made, by the caller",
@@ -40,11 +40,10 @@ def test_ratios_are_guarded_over_unguarded():
     assert "1.50 at p50" in last_line(result)
 
 
-@pytest.mark.parametrize(("timed", "refused"), [(0, 0), (0, 3), (18, 1)])
-def test_a_way_that_is_refused_too_often_has_no_figures(timed, refused):
+def test_a_way_that_is_refused_too_often_has_no_figures():
     with pytest.raises(NotMeasuredError):
-        row_of("way", [1] * timed, refused)
-    assert row_of("way", [1_000, 3_000] * 10, 1) == ActRow("way", 20, 2.0, 3.0, refused=1)
+        row_of("way", [1_000] * 20, 5)
+    assert row_of("way", [1_000, 3_000] * 10, 4) == ActRow("way", 20, 2.0, 3.0, refused=4)
 
 
 def turns(one, other, calls=10):
@@ -70,15 +69,19 @@ def test_two_ways_take_turns_and_each_answer_is_looked_at():
         asyncio.run(_is_refused(way("one")))
 
 
-def test_a_refused_call_is_counted_and_has_no_time():
-    async def refused():
-        raise Denied("VERDICT_EXPIRED", {"decision": "DENY", "reason": "VERDICT_EXPIRED"})
+def test_a_refused_call_is_counted():
+    answers = itertools.cycle([1] * 9 + [None])
+
+    async def sometimes():
+        if next(answers) is None:
+            raise Denied("VERDICT_EXPIRED", {"decision": "DENY", "reason": "VERDICT_EXPIRED"})
+        return 1
 
     async def fine():
         return 1
 
-    with pytest.raises(NotMeasuredError, match="10 of 10"):
-        turns(refused, fine)
+    one, other = turns(sometimes, fine)
+    assert ((one.n, one.refused), (other.n, other.refused)) == ((10, 1), (10, 0))
 
 
 @pytest.mark.long
@@ -91,5 +94,5 @@ def test_the_command_as_a_user_runs_it():
     assert told["ratios"].keys() == {"guard_http_p50", "guard_http_p99"}
     assert all(value > 0 for value in (*told["ratios"].values(), *told["parts_us"].values()))
     assert told["parts_us"].keys() == PARTS
-    assert [row["n"] + row["refused"] for row in told["rows"]] == [10] * 4
+    assert [row["n"] for row in told["rows"]] == [10] * 4
     assert {"processor", "cores", "python", "load"} <= told["machine"].keys()
