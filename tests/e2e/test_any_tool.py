@@ -40,7 +40,7 @@ DEADLINE_S = 30.0
 REVOKED_S = 1.0
 """Time within which a revocation reaches the guard."""
 DRAWN_S = 4
-"""Life of a drawn token: short, and a second of it is left for a busy machine when the next one is drawn."""
+"""Life of a drawn token; the next is drawn while a second of it is left, for a busy machine."""
 STALE_S = 4.0
 """The lease of 2 s, and as long again for a busy machine."""
 ACCEPTED = {"accept": "application/json, text/event-stream"}
