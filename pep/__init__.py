@@ -12,7 +12,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
 if TYPE_CHECKING:
-    from pep.base.declaration import operation
+    from pep.base.declaration import grant, operation
     from pep.base.fact_declaration import Fact
     from pep.base.stated_values import Free, Length, Within, Word
     from pep.point.carriage import acting
@@ -31,6 +31,7 @@ __all__ = [
     "Word",
     "acting",
     "function_pins",
+    "grant",
     "guard",
     "operation",
     "permitted",
@@ -48,6 +49,7 @@ _HOMES: Final = {
     "Length": "pep.base.stated_values",
     "Within": "pep.base.stated_values",
     "Word": "pep.base.stated_values",
+    "grant": "pep.base.declaration",
     "guard": "pep.point.tool_server",
     "operation": "pep.base.declaration",
     "pins": "pep.point.tool_server",

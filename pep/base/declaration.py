@@ -14,9 +14,13 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar, get_args, get_origin, get_type_hints
 
+from capabilities.values import bounds
 from capabilities.values import text as forms
-from capabilities.values.scope import Tier
+from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.errors import ScopeError
+from capabilities.values.scope import Grant, Limit, Tier
 from capabilities.values.units import Parameter, Sort
+from capabilities.values.well_formed import check_limit
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.fact_declaration import fact_rows
 from pep.base.operation_row import ArgumentForm, BoundedParameter, Operation, OperationKind, ToolArgument
@@ -35,6 +39,7 @@ from pep.base.stated_values import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from capabilities.values.scope import Bound, Budget
     from pep.base.fact_declaration import Fact
 
     F = TypeVar("F", bound="Callable[..., Any]")
@@ -83,6 +88,38 @@ def declared(function: object) -> Operation | None:
     """The row that the function was decorated with, or None."""
     found = getattr(function, ROW, None)
     return found if isinstance(found, Operation) else None
+
+
+def grant(function: Callable[..., Any] | Operation, *budgets: Budget, **tighter: Bound) -> Grant:
+    """A grant of a declared function, as wide as it is declared but for the named bounds.
+
+    Example::
+
+        grant(open_valve, Budget("", url, 3600, 20), percent=Range(0, 400))
+
+    Args:
+        function: decorated by `operation`; or its row, as `GuardConfig.rows` has it.
+        budgets: of the grant.
+        tighter: bounds by the parameter's name, in its unit, inside the declared ones.
+
+    Raises:
+        DeclarationError: `TOOL_UNDECLARED`, or `DECLARATION_MALFORMED` for a bound of no parameter or outside its own.
+    """
+    row = function if isinstance(function, Operation) else declared(function)
+    if row is None:
+        raise DeclarationError(PepFault.TOOL_UNDECLARED, str(getattr(function, "__name__", function)))
+    if strange := sorted(tighter.keys() - {each.parameter.name for each in row.limits}):
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{row.name}.{strange[0]}: no parameter")
+    limits = tuple(Limit(each.parameter, tighter.get(each.parameter.name, each.bound)) for each in row.limits)
+    for limit, own in zip(limits, row.limits, strict=True):
+        place = f"{row.name}.{limit.parameter.name}"
+        try:
+            check_limit(limit, CAPS)
+        except ScopeError as error:
+            raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {error.detail}") from None
+        if not bounds.within(limit.bound, own.bound):
+            raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {limit.bound} is wider than {own.bound}")
+    return Grant(row.object, row.name, limits, tuple(sorted(budgets)))
 
 
 def defined_twice(function: Callable[..., Any]) -> bool:

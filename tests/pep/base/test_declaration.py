@@ -4,9 +4,9 @@ import tomllib
 from typing import Annotated, Any, Literal
 
 import pytest
-from capabilities.values.scope import Each, Flags, OneOf, Range, Stems, Tier, Words
+from capabilities.values.scope import Budget, Each, Flags, Grant, Limit, OneOf, Range, Stems, Tier, Words
 from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Sort, Unit
-from pep import Free, Length, Within, Word
+from pep import Free, Length, Within, Word, grant
 from pep.base.declaration import declared, operation, row_from_toml
 from pep.base.fact_declaration import Fact
 from pep.base.errors import DeclarationError, PepFault
@@ -340,3 +340,32 @@ def test_a_wrong_fact_never_serves(when, code, place):
 def test_a_value_that_is_not_fresh_is_as_none(state):
     readings = (FactReading("tank/level", "fresh", "", 500, "", 1), FactReading("zone-a/people", state, "", 0, "", 9))
     assert declared(close_press).tier_of((), readings) == (4, ("zone-a/people",))
+
+
+def test_a_grant_is_as_wide_as_the_row_but_for_the_named_bounds():
+    row = declared(open_valve)
+    acts, quick = Budget("", "https://plant.example/mcp", 3_600, 20), Budget("", "https://plant.example/mcp", 60, 2)
+    assert grant(open_valve) == Grant("valve-7", "open_valve", tuple(Limit(b.parameter, b.bound) for b in row.limits))
+    less = grant(row, acts, quick, percent=Range(0, 400), bleed=Flags(frozenset({False})))
+    assert [limit.bound for limit in less.limits] == [
+        Range(1, 12), Range(0, 400), Flags(frozenset({False})), Range(-5_000, 5_000), Range(-5_000, 5_000),
+    ]  # fmt: skip
+    assert less.budgets == (quick, acts), "in the order of the wire"
+
+
+@pytest.mark.parametrize(
+    ("function", "tighter", "code", "where"),
+    [
+        (len, {}, PepFault.TOOL_UNDECLARED, "len"),
+        (open_valve, {"opening": Range(0, 1)}, PepFault.DECLARATION_MALFORMED, "open_valve.opening"),
+        (open_valve, {"percent": Range(0, 1_001)}, PepFault.DECLARATION_MALFORMED, "open_valve.percent"),
+        (open_valve, {"percent": Range(5, 4)}, PepFault.DECLARATION_MALFORMED, "open_valve.percent"),
+        (open_valve, {"percent": Words(frozenset({"7"}))}, PepFault.DECLARATION_MALFORMED, "open_valve.percent"),
+        (open_valve, {"bleed": Range(0, 1)}, PepFault.DECLARATION_MALFORMED, "open_valve.bleed"),
+        (open_valve, {"percent": 400}, PepFault.DECLARATION_MALFORMED, "open_valve.percent"),
+    ],
+)
+def test_a_grant_that_the_row_does_not_have_is_refused(function, tighter, code, where):
+    with pytest.raises(DeclarationError) as refused:
+        grant(function, **tighter)
+    assert (refused.value.code, refused.value.detail.startswith(where)) == (code, True)
