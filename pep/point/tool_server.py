@@ -1,18 +1,21 @@
 """Guard of a tool server without a robot: the parts of an enforcement point, a gate, and a door.
 
     app = guard(server, "guard.toml")
+    app.run()
 
-The app's own lifespan starts and ends the feeds. Nothing is served before every tool is declared, registered and as it
-was approved; without a present view of revocations nothing is permitted.
+serves it at its audience; any other ASGI server may do so, too. The app's own lifespan starts and ends the feeds.
+Nothing is served before every tool is declared, registered and as it was approved; without a present view of
+revocations nothing is permitted.
 """
 
 from __future__ import annotations
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
 
-from pep.base.errors import PepError
+from pep.base.errors import ConfigError, PepError, PepFault
 from pep.mcp import guard as tool_guard
 from pep.mcp.declared_tools import decorated, rows_of
 from pep.mcp.tool_digest import ToolPin, definition_digest
@@ -20,13 +23,17 @@ from pep.point.deciding_point import DecidingPoint
 from pep.point.guard_config import GuardConfig
 
 if TYPE_CHECKING:
-    from starlette.types import ASGIApp, Message, Receive, Scope, Send
+    from starlette.types import Message, Receive, Scope, Send
 
     from pep.base.operation_row import Operation
     from pep.mcp.guard import AnyServer
 
+LOOPBACK: Final = "127.0.0.1"
+HTTP_PORT: Final = 80
+"""Port of an `http` URL that states none (RFC 9110, section 4.2.1)."""
 
-def guard(server: AnyServer, config: GuardConfig | Path | str) -> ASGIApp:
+
+def guard(server: AnyServer, config: GuardConfig | Path | str) -> GuardedServer:
     """The guarded HTTP app of a tool server: no tool of it can be reached but through the gate.
 
     Args:
@@ -103,6 +110,35 @@ class GuardedServer(DecidingPoint):
                 await self._app(scope, told, send)
         except PepError as error:
             await send({"type": "lifespan.startup.failed", "message": str(error)})
+
+    def run(self, *, host: str = "", port: int = 0) -> None:
+        """Serves until SIGINT or SIGTERM.
+
+        Args:
+            host: address to listen at; "" is the audience's own.
+            port: likewise; 0 is the audience's own.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`: an audience of `https` is served behind what ends its TLS, at a stated port.
+            SystemExit: it does not start, and has said why.
+        """
+        import uvicorn  # none where another server serves the app
+
+        audience = urlsplit(self.config.audience)
+        if audience.scheme != "http" and not port:
+            said = "audience: https is served behind a proxy; state the port to listen at, as run(port=8900)"
+            raise ConfigError(PepFault.CONFIG_INVALID, said)
+        here = host or (audience.hostname if audience.scheme == "http" else None) or LOOPBACK
+        uvicorn.run(
+            self,
+            host=here,
+            port=port or audience.port or HTTP_PORT,
+            loop="asyncio",
+            ws="none",
+            log_level="warning",
+            access_log=False,
+            server_header=False,
+        )
 
     async def declare(self) -> None:
         """Lets the declared tools be called.

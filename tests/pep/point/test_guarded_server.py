@@ -240,6 +240,35 @@ def test_an_address_that_is_taken_ends_the_start(written):
     assert (refused.value.code, "sensors" in refused.value.detail) == (PepFault.CONFIG_INVALID, True)
 
 
+@pytest.mark.parametrize(
+    ("audience", "stated", "listens"),
+    [
+        ("http://127.0.0.1:8900/mcp", {}, ("127.0.0.1", 8900)),
+        ("http://[::1]:8900/mcp", {}, ("::1", 8900)),
+        ("http://localhost/mcp", {}, ("localhost", 80)),
+        ("http://127.0.0.1:8900/mcp", {"host": "0.0.0.0", "port": 81}, ("0.0.0.0", 81)),  # noqa: S104 - a container's
+        ("https://plant.example/mcp", {"port": 8900}, ("127.0.0.1", 8900)),
+        ("https://plant.example:8443/mcp", {}, None),
+    ],
+)
+def test_it_listens_at_its_audience_or_where_it_is_told(written, monkeypatch, audience, stated, listens):
+    heard = []
+    monkeypatch.setattr("uvicorn.run", lambda app, *, host, port, **_: heard.append((app, host, port)))
+    path = written()
+    path.write_text(path.read_text().replace(AUDIENCE, audience))
+    app = pep.guard(decorated(), path)
+    try:
+        if listens is None:
+            with pytest.raises(ConfigError) as refused:
+                app.run(**stated)
+            assert (refused.value.code, "port" in refused.value.detail) == (PepFault.CONFIG_INVALID, True)
+        else:
+            app.run(**stated)
+        assert heard == ([(app, *listens)] if listens else [])
+    finally:
+        asyncio.run(app.release())
+
+
 def test_a_set_beside_the_configuration_extends_one_beside_itself(written, tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     path = written('policy = "sets/line.toml"\n')
