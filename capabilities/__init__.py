@@ -5,6 +5,7 @@ A person lends a scope to an agent (`mint`), an agent lends part of it on (`dele
 or a socket.
 """
 
+from capabilities.keys.keys import from_pem as key_from_pem
 from capabilities.keys.keys import generate as generate_key
 from capabilities.keys.keys import public_raw
 from capabilities.keys.trust import TrustBundle
@@ -100,6 +101,7 @@ __all__ = [
     "generate_key",
     "hop",
     "inspect_token",
+    "key_from_pem",
     "meet",
     "mint",
     "narrows",

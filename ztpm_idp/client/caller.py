@@ -93,6 +93,7 @@ class Caller:
         self.issuer = issuer
         self._key = key
         self._now = now
+        self._transport = transport
         self.notice = ""
         self.on_notice: Callable[[str], None] | None = None
         self._http = direct_http.client(TIMEOUT_S, transport)

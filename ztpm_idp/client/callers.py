@@ -3,10 +3,9 @@
 Example::
 
     operator = Operator("alice", key, "http://127.0.0.1:8700/ztpm")
-    planner = Agent("planner", planner_key, "http://127.0.0.1:8700/ztpm", measurement)
-    operator.register_agent("planner", planner_raw, software_digest=measurement.hex(), model="none", role="planner")
-    planner.attest()
-    lent = operator.issue(planner, scope, purpose="sweep the table")
+    planner = operator.new_agent("planner", "planner.py", role="planner")
+    mover = operator.new_agent("mover", "mover.py", role="mover")
+    lent = operator.lend(planner, grants, "https://cell.example/mcp", purpose="sweep the table", delegates=["mover"])
     narrower = planner.delegate(lent.token, mover, restriction, purpose="move the arm")
 """
 
@@ -21,23 +20,25 @@ from urllib.parse import quote
 
 import rfc8785
 
-from capabilities.keys.keys import b64u, public_raw, thumbprint
+from capabilities.keys.keys import generate, public_raw, thumbprint
 from capabilities.statements import attestation, mandate, opening
 from capabilities.values.errors import StatementError
+from capabilities.values.scope import Scope, Tier
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.client import person_answers
 from ztpm_idp.client.caller import Caller, ClientError, Issued
-from ztpm_idp.client.people import PeopleCaller
+from ztpm_idp.client.registering import RegistryCaller
 from ztpm_idp.client.renewal import Renewal
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
 
     import httpx2
 
     from capabilities.keys.keys import PrivateKey
-    from capabilities.values.scope import Restriction, Scope
+    from capabilities.values.scope import Grant, Restriction
     from ztpm_idp.client.tools import Tools
 
 
@@ -51,6 +52,8 @@ class Evidence:
 
 DRAWN_S: Final = 3_600
 """Longest life of a drawn token, seconds: that of its evidence."""
+LENT_S: Final = 900
+"""Ours: life of a token that was lent for no stated time, seconds."""
 PAGE_ENTRIES: Final = 2_000
 """Entries of the ledger that are asked for at once: some megabytes."""
 
@@ -198,7 +201,7 @@ class Agent(Caller):
         return attestation.sign(stated, self._key)
 
 
-class Operator(PeopleCaller):
+class Operator(RegistryCaller):
     """A person's side: registering, lending, ending, reading the ledger.
 
     Args:
@@ -207,85 +210,65 @@ class Operator(PeopleCaller):
         now: wall clock, seconds since the epoch.
     """
 
-    def register_agent(
+    def new_agent(
         self,
         id: str,  # noqa: A002
-        key: bytes,
+        software: Path | str,
         *,
-        software_digest: str,
-        model: str,
         role: str,
-        sponsor: str | None = None,
-        workload: str = "",
-    ) -> None:
-        """An agent is registered under a sponsor: this person unless another is named.
-
-        `workload` is the platform's name of it, e.g. "spiffe://cell.example/mover"; without one the agent
-        has evidence of kind `key` alone.
-        """
-        body = {"id": id, "key": b64u(key), "software_digest": software_digest, "model": model, "role": role}
-        named = {"workload": workload} if workload else {}
-        self._post("/agents", body | {"sponsor": sponsor or self.id} | named)
-
-    def retire_agent(self, id: str, reason: str) -> int:  # noqa: A002
-        """The agent and all that is below it are dead, for ever; the epoch."""
-        return int(self._post(f"/agents/{id}/retire", {"reason": reason})["epoch"])
-
-    def suspend_agent(self, id: str, reason: str) -> None:  # noqa: A002
-        """The agent and all that is below it may do nothing until a person restores it."""
-        self._post(f"/agents/{id}/suspend", {"reason": reason})
-
-    def restore_agent(self, id: str, reason: str, *, relearn: bool = False) -> None:  # noqa: A002
-        """The agent's suspension is ended, and its deviations are taken off it: it may act again as before.
+        model: str = "none",
+    ) -> Agent:
+        """An agent that lives in this program: with a new key, registered under this person, and attested.
 
         Args:
-            id: of the agent.
-            reason: for the ledger.
-            relearn: its work has changed: its baseline is learned anew.
+            id: not yet used.
+            software: the file that it runs; its SHA-256 is what is attested.
+            role: its purpose, as planner.
+            model: the language model behind it.
 
         Raises:
-            ClientError: `NOTHING_TO_RESTORE` when it is not suspended and nothing was reported of it, and other codes.
+            OSError: the file cannot be read.
+            ClientError: `ALREADY_REGISTERED`, and other codes of the identity provider.
         """
-        self._post(f"/agents/{id}/restore", {"reason": reason, "relearn": relearn})
+        with open(software, "rb") as file:  # noqa: PTH123 - a path in either form
+            measurement = hashlib.file_digest(file, "sha256").digest()
+        made = Agent(id, generate(), self.issuer, measurement, transport=self._transport, now=self._now)
+        self.register_agent(id, public_raw(made.key), software_digest=measurement.hex(), model=model, role=role)
+        made.attest()
+        return made
 
-    def vouch(self, id: str, reason: str) -> None:  # noqa: A002
-        """The agent, held since a restore, may receive and lend authority again.
-
-        Raises:
-            ClientError: `NOT_PERMITTED`, `AGENT_INACTIVE` and other codes.
-        """
-        self._post(f"/agents/{id}/vouch", {"reason": reason})
-
-    def resume(self, unheard: Iterable[str]) -> None:
-        """The restored identity provider serves again.
+    def lend(
+        self,
+        agent: Agent,
+        grants: Iterable[Grant],
+        audience: str,
+        *,
+        purpose: str,
+        ceiling: Tier = Tier.REVERSIBLE,
+        delegates: Iterable[str] = (),
+        depth: int = 1,
+        lifetime_s: int = LENT_S,
+    ) -> Issued:
+        """A token for an agent of this program, from now on, at one server; `issue` takes any scope.
 
         Args:
-            unheard: exactly the enforcement points that were not heard; every agent is held unless there is none.
+            agent: of this program.
+            grants: each pair once, in any order.
+            audience: canonical URL of the server.
+            purpose: for the token and the ledger.
+            ceiling: highest tier of an act.
+            delegates: agent ids, or `role:NAME`, that may receive the next hop.
+            depth: so many further hops, where there are delegates.
+            lifetime_s: of the token, seconds.
 
         Raises:
-            ClientError: `POINTS_UNHEARD`, whose detail names them; `NOT_RESTORING`, `NOT_PERMITTED`.
+            ClientError: when it is refused.
         """
-        self._post("/restoring/resume", {"unheard": sorted(unheard)})
-
-    def set_trust(self, id: str, permille: int) -> None:  # noqa: A002
-        """The agent's static trust is this."""
-        self._post(f"/agents/{id}/trust", {"permille": permille})
-
-    def register_pep(self, id: str, key: bytes, audiences: Iterable[str]) -> None:  # noqa: A002
-        """An enforcement point is registered."""
-        self._post("/peps", {"id": id, "key": b64u(key), "audiences": list(audiences)})
-
-    def register_sensor(self, id: str, key: bytes, *, calibration: str, transit_ms: int, audience: str) -> None:  # noqa: A002
-        """A sensor is registered for the cell of an audience."""
-        body = {"id": id, "key": b64u(key), "calibration": calibration, "transit_ms": transit_ms, "audience": audience}
-        self._post("/sensors", body)
-
-    def register_tool(
-        self, *, audience: str, name: str, definition_digest: str, operation: str, base_tier: int
-    ) -> None:
-        """A tool's reviewed definition is registered, or replaced."""
-        body = {"audience": audience, "name": name, "definition_digest": definition_digest, "operation": operation}
-        self._post("/tools", body | {"base_tier": base_tier})
+        at, to = int(self._now()), frozenset(delegates)
+        ordered = tuple(sorted(grants, key=lambda each: (each.object, each.operation)))
+        hops = depth if to else 0
+        scope = Scope(ordered, ceiling, frozenset({audience}), to, hops, at, at + lifetime_s)
+        return self.issue(agent, scope, purpose=purpose)
 
     def issue(self, agent: Agent | Evidence, scope: Scope, *, purpose: str) -> Issued:
         """A token for an agent: this person lends it `scope`.

@@ -6,7 +6,6 @@ import re
 import secrets
 import time
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from difflib import ndiff
 from pathlib import Path
 from types import SimpleNamespace
@@ -32,7 +31,8 @@ from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixtur
 
 import capabilities
 from capabilities.keys import keys
-from pep import pins
+from pep import grant, pins
+from ztpm_idp.client import Operator
 
 pytestmark = [pytest.mark.real_time, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
 TOP = Path(__file__).parents[3]
@@ -123,6 +123,9 @@ class Lending:
     def __init__(self, made, trust):
         self.made, self.trust = made, trust
         self.held = {}
+        self._now = time.time
+
+    lend = Operator.lend
 
     def issue(self, who, scope, *, purpose):
         assert purpose
@@ -157,8 +160,8 @@ def ztpm(written):  # noqa: F811
     approved = pins(server["server"])
     lending = Lending(made, trust)
     planner = SimpleNamespace(id="planner", delegate=lending.delegating("planner"))
-    names = {
-        **{name: getattr(capabilities, name) for name in capabilities.__all__}, "time": time.time, "replace": replace,
+    names = server | {
+        **{name: getattr(capabilities, name) for name in capabilities.__all__}, "grant": grant,
         "AUDIENCE": kit.AUDIENCE, "alice": lending, "planner": planner, "worker": SimpleNamespace(id="worker"),
     }  # fmt: skip
     ran(("ztpm", "lend"), names)
