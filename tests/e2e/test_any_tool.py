@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import asyncio
 import json
 import os
@@ -24,17 +25,18 @@ from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
 
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
-from capabilities.values.scope import Budget, Grant, Limit, Range, Restriction, Scope, Stems, Tier
-from pep import pins
+from capabilities.values.scope import Budget, Range, Restriction, Scope, Stems, Tier
+from pep import grant, pins
 from pep.base.declaration import declared
 from ztpm_idp.client import Agent, Denied, Operator
 
 pytestmark = pytest.mark.e2e
 TOP = Path(__file__).parents[2]
 EXAMPLE = TOP / "examples" / "plant.py"
+PAGE = (TOP / "docs" / "guard.md").read_text("utf-8")
 LINES, ADDED, COLUMNS = 80, 30, 100
 """Most lines of a whole example, and of those that guard its tools, with the six of guard.toml."""
-OURS = re.compile(r"\b(Annotated|Metres|Number|operation|guard|config|GuardConfig|door)\b")
+OURS = re.compile(r"\b(Annotated|Metres|Percent|Speed|Within|Word|operation|guard)\b")
 """Names of which a line has one that a server without guard does not need."""
 DEADLINE_S = 30.0
 REVOKED_S = 1.0
@@ -46,13 +48,6 @@ STALE_S = 4.0
 ACCEPTED = {"accept": "application/json, text/event-stream"}
 MEASUREMENT = bytes(range(32))
 ROWS = {tool.name: declared(tool.fn) for tool in server._tool_manager.list_tools()}
-
-
-def grant(name, *budgets, **tighter):
-    """Grant of a tool as wide as its row, but for the named bounds, with these budgets."""
-    row = ROWS[name]
-    limits = (Limit(each.parameter, tighter.get(each.parameter.name, each.bound)) for each in row.limits)
-    return Grant(row.object, name, tuple(limits), budgets)
 
 
 class Signed(httpx2.Auth):
@@ -96,7 +91,7 @@ class Plant:
             alice.register_pep("plant", keys.public_raw(key), [self.audience])
 
         # A person looks at the tools and registers them.
-        person = self.folder / "alice.key"
+        person = self.person
         person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
         person.chmod(0o600)
         pinned = subprocess.run(
@@ -105,6 +100,11 @@ class Plant:
             cwd=TOP, capture_output=True, text=True, timeout=DEADLINE_S, env=self.environment, check=True,
         )  # fmt: skip
         assert json.loads(pinned.stdout) == {"ok": True, "pinned": sorted(ROWS)}
+
+    @property
+    def person(self):
+        """Her key's file."""
+        return self.folder / "alice.key"
 
     @property
     def environment(self):
@@ -128,7 +128,7 @@ class Plant:
         """The planner has all six tools; the worker has each narrower where it has more than one value, but one."""
         now = int(time.time())
         few = {"move_agv": (Budget("", self.audience, 600, 2),)}
-        grants = (grant(name, *few.get(name, ())) for name in ROWS)
+        grants = (grant(row, *few.get(name, ())) for name, row in ROWS.items())
         scope = Scope(
             grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))),
             ceiling=Tier.HIGH_CONSEQUENCE,
@@ -141,11 +141,11 @@ class Plant:
         with self.provider.operator() as alice:
             whole = alice.issue(planner, scope, purpose="run the plant")
         kept = (
-            grant("open_valve", percent=Range(0, 900)),
-            grant("search_docs", query=Stems(frozenset({"oven", "pump 7"}), "")),
-            grant("delete_record", id=Stems(frozenset({"/records/2026"}), "/")),
-            grant("read_sensor"),
-            grant("move_agv"),
+            grant(ROWS["open_valve"], percent=Range(0, 900)),
+            grant(ROWS["search_docs"], query=Stems(frozenset({"oven", "pump 7"}), "")),
+            grant(ROWS["delete_record"], id=Stems(frozenset({"/records/2026"}), "/")),
+            grant(ROWS["read_sensor"]),
+            grant(ROWS["move_agv"]),
         )
         kept = tuple(sorted(kept, key=lambda each: (each.object, each.operation)))
         less = planner.delegate(whole.token, worker, Restriction(grants=kept), purpose="air the hall")
@@ -153,7 +153,7 @@ class Plant:
 
     def start(self):
         self.child = subprocess.Popen(
-            [sys.executable, str(EXAMPLE), str(self.folder / "guard.toml")], cwd=TOP,
+            [sys.executable, str(EXAMPLE), "serve", str(self.folder / "guard.toml")], cwd=TOP,
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
             env=self.environment,
         )  # fmt: skip
@@ -168,6 +168,15 @@ class Plant:
                 except httpx2.TransportError:
                     time.sleep(0.05)  # a process that starts has no other event for a stranger
         raise AssertionError(self.child.communicate(timeout=5)[0].decode())
+
+    def used(self):
+        """Lines that the example prints when it lends and calls."""
+        done = subprocess.run(
+            [sys.executable, str(EXAMPLE), "use", str(self.person), self.provider.issuer, self.audience], cwd=TOP,
+            capture_output=True, text=True, timeout=DEADLINE_S, env=self.environment, check=False,
+        )  # fmt: skip
+        assert (done.returncode, done.stderr) == (0, "")
+        return done.stdout.splitlines()
 
     def records(self):
         lines = (self.folder / "state" / "journal.ndjson").read_text().splitlines()
@@ -230,7 +239,7 @@ def mandated(plant, planner):
     """A connection of the planner's outlives two tokens; the mandate's revocation ends it."""
     now = int(time.time())
     scope = Scope(
-        grants=(grant("read_sensor"),), ceiling=Tier.NO_EFFECT, audiences=frozenset({plant.audience}),
+        grants=(grant(ROWS["read_sensor"]),), ceiling=Tier.NO_EFFECT, audiences=frozenset({plant.audience}),
         delegates=frozenset(), depth=0, not_before=now - 5, not_after=now + 7 * 86_400,
     )  # fmt: skip
 
@@ -266,10 +275,36 @@ def mandated(plant, planner):
 
 
 def test_the_example_is_one_short_file():
-    lines = EXAMPLE.read_text().splitlines()
-    code = lines[next(at for at, line in enumerate(lines) if line.startswith("import ")) :]
+    text = EXAMPLE.read_text()
+    lines = text.splitlines()
     assert len(lines) <= LINES and max(map(len, lines)) <= COLUMNS
-    assert 6 + sum(OURS.search(line) is not None for line in code) <= ADDED
+    assert f"a whole plant in {len(lines)} lines" in PAGE
+    formatted = [
+        sys.executable,
+        "-m",
+        "ruff",
+        "format",
+        "--check",
+        "--no-cache",
+        "--line-length",
+        str(COLUMNS),
+        EXAMPLE,
+    ]
+    assert subprocess.run(formatted, cwd=TOP, capture_output=True, check=False).returncode == 0
+
+    # of ours it imports the packages alone
+    nodes = ast.parse(text).body
+    imported = {each.module for each in nodes if isinstance(each, ast.ImportFrom)}
+    imported |= {alias.name for each in nodes if isinstance(each, ast.Import) for alias in each.names}
+    others = imported - sys.stdlib_module_names
+    assert others == {"mcp.server", "capabilities", "pep", "ztpm_idp.client"}
+
+    # what its author adds to guard the tools; who lends and calls them is another program
+    (use,) = (each for each in nodes if isinstance(each, ast.AsyncFunctionDef))
+    code = lines[: use.lineno - 1] + lines[use.end_lineno :]
+    start = next(at for at, line in enumerate(code) if line.startswith("import "))
+    added = [line for line in code[start:] if OURS.search(line)]
+    assert len(added) >= 2 * len(ROWS) and 6 + len(added) <= ADDED
 
 
 @pytest.mark.timeout(200)
@@ -279,10 +314,19 @@ def test_a_plant_is_guarded(plant):
     whole, less = plant.lend(planner, worker)
     assert plant.start().listens() == 401
 
+    # the example lends, calls, and is told what is refused, by whom, and what would be permitted
+    done, refused = plant.used()
+    assert done == "valve 3 is 40.0 % open"
+    assert f"\n{done}\n" in PAGE
+    assert re.match(
+        r"Denied: LIMIT_EXCEEDED_BY_REQUEST\. percent is 450 permille.* set by worker-\d+ for alice", refused
+    )
+    assert "nearest permitted is 400 permille" in refused
+
     # permitted, of the rounded number, and recorded before
     opened = plant.use(worker, less.token, "open_valve", {"valve": 3, "percent": 45.04})
     assert (told(opened)["decision"], told(opened)["rounded"]) == ("PERMIT", {"percent": 45.0})
-    assert opened.structured_content == {"result": 45.0}
+    assert opened.structured_content == {"result": "valve 3 is 45.0 % open"}
     kinds = [record["kind"] for record in plant.records()]
     assert kinds.index("decision") < kinds.index("outcome")
     assert told(plant.use(worker, less.token, "read_sensor", {"id": 7}))["tier"] == 0
