@@ -3,11 +3,13 @@
 import asyncio
 from contextlib import asynccontextmanager
 from dataclasses import replace
+from typing import Annotated
 
 import httpx2
 from capabilities.statements.registry import ToolEntry
 from capabilities.values.scope import Grant, Limit, Range
 from mcp import Client
+from mcp.server import MCPServer
 from mcp.client.streamable_http import streamable_http_client
 from pep.base.clock import SystemClock
 from pep.base.declaration import declared
@@ -18,6 +20,26 @@ from tests.pep.mcp.test_mcp import Signed
 from tests.pep.point.test_guarded_server import PASSPHRASE
 
 from capabilities.keys import keys
+from pep import Within, operation
+
+
+CALLED = []
+"""Numbers with which the valve was opened."""
+
+
+@operation("valve-7", base_tier=1)
+def open_valve(percent: Annotated[float, Within(0, 1_000, "permille", scale=10, above={800: 3})]) -> float:
+    """Open the valve."""
+    CALLED.append(percent)
+    if percent == 13:
+        raise OSError("stuck")
+    return percent
+
+
+def sdk():
+    server = MCPServer("plant", log_level="ERROR")
+    server.tool()(open_valve)
+    return server
 
 
 def valve_scope(function):

@@ -5,13 +5,12 @@ from typing import Annotated
 
 import httpx2
 import pytest
-from mcp.server import MCPServer
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import ElicitResult, TextContent, ToolExecution
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.mcp.guard import DECISION_META
-from tests.pep.point.alive import living, valve_scope
+from tests.pep.point.alive import CALLED, living, open_valve, sdk, valve_scope
 from tests.pep.kit import AUDIENCE
 from tests.pep.point.test_guarded_server import TABLE, written  # noqa: F401 - a fixture
 
@@ -23,22 +22,6 @@ from fastmcp.tools import Tool, ToolResult
 from fastmcp.tools.base import RawStructuredToolResult
 
 pytestmark = [pytest.mark.real_time, pytest.mark.version, pytest.mark.filterwarnings("ignore::DeprecationWarning")]
-CALLED = []
-
-
-@operation("valve-7", base_tier=1)
-def open_valve(percent: Annotated[float, Within(0, 1_000, "permille", scale=10, above={800: 3})]) -> float:
-    """Open the valve."""
-    CALLED.append(percent)
-    if percent == 13:
-        raise OSError("stuck")
-    return percent
-
-
-def sdk():
-    server = MCPServer("plant", log_level="ERROR")
-    server.tool()(open_valve)
-    return server
 
 
 def fast(**options):

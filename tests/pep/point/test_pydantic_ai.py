@@ -10,8 +10,7 @@ import pytest
 from capabilities.statements.revocation import RevocationView
 from tests.house.pages import BLOCK
 from tests.pep.kit import AUDIENCE
-from tests.pep.point.alive import living, valve_scope
-from tests.pep.point.test_guarded_fastmcp import CALLED, open_valve, sdk
+from tests.pep.point.alive import CALLED, living, open_valve, sdk, valve_scope
 from tests.pep.point.test_guarded_functions import living as program_living
 from tests.pep.point.test_guarded_functions import open_valve as valve_function
 from tests.pep.point.test_guarded_server import written  # noqa: F401 - a fixture

@@ -1,4 +1,5 @@
 import json
+from contextvars import copy_context
 from dataclasses import dataclass, field
 
 import pytest
@@ -35,7 +36,8 @@ def run(monkeypatch):
     monkeypatch.setattr(console, "width", 200)  # whatever the terminal was when it was made
 
     def run(*arguments, answer=None):
-        result = CliRunner().invoke(app, list(map(str, arguments)), input=answer)
+        # In a context of its own: what a command says as JSON is said so by no other test.
+        result = copy_context().run(CliRunner().invoke, app, list(map(str, arguments)), input=answer)
         if result.exception is not None and not isinstance(result.exception, SystemExit):
             raise result.exception
         return Ran(result.exit_code, result.stdout, result.stderr)

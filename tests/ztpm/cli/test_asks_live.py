@@ -43,7 +43,7 @@ def test_answers(run, live, tmp_path):
             "tier": Tier(3), "values": (Quantity("q0", Unit.MICRORADIAN, -600_000),), "token_id": "A" * 22,
             "contributors": tuple(ask.Contributor(**c) for c in SHOWN["contributors"]),
             "start_urad": tuple(SHOWN["start_urad"]), "reasons": tuple(SHOWN["reasons"]), "asked_at": now,
-            "expires_at": now + 60, **changes,
+            "facts": (), "expires_at": now + 60, **changes,
         }  # fmt: skip
         answer = httpx2.post(
             f"{live.addresses.issuer}/approvals",
