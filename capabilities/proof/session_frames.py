@@ -82,6 +82,7 @@ class Session:
     __slots__ = (
         "_from",
         "_lock",
+        "_longest_s",
         "_most_bytes",
         "_most_missing",
         "_opened",
@@ -101,6 +102,7 @@ class Session:
         self._receiving = _keyed(receiving)
         self._from = at - caps.skew_s
         self._until = not_after
+        self._longest_s = caps.skew_s + caps.session_lifetime_s
         self._most_missing = most_missing
         self._most_bytes = caps.frame_bytes
         self._sealed = 0
@@ -115,6 +117,26 @@ class Session:
         A session whose time has passed since the last call still answers False.
         """
         return self._over
+
+    def renew(self, not_after: int, *, at: float) -> Fault | None:
+        """Moves the end of the open session, and nothing else of it: keys and counters go on.
+
+        Args:
+            not_after: when it ends from now on, seconds since the epoch, excluded.
+            at: seconds since the epoch.
+
+        Returns:
+            None; or `PROOF_STALE` when the session is over, or for an end that is past, or later than that of a session
+            that is opened now. Then nothing has changed.
+        """
+        with self._lock:
+            if (over := self._ended(at)) is not None:
+                return over
+            # [SES-10] as for an opening
+            if not at < not_after <= at + self._longest_s:
+                return _NO_END
+            self._until = not_after
+            return None
 
     def seal(self, message: bytes, *, at: float) -> bytes | Fault:
         """The frame of a message to the other end; or the fault.
@@ -209,6 +231,7 @@ def _tag(begun: HMAC, kind: int, counter: int, message: bytes) -> bytes:
 
 
 _OVER: Final = Fault(FaultCode.PROOF_STALE, "SES-6", "the session is over")
+_NO_END: Final = Fault(FaultCode.PROOF_STALE, "SES-10", "no end that a session may have")
 _MALFORMED: Final = Fault(FaultCode.PROOF_MALFORMED, "SES-7", "not a frame")
 _NOT_THEIRS: Final = Fault(FaultCode.PROOF_WRONG_KEY, "SES-7", "not a frame of this session and direction")
 _REPLAYED: Final = Fault(FaultCode.REPLAYED, "SES-8", "not after the last frame")

@@ -190,7 +190,7 @@ def answer(
     except CapabilityError as error:
         return Fault(FaultCode.PROOF_MALFORMED, "SES-2", error.detail)
     # [SES-4] it ends with the token, or sooner
-    ends = min(not_after, math.floor(at) + caps.session_lifetime_s)
+    ends = session_end(not_after, at=at, caps=caps)
     if not at < ends:
         return Fault(FaultCode.PROOF_STALE, "SES-4")
     # [SES-3] the keys
@@ -231,6 +231,17 @@ def answer(
         caps=caps,
     )
     return AnsweredSession(text, session, proven, ends)
+
+
+def session_end(not_after: float, *, at: float, caps: Caps) -> int:
+    """[SES-4] End of a session that is opened or renewed now, seconds since the epoch.
+
+    Args:
+        not_after: end of the token's window, seconds since the epoch.
+        at: seconds since the epoch.
+        caps: the bounds.
+    """
+    return min(math.floor(not_after), math.floor(at) + caps.session_lifetime_s)
 
 
 def conclude(pending: PendingSession, text: bytes, *, at: float, most_missing: int, caps: Caps) -> Session | Fault:

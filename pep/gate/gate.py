@@ -32,6 +32,7 @@ from pep.request.authority import NO_TOKEN
 from pep.request.denial import denial
 from pep.request.edge import Edge
 from pep.request.permit import Permit, unfulfilled
+from pep.request.standing import StandingAuthority
 from pep.world.sequence import ARRIVED
 from policies.decision.pdp import decide
 from policies.decision.policy import requirement
@@ -311,21 +312,21 @@ class Gate(Edge):
         return self._authority.verify(credentials.token, lease_ms=self.lease_ms(call.request))
 
     def _permit(self, call: Call, evidence: Evidence, decision: Decision, decided_ms: int) -> Permit:
-        def standing() -> Fault | None:
-            chain = self._standing(call)
-            return chain if isinstance(chain, Fault) else None
-
+        touch = touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset()
+        lease_ms = self.lease_ms(call.request)
         return Permit(
             request_id=call.request.request_id,
             digest=decision.request_digest,
             since_ms=call.arrived_ms,
             deadline_ms=decided_ms + decision.lifetime_ms,
             clock=self._clock,
-            standing=standing,
+            standing=StandingAuthority(
+                call, self._authority, lease_ms=lease_ms, tier=decision.tier, touch=touch, clock=self._clock
+            ),
             request=call.request,
             index_milli=authorised_milli(decision, self._policies.parameters),
             sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
-            touch=touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset(),
+            touch=touch,
             agent=_agent(call),
         )
 

@@ -127,7 +127,7 @@ class FileJournal:
 
         Args:
             kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident",
-                "lease", "lease-ended", "stream", "stream-values" or "ticket".
+                "lease", "lease-ended", "lease-renewed", "stream", "stream-values" or "ticket".
             body: plain JSON values, finite numbers.
 
         Raises:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pep.base.operation_row import Operation
     from pep.base.ports import Readiness
     from pep.request.authority import Credentials
@@ -28,6 +30,8 @@ class Call:
         arrived_ms: monotonic time of arrival.
         readiness: of the robot, for those who command it the way of this call; None without one.
         context: provenance of its parameters.
+        renewed: gives the caller's credentials of now, where others may take the place of these while the request is
+            carried out; None where none can.
     """
 
     request: Request
@@ -37,3 +41,4 @@ class Call:
     arrived_ms: int
     readiness: Readiness | None
     context: ContextReading | NotCollected = NOT_COLLECTED
+    renewed: Callable[[], Credentials] | None = None

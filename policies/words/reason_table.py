@@ -314,6 +314,18 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "Somebody else holds the motion lease of this robot, or a tool is moving it.",
             "Ask again when that is over.",
         ),
+        Reason.LEASE_UNKNOWN: ReasonRow("No open lease has this id.", "Open a lease."),
+        Reason.LEASE_OF_ANOTHER: ReasonRow(
+            "The lease was opened by another agent, or with another key.", "Renew it as the agent that opened it."
+        ),
+        Reason.MANDATE_MISSING: ReasonRow(
+            "A lease is renewed only between tokens of one mandate, and one of the two is of none.",
+            "Have a mandate signed, and open the lease with a token that was drawn from it.",
+        ),
+        Reason.MANDATE_DIFFERS: ReasonRow(
+            "The token was drawn from another mandate than the one the lease was opened with.",
+            "Draw a token from the lease's mandate, or open a lease of its own.",
+        ),
         Reason.VERDICT_EXPIRED: ReasonRow("The decision was too old to act on.", "Send the request again."),
         Reason.NOT_WHAT_WAS_DECIDED: ReasonRow("What was about to be sent is not what was decided.", _REPORT),
         Reason.RECORD_FAILED: ReasonRow("The decision could not be recorded.", _REPORT),

@@ -3,6 +3,8 @@
 All processes are real.
 """
 
+import asyncio
+import hashlib
 import json
 import os
 import socket
@@ -10,15 +12,25 @@ import subprocess
 import sys
 import textwrap
 import time
+from types import SimpleNamespace
 
 import pytest
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.robot.connections import DASHBOARD
+from tests.e2e.test_gateway import HEAD as RTDE_HEAD
 from tests.e2e.test_gateway import NO_WAY, House, stopped, tools_move
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.program import lease_renewal
+from ztpm.program.lease_renewal import LeaseRenewal
+from ztpm.program.program_lease import begin_lease, free_address, lend, open_lease, place_of
+from ztpm.stage.lending import arm_only, sweep_scope
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import until
 
 import ztpm
+from capabilities.keys import keys
+from ztpm.base.layout import new_key
+from ztpm_idp.client import Agent
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180), pytest.mark.clause("LSD-8")]
 
@@ -189,3 +201,130 @@ def test_no_lease_without_a_gateway_that_is_known(house, asked, code):
         with ztpm.leased(agent, house.issued["mover"].token, **{"data": house.cell.layout.root, **asked}):
             pass
     assert (refused.value.code, refused.value.refused) == (code, False)
+
+
+# ---- renewed
+
+
+class Lending:
+    """A mandate's tokens as two agents lend them on: `foreman` draws, `turner` has the lease."""
+
+    def __init__(self, house):
+        self.alice, stage = house.stage.person("alice"), house.stage
+        self.foreman, self.turner = (
+            stage.new_agent(name, sponsor="alice", role="mover") for name in ("foreman", "turner")
+        )
+        for agent in (self.foreman, self.turner):
+            agent.attest()
+        audience = house.cell.addresses.audience
+        scope = sweep_scope(audience, delegates=frozenset({"turner"}), now=int(time.time()), lifetime_s=800)
+        self.mandate = self.alice.sign_mandate("foreman", scope, purpose="turn for longer than a token")
+        self.drawn = []
+
+    def draw(self):
+        self.drawn.append(self.foreman.draw(self.mandate))
+
+    def lent(self, *, speed_high):
+        """Text of a token for the turner, under the one that was drawn last."""
+        restriction = arm_only(speed_high=speed_high)
+        return self.foreman.delegate(self.drawn[-1].token, self.turner, restriction, purpose="turn").token
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_move_goes_on_across_a_renewal_and_a_narrower_scope_counts_from_then_on(house, eyes, monkeypatch):
+    monkeypatch.setattr(lease_renewal, "LOOK_S", 0.02)
+    lending, before = Lending(house), ends(house)
+    lending.draw()
+    held = [lending.lent(speed_high=600_000)]
+    key, told = lending.turner.key, []
+    place = place_of(house.cell.layout, key)
+    leased, host = open_lease(place.door, held[0], begin_lease(place, held[0], key)), free_address()
+    tokens = SimpleNamespace(token=lambda: held[-1])
+    kept = LeaseRenewal(leased, place.door, key, tokens, held[0], told=told.append).keep
+    renewals = len(house.journal("lease-renewed"))
+
+    def renewed(speed_high):
+        held.append(lending.lent(speed_high=speed_high))
+        until(lambda: len(house.journal("lease-renewed")) == renewals + len(held) - 1, "the renewal on record")
+
+    def worked():
+        text = RTDE_HEAD + textwrap.dedent("""
+            there = [0.6 if q[0] < 0 else -0.6, *q[1:]]
+            say("begins")
+            say(control.moveJ(there, 0.4, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
+            back = [there[0] + (0.4 if there[0] < 0 else -0.4), *q[1:]]
+            say("back")
+            say(control.moveJ(back, 0.4, 1.4))
+            say(control.reuploadScript())  # a move is stopped by ending its script
+            settled()
+            say(control.moveJ(back, 0.4, 1.4))
+            settled()
+            back = receive.getActualQ()
+            back[0] = round(back[0] * 0.9, 6)
+            back = [round(each, 6) for each in back]
+            say(moves(control.moveJ, back, 0.2, 1.4), abs(receive.getActualQ()[0] - back[0]) < 1e-3)
+            sys.stdin.readline()
+        """)
+        with subprocess.Popen(
+            [sys.executable, "-c", text, host], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        ) as program:
+            assert program.stdout.readline() == "begins\n"
+            start = eyes.now().q_rad[0]
+            until(lambda: abs(eyes.now().q_rad[0] - start) > 0.05, "the arm under way")
+            lending.draw()
+            renewed(600_000)
+            lending.alice.revoke("token", lending.drawn[0].token_id, reason="test")
+            assert not eyes.now().still, "all that happened under way"
+            assert program.stdout.readline() == "True True\n", told
+            assert program.stdout.readline() == "back\n"
+            start = eyes.now().q_rad[0]
+            until(lambda: abs(eyes.now().q_rad[0] - start) > 0.05, "the arm under way")
+            renewed(200_000)
+            assert [program.stdout.readline() for _ in range(4)] == ["False\n", "True\n", "False\n", "True True\n"], (
+                told
+            )
+            lending.alice.revoke("mandate", lending.mandate, reason="test")
+            revoked_s = time.monotonic()
+            until(lambda: house.endings()[before:] == ["authority"], "the end on record")
+            assert time.monotonic() - revoked_s < 1.5, "within the usual time, and that of a look at the journal"
+            program.stdin.close()
+
+    async def lent():
+        begun = asyncio.Event()
+        running = asyncio.create_task(lend(leased, host, [], begun=begun.set, told=told.append, kept=kept))
+        await begun.wait()
+        await asyncio.to_thread(worked)
+        return await running
+
+    assert asyncio.run(lent()).early is LeaseEnding.AUTHORITY
+    assert [text.partition(":")[0] for text in told if "VERDICT_EXPIRED" not in text][:1] == [
+        "LIMIT_EXCEEDED_BY_REQUEST"
+    ]
+    tools_move(house)
+
+
+@pytest.mark.clause("LSD-10")
+def test_the_command_draws_from_a_mandate_by_itself(house, tmp_path):
+    software, layout, alice = tmp_path / "lathe.py", house.cell.layout, house.stage.person("alice")
+    software.write_text("print('worked')")
+    measured = hashlib.sha256(software.read_bytes())
+    key = new_key(layout.agent_key("lathe"), house.cell.passphrase)
+    alice.register_agent(
+        "lathe", keys.public_raw(key), software_digest=measured.hexdigest(), model="none", role="mover", sponsor="alice"
+    )
+    with Agent("lathe", key, house.cell.addresses.issuer, measured.digest()) as agent:
+        agent.attest()
+    audience = house.cell.addresses.audience
+    scope = sweep_scope(audience, delegates=frozenset(), now=int(time.time()), lifetime_s=800)
+    mandate = alice.sign_mandate("lathe", scope, purpose="turn")
+    before = ends(house)
+    told = subprocess.run(
+        [sys.executable, "-m", "ztpm", "rtde", "run", "lathe", "--mandate", mandate, "--software", str(software),
+         "--data", str(layout.root), "--", sys.executable, str(software), "{robot}"],
+        env=os.environ | NO_WAY | {PASSPHRASE_VARIABLE: house.cell.passphrase.decode()},
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert (told.returncode, told.stdout) == (0, "worked\n"), told.stderr
+    (draw,) = alice.mandate(mandate)["draws"]
+    assert house.journal("lease")[-1]["hop"] == draw["hop_id"]
+    given_back(house, before)

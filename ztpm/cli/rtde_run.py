@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ztpm.cell.setup import GATEWAY_ID
-from ztpm.cli.agent import AgentName, key_of
+from ztpm.cli.agent import AgentName, agent_of, key_of
 from ztpm.cli.output import FAILURE, fail, fail_at, say_json
-from ztpm.cli.person import CellDirectory, Json, layout_of
-from ztpm.cli.token import TokenFile, read_token
+from ztpm.cli.person import CellDirectory, Json, layout_of, refusals
+from ztpm.cli.token import read_token
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
+    from capabilities.keys.keys import PrivateKey
+    from ztpm.program.lease_renewal import Tokens
     from ztpm.program.program_lease import LeaseOutcome
 
+LeaseToken = Annotated[
+    Path | None, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)
+]
+Mandate = Annotated[
+    str, typer.Option(metavar="MANDATE", help="In place of --token: the mandate that tokens are drawn from meanwhile.")
+]
+LeaseSoftware = Annotated[
+    Path | None,
+    typer.Option("--software", help="With --mandate: the file that the agent runs.", exists=True, dir_okay=False),
+]
 Gateway = Annotated[str, typer.Option(help="URL of the gateway's door (default: of the cell's own gateway).")]
 Audience = Annotated[str, typer.Option(help="Canonical URL of the cell, as the token names it (default: its own).")]
 Pep = Annotated[str, typer.Option(help="Id of the gateway, as it is registered.")]
@@ -35,7 +47,9 @@ def run(
         ),
     ],
     *,
-    token: TokenFile,
+    token: LeaseToken = None,
+    mandate: Mandate = "",
+    software: LeaseSoftware = None,
     gateway: Gateway = "",
     audience: Audience = "",
     pep: Pep = GATEWAY_ID,
@@ -43,6 +57,8 @@ def run(
     directory: CellDirectory = None,
 ) -> None:
     """Run a program that moves the robot under an agent's lease. The lease ends with the program.
+
+    With --mandate the lease is renewed while it lasts: the next token is drawn before the last ends.
 
     The exit status is the program's own; 3 where the lease was refused, 1 where it ended before the program did and the
     program called that a success. Why the gateway refuses something is told on standard error.
@@ -52,7 +68,7 @@ def run(
     ended = _lent(
         agent,
         command,
-        token=token,
+        authority=(token, mandate, software),
         gateway=(gateway, audience, pep),
         address=address,
         directory=directory,
@@ -67,7 +83,9 @@ def run(
 def connect(
     agent: AgentName,
     *,
-    token: TokenFile,
+    token: LeaseToken = None,
+    mandate: Mandate = "",
+    software: LeaseSoftware = None,
     gateway: Gateway = "",
     audience: Audience = "",
     pep: Pep = GATEWAY_ID,
@@ -77,12 +95,19 @@ def connect(
 ) -> None:
     """Hold an agent's lease for a program that runs already; prints where that finds the robot.
 
-    It ends with the program's connection, or with Ctrl-C. Why the gateway refuses something is told on standard error.
+    It ends with the program's connection, or with Ctrl-C; with --mandate it is renewed until then. Why the gateway
+    refuses something is told on standard error.
     """
     from pep.rtde.lease.lease import LEASE_OVER
 
     ended = _lent(
-        agent, [], token=token, gateway=(gateway, audience, pep), address=address, directory=directory, as_json=as_json
+        agent,
+        [],
+        authority=(token, mandate, software),
+        gateway=(gateway, audience, pep),
+        address=address,
+        directory=directory,
+        as_json=as_json,
     )
     if ended.cut_short:
         fail(LEASE_OVER, str(ended.early))
@@ -92,7 +117,7 @@ def _lent(
     agent: str,
     command: list[str],
     *,
-    token: Path,
+    authority: tuple[Path | None, str, Path | None],
     gateway: tuple[str, str, str],
     address: str,
     directory: Path | None,
@@ -100,11 +125,11 @@ def _lent(
 ) -> LeaseOutcome:
     import asyncio
 
+    from ztpm.program.lease_renewal import LeaseRenewal
     from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
     from ztpm.program.refusal_lines import RefusalLines, on_standard_error
 
-    text = read_token(token)
-    key = key_of(agent, directory=directory)
+    key, text, tokens = _authority(agent, *authority, directory=directory)
     door, audience, pep = gateway
 
     def begun(host: str) -> None:
@@ -118,8 +143,31 @@ def _lent(
         host = address or free_address()
         leased = open_lease(place.door, text, begin_lease(place, text, key))
         with RefusalLines(on_standard_error) as lines:
-            return asyncio.run(lend(leased, host, command, begun=lambda: begun(host), told=lines.tell))
+            kept = None if tokens is None else LeaseRenewal(leased, place.door, key, tokens, text, told=lines.tell).keep
+            lending = partial(lend, leased, host, command, begun=lambda: begun(host), told=lines.tell, kept=kept)
+            return asyncio.run(lending())
     except LeaseError as error:
         fail(error.code, error.detail)
     except OSError as error:
         fail_at("", error, "NOT_BEGUN")
+
+
+def _authority(
+    agent: str, token: Path | None, mandate: str, software: Path | None, *, directory: Path | None
+) -> tuple[PrivateKey, str, Tokens | None]:
+    """The agent's key, a token's text, and where the next ones come from; or the end of the command."""
+    from ztpm_idp.client import Denied
+
+    if token is not None and not mandate:
+        return key_of(agent, directory=directory), read_token(token), None
+    if token is not None or not mandate:
+        raise typer.BadParameter("one of both is needed, and only one", param_hint="--token, --mandate")
+    if software is None:
+        raise typer.BadParameter("is needed with --mandate: what the agent runs is attested", param_hint="--software")
+    holder = agent_of(agent, software, directory=directory)
+    tokens = holder.renewal(mandate)
+    try:
+        with refusals():
+            return holder.key, tokens.token(), tokens
+    except Denied as error:
+        fail(error.reason, error.remedy)

@@ -35,7 +35,7 @@ from ztpm.program.program_ports import ProgramPorts
 from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Coroutine, Sequence
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.proof.session_frames import Session
@@ -179,9 +179,9 @@ def open_lease(door: str, token: str, pending: PendingSession) -> OpenedLease:
             answer = http.post(door, content=pending.body, headers=headers, follow_redirects=False)
     except httpx2.HTTPError as error:
         raise LeaseError("GATEWAY_UNREACHABLE", f"{door}: {type(error).__name__}", refused=False) from error
-    said = _members(answer.content)
+    said = members_of(answer.content)
     if answer.status_code != 201:
-        raise LeaseError(*_refusal(said.get("reason"), f"{door} answers {answer.status_code}"), refused=True)
+        raise LeaseError(*refusal_of(said.get("reason"), f"{door} answers {answer.status_code}"), refused=True)
     lease_id, text, port = said.get("lease"), said.get("session"), said.get("port")
     if not (isinstance(lease_id, str) and isinstance(text, str) and type(port) is int and _ID.fullmatch(lease_id)):
         raise LeaseError("GATEWAY_NOT_BELIEVED", "its answer has another form", refused=False)
@@ -210,7 +210,13 @@ class LeaseOutcome:
 
 
 async def lend(
-    leased: OpenedLease, host: str, command: Sequence[str], *, begun: Callable[[], None], told: Callable[[str], None]
+    leased: OpenedLease,
+    host: str,
+    command: Sequence[str],
+    *,
+    begun: Callable[[], None],
+    told: Callable[[str], None],
+    kept: Callable[[], Coroutine[None, None, None]] | None = None,
 ) -> LeaseOutcome:
     """Serves the robot's ports at `host` until the lease or the program is over.
 
@@ -225,6 +231,7 @@ async def lend(
         begun: called once the ports are there.
         told: is given each reason for which the gateway has refused something, a line of text. Must not wait: the lease
             does meanwhile.
+        kept: renews the lease while it lasts (`ztpm.program.lease_renewal`); None where its token is the only one.
 
     Raises:
         OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.
@@ -236,6 +243,7 @@ async def lend(
     )
     stopped = asyncio.Event()
     program: asyncio.subprocess.Process | None = None
+    keeping: asyncio.Task[None] | None = None
 
     def passed_on(number: signal.Signals) -> None:
         stopped.set()
@@ -247,6 +255,7 @@ async def lend(
         loop.add_signal_handler(number, passed_on, number)
     try:
         await ports.begin(gateway=leased.gateway, host=host)
+        keeping = None if kept is None else asyncio.create_task(kept())
         goes_first()  # not the program: it is an ordinary one unless it says otherwise itself
         if command:
             place = os.environ | {VARIABLE: host}
@@ -264,12 +273,14 @@ async def lend(
             await program.wait()
         early = over.result() if over.done() else None
     finally:
+        if keeping is not None:
+            keeping.cancel()
         ports.close()
     status = 0 if program is None or program.returncode is None else program.returncode
     return LeaseOutcome(early, status if status >= 0 else KILLED - status)
 
 
-def _refusal(reason: object, otherwise: str) -> tuple[str, str]:
+def refusal_of(reason: object, otherwise: str) -> tuple[str, str]:
     """Code and detail of a refusal: the text of a known reason, else `otherwise`."""
     if isinstance(reason, str) and reason in Reason.__members__:
         row = REASONS[Reason(reason)]
@@ -277,7 +288,7 @@ def _refusal(reason: object, otherwise: str) -> tuple[str, str]:
     return "GATEWAY_FAILED", otherwise
 
 
-def _members(content: bytes) -> dict[str, object]:
+def members_of(content: bytes) -> dict[str, object]:
     """The members of an answer; none where it is no JSON object."""
     try:
         said = strict_json.read(content, limit_bytes=ANSWER_BYTES, limit_depth=1)

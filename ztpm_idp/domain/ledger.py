@@ -37,6 +37,7 @@ RECORD_KINDS: Final = frozenset(
         "incident",
         "lease",
         "lease-ended",
+        "lease-renewed",
         "stream",
         "stream-values",
         "ticket",

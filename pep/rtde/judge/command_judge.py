@@ -153,6 +153,8 @@ class LeasedJudge:
                 return
             if case.forwarded or case.withdrawn:
                 return
+            if case.renewed:
+                continue  # decided afresh, by the token that stands now
             ask = answer.ask
             if answer.decision.effect is not Effect.DEFER or ask is None or ask.ask_id in waited_for:
                 held.deny(answer.decision.reason, _why(answer.decision))
@@ -167,7 +169,8 @@ class LeasedJudge:
         self, case: ActiveCommand, asked: CommandedOperation, fitted: ToolSetup
     ) -> GateResult | InputRefusal:
         """One run of the gate, from now."""
-        credentials = case.held.lease.credentials
+        lease = case.held.lease
+        case.credentials = credentials = lease.credentials
         request = request_of(asked, request_id=secrets.token_hex(16), audience=self._audience, at=self._clock.wall_s())
         if isinstance(request, InputRefusal):
             return request
@@ -178,6 +181,7 @@ class LeasedJudge:
             credentials=credentials,
             arrived_ms=self._clock.monotonic_ms(),
             readiness=self._readiness,
+            renewed=lambda: lease.credentials,
         )
         prepared: Prepared | None = None
         if asked.stream and isinstance(credentials.chain, Chain):

@@ -11,7 +11,7 @@ from pep.base.errors import ActuationRefusedError, JournalError
 from pep.base.operation_row import Moves, OperationKind
 from pep.base.operations import digest_of, touchable
 from pep.gate.gate import EffectResult
-from pep.rtde.command.stream_bounds import StreamBounds
+from pep.rtde.judge.lease_bounds import LeaseBounds
 from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, StreamProgress, envelope
 from pep.rtde.motion.motion_follower import TargetProgress, TimedProgress
 from pep.rtde.motion.motions import finished
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from capabilities.values.chain import Chain
     from capabilities.values.scope import Grant
     from pep.base.ports import Clock, RemainingImpact
+    from pep.request.authority import Credentials
     from pep.request.permit import Permit
     from pep.rtde.command.command_values import Command
     from pep.rtde.command.io_commands import IoCommand
@@ -77,6 +78,7 @@ class ActiveCommand:
         command: the same, as it was asked about; no other one is sent.
         withdrawn: whether its program waits no longer.
         forwarded: whether it was sent.
+        credentials: of the lease, by which it was decided last; None before.
         task: that decides it.
     """
 
@@ -84,7 +86,13 @@ class ActiveCommand:
     command: Command | IoCommand
     withdrawn: bool = False
     forwarded: bool = False
+    credentials: Credentials | None = None
     task: asyncio.Task[None] | None = None
+
+    @property
+    def renewed(self) -> bool:
+        """True where another token has taken the place of the one by which it was decided last."""
+        return self.credentials is not self.held.lease.credentials
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,7 +194,7 @@ class LeasedEffects:
             self._send(case, asked, permit, None)
             return EffectResult({"outcome": "sent"})
         arm = await self._motions.begins(permit)
-        stream = self._begun(held, asked, prepared, fitted, permit=permit, arm=arm)
+        stream = self._begun(case, asked, prepared, fitted, permit=permit, arm=arm)
         watch = self._watching(permit, remaining=self._remaining if stream is None else stream)
         self._send(case, asked, permit, stream)
         arm.sent()
@@ -210,7 +218,7 @@ class LeasedEffects:
 
     def _begun(
         self,
-        held: PendingCommand,
+        case: ActiveCommand,
         asked: CommandedOperation,
         prepared: Prepared | None,
         fitted: ToolSetup,
@@ -226,14 +234,14 @@ class LeasedEffects:
         stream = LeasedStream(
             prepared.certifying,
             permit,
-            bounds=StreamBounds(asked.operation, prepared.grant),
+            bounds=LeaseBounds(asked.operation, prepared.grant, case.held.lease, case.credentials),
             parameters=self._parameters,
             fitted=fitted,
             arm=arm,
             stopper=self._motions.stopper,
             clock=self._clock,
         )
-        reason = stream.step(held.command)  # type: ignore[arg-type]  # a stream's command is one of the control interface
+        reason = stream.step(case.held.command)  # type: ignore[arg-type]  # a stream's command is one of the control interface
         if reason is not None:
             raise ActuationRefusedError(reason, "the first value of the stream")
         return stream
@@ -247,6 +255,8 @@ class LeasedEffects:
             raise ActuationRefusedError(Reason.VERDICT_EXPIRED, "the program waits no longer")
         if case.held.command != case.command:
             raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "another command than was asked about")
+        if case.renewed and (fault := permit.standing()) is not None:
+            raise ActuationRefusedError(Reason(fault.code), "the lease's token is another one since, which has less")
         digest = digest_of(asked.operation, asked.spelt, audience=self._audience)
         permit.spend(digest=digest, stopped_ms=self._motions.stopper.stopped_ms)
         case.forwarded = case.held.forward(stream)

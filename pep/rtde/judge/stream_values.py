@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.request.permit import Permit
     from pep.rtde.command.command_values import Command, Six
-    from pep.rtde.command.stream_bounds import StreamBounds
     from pep.rtde.judge.command_requests import ToolSetup
+    from pep.rtde.judge.lease_bounds import LeaseBounds
     from pep.rtde.robot.judge_port import Stopper
     from pep.rtde.robot.newest_state import NewestState
     from pep.rtde.robot.state_receiver import JointState
@@ -89,7 +89,7 @@ class LeasedStream:
         certifying: Certifying,
         permit: Permit,
         *,
-        bounds: StreamBounds,
+        bounds: LeaseBounds,
         parameters: Parameters,
         fitted: ToolSetup,
         arm: NewestState,
@@ -109,6 +109,7 @@ class LeasedStream:
         self._until_ms = self._began_ms + LASTS_MS
         self._form: _Form | None = None  # of the command that was stepped last
         self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
+        self._numbers: tuple[float, ...] | None = None  # of the value that stands
         self._lost: Reason | None = None
         self._ended_ms: int | None = None
         self._taken: list[tuple[int, tuple[float, ...]]] = []
@@ -157,6 +158,7 @@ class LeasedStream:
             reason = Reason.WATCH_LATE
         if reason is None:
             self._stands = value, None if form.stands_ms is None else now_ms + form.stands_ms
+            self._numbers = numbers
             self._taken.append((now_ms, numbers))
         return reason
 
@@ -195,7 +197,9 @@ class LeasedStream:
 
     @property
     def lost(self) -> Reason | None:
-        """Reason for which a value was not taken; None while each was."""
+        """Reason for which a value was not taken, or the one that stands is outside of bounds since; None before."""
+        if self._lost is None and self._ended_ms is None and self._numbers is not None:
+            self._lost = self._bounds.outside(self._numbers)
         return self._lost
 
     @property

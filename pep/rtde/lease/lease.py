@@ -11,8 +11,12 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values.chain import Chain
+from policies.words.reason_table import Reason
+
 if TYPE_CHECKING:
     from capabilities.proof.session_frames import Session
+    from capabilities.values.errors import Fault
     from pep.request.authority import Credentials
 
 BEAT_MS: Final = 500
@@ -47,14 +51,14 @@ class LeaseEnding(StrEnum):
     """The gateway ends."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True, eq=False)
 class Lease:
-    """One lease.
+    """One lease. Another token may take the place of the one that it was opened with ([LSD-10]).
 
     Attributes:
         id: `ID_BYTES` random bytes.
         agent: agent that holds it.
-        credentials: token and proof it was opened with, verified.
+        credentials: token and proof it was opened or last renewed with, verified; looked up for each judgement.
         session: the gateway's end.
         not_after: end of the session, seconds since the epoch.
     """
@@ -64,6 +68,34 @@ class Lease:
     credentials: Credentials
     session: Session
     not_after: int
+
+    def unfit(self, chain: Chain) -> Reason | None:
+        """Reason why a token with this verified chain cannot renew the lease; None where it can.
+
+        It has to be for the same agent with the same key, and of the same mandate.
+        """
+        held = self.credentials.chain
+        if not isinstance(held, Chain) or (held.leaf.agent, held.leaf.key) != (chain.leaf.agent, chain.leaf.key):
+            return Reason.LEASE_OF_ANOTHER
+        if held.mandate_id is None or chain.mandate_id is None:
+            return Reason.MANDATE_MISSING
+        return None if held.mandate_id == chain.mandate_id else Reason.MANDATE_DIFFERS
+
+    def renew(self, credentials: Credentials, not_after: int, *, at: float) -> Fault | None:
+        """Puts another token in the place of the lease's own, for all that is judged from now on.
+
+        Args:
+            credentials: verified, and not `unfit`.
+            not_after: end of the session from now on, seconds since the epoch.
+            at: seconds since the epoch.
+
+        Returns:
+            None; or the fault for which nothing has changed: the session is over.
+        """
+        fault = self.session.renew(not_after, at=at)
+        if fault is None:
+            self.credentials, self.not_after = credentials, not_after
+        return fault
 
 
 @dataclass(slots=True)

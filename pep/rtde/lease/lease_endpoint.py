@@ -1,10 +1,13 @@
-"""Endpoint at which a lease is requested: a POST with a token and a proof over the opening.
+"""Endpoint at which a lease is requested and renewed: a POST or a PUT with a token and a proof.
 
-    request    Authorization: DPoP <token>, DPoP: <proof>, body: the opening
+    request    POST, Authorization: DPoP <token>, DPoP: <proof>, body: the opening
                (`capabilities.proof.session_opening`, [SES-1])
     answer     201 {"lease", "session", "port"}; 401 and the reason for a fault of steps 1 to 10, 409 LEASE_HELD
+    request    PUT, the same headers with another token, body: {"lease"}, as it was answered ([LSD-10])
+    answer     200 {"not_after"}; 401 as above, 404 LEASE_UNKNOWN, 403 for another agent, key or mandate
 
-The lease is on record before it is answered. Its carriage is then brought to `port` within `SILENCE_MS`.
+A lease is on record before it is answered, and so is each renewal. Its carriage is then brought to `port` within
+`SILENCE_MS`.
 """
 
 from __future__ import annotations
@@ -13,7 +16,7 @@ import asyncio
 import contextlib
 import math
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -24,6 +27,7 @@ from starlette.routing import Route
 from capabilities.keys import keys
 from capabilities.proof import session_opening
 from capabilities.proof.key_agreement import KEY_BYTES, NONCE_BYTES
+from capabilities.values import strict_json
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault
 from pep.base import caller_place
@@ -45,6 +49,8 @@ if TYPE_CHECKING:
     from pep.rtde.lease.lease import Leases
 
 OPENING_BYTES: Final = 2_048
+RENEWING: Final = "PUT"
+"""Method of a renewal."""
 LOSSLESS: Final = 0
 """Frames that the carriage may lose: none, since it is TCP."""
 
@@ -80,12 +86,66 @@ class LeaseEndpoint:
     lease_ms: int
     vacated: Callable[[], bool] = lambda: True
     random: Callable[[int], bytes] = secrets.token_bytes
+    turn: asyncio.Lock = field(default_factory=asyncio.Lock, repr=False)
+    """Of renewals: they count in the order in which they are on record."""
 
     def app(self) -> Starlette:
         """ASGI app of the endpoint."""
-        return Starlette(routes=[Route(urlsplit(self.url).path, self._asked, methods=[session_opening.METHOD])])
+        path = urlsplit(self.url).path
+        asked = Route(path, self._asked, methods=[session_opening.METHOD])
+        return Starlette(routes=[asked, Route(path, self._renewed, methods=[RENEWING])])
 
     async def _asked(self, request: Request) -> JSONResponse:
+        proven = await self._proven(request, session_opening.METHOD)
+        if isinstance(proven, JSONResponse):
+            return proven
+        presented, credentials, chain = proven
+        opened = self._opened(presented, credentials, chain)
+        if isinstance(opened, Fault):
+            return await self._refuse(401, Reason(opened.code), credentials)
+        lease, answer = opened
+        vacant = self.leases.current is None and self.vacated()
+        if not (vacant and self.leases.open(lease, at_ms=self.clock.monotonic_ms())):
+            return await self._refuse(409, Reason.LEASE_HELD, credentials)
+        try:
+            # No durable record, no lease: each motion under it is on record besides.
+            body = self._recorded(credentials, chain, lease.not_after)
+            await asyncio.to_thread(self.journal.append, "lease", body)
+        except JournalError:
+            self.leases.end(lease)
+            return _denied(503, Reason.RECORD_FAILED)
+        return JSONResponse({"lease": lease.id.hex(), "session": answer, "port": self.port}, status_code=201)
+
+    async def _renewed(self, request: Request) -> JSONResponse:
+        """[LSD-10] Another token in the place of the lease's own."""
+        proven = await self._proven(request, RENEWING)
+        if isinstance(proven, JSONResponse):
+            return proven
+        presented, credentials, chain = proven
+        lease = self.leases.current
+        if lease is None or not secrets.compare_digest(_lease_named(presented.body), lease.id):
+            return await self._refuse(404, Reason.LEASE_UNKNOWN, credentials)
+        unfit = lease.unfit(chain)
+        if unfit is not None:
+            return await self._refuse(403, unfit, credentials)
+        async with self.turn:
+            at = self.clock.wall_s()
+            not_after = session_opening.session_end(chain.scope.not_after, at=at, caps=self.caps)
+            try:
+                body = self._recorded(credentials, chain, not_after)
+                await asyncio.to_thread(self.journal.append, "lease-renewed", body)
+            except JournalError:
+                return _denied(503, Reason.RECORD_FAILED)
+            # The lease may be over since, and the token too; that one who looks after the lease sees.
+            over = self.leases.current is not lease
+            if over or lease.renew(credentials, not_after, at=self.clock.wall_s()) is not None:
+                return await self._refuse(404, Reason.LEASE_UNKNOWN, credentials)
+        return JSONResponse({"not_after": not_after})
+
+    async def _proven(
+        self, request: Request, method: str
+    ) -> tuple[PresentedRequest, Credentials, Chain] | JSONResponse:
+        """The request with its verified token and proof; or the refusal, which is on record."""
         body = await _body(request)
         if body is None:
             return await self._refuse(413, Reason.BODY_TOO_LARGE, None)
@@ -94,7 +154,7 @@ class LeaseEndpoint:
         presented = PresentedRequest(
             token=text if scheme.lower() == "dpop" and text else None,
             proof=proof,
-            method=session_opening.METHOD,
+            method=method,
             url=self.url,
             body=body,
         )
@@ -106,20 +166,18 @@ class LeaseEndpoint:
             return await self._refuse(401, Reason(fault.code), credentials)
         assert isinstance(credentials.chain, Chain)
         caller_place.proven(request.scope, credentials.chain.leaf.agent)
-        opened = self._opened(body, presented, credentials, credentials.chain)
-        if isinstance(opened, Fault):
-            return await self._refuse(401, Reason(opened.code), credentials)
-        lease, answer = opened
-        vacant = self.leases.current is None and self.vacated()
-        if not (vacant and self.leases.open(lease, at_ms=self.clock.monotonic_ms())):
-            return await self._refuse(409, Reason.LEASE_HELD, credentials)
-        try:
-            # No durable record, no lease: each motion under it is on record besides.
-            await asyncio.to_thread(self.journal.append, "lease", _record(lease, self.clock.wall_s()))
-        except JournalError:
-            self.leases.end(lease)
-            return _denied(503, Reason.RECORD_FAILED)
-        return JSONResponse({"lease": lease.id.hex(), "session": answer, "port": self.port}, status_code=201)
+        return presented, credentials, credentials.chain
+
+    def _recorded(self, credentials: Credentials, chain: Chain, not_after: int) -> dict[str, Any]:
+        """Record of a lease for the journal, without its id, which is the way to its carriage."""
+        return {
+            "at": self.clock.wall_s(),
+            "agent": chain.leaf.agent,
+            "hop": chain.leaf.hop_id,
+            "key": keys.thumbprint(chain.leaf.key),
+            "proof": credentials.proof_name,
+            "not_after": not_after,
+        }
 
     async def _refuse(self, status: int, reason: Reason, credentials: Credentials | None) -> JSONResponse:
         body = records.refusal(
@@ -134,13 +192,11 @@ class LeaseEndpoint:
             await asyncio.to_thread(self.journal.append, "refusal", body)
         return _denied(status, reason)
 
-    def _opened(
-        self, body: bytes, presented: PresentedRequest, credentials: Credentials, chain: Chain
-    ) -> tuple[Lease, str] | Fault:
+    def _opened(self, presented: PresentedRequest, credentials: Credentials, chain: Chain) -> tuple[Lease, str] | Fault:
         assert presented.token is not None
         assert presented.proof is not None
         answered = session_opening.answer(
-            body,
+            presented.body,
             presented.proof,
             holder_key=chain.leaf.key,
             url=self.url,
@@ -160,18 +216,19 @@ class LeaseEndpoint:
         return lease, answered.text.decode()
 
 
-def _record(lease: Lease, at: float) -> dict[str, Any]:
-    """Record of the lease for the journal, without its id, which is the way to its carriage."""
-    chain = lease.credentials.chain
-    assert isinstance(chain, Chain)
-    return {
-        "at": at,
-        "agent": lease.agent,
-        "hop": chain.leaf.hop_id,
-        "key": keys.thumbprint(chain.leaf.key),
-        "proof": lease.credentials.proof_name,
-        "not_after": lease.not_after,
-    }
+def renewal_body(lease_id: bytes) -> bytes:
+    """Body of a renewal of the lease with this id."""
+    return strict_json.canonical({"lease": lease_id.hex()})
+
+
+def _lease_named(body: bytes) -> bytes:
+    """Id of the lease in a renewal's body; nothing where that is any other text than its one spelling."""
+    try:
+        named = strict_json.read(body, limit_bytes=OPENING_BYTES, limit_depth=1)
+        lease_id = bytes.fromhex(str(named.get("lease"))) if isinstance(named, dict) else b""
+    except ValueError:
+        return b""
+    return lease_id if body == renewal_body(lease_id) else b""
 
 
 def _one(request: Request, name: str) -> str | None:

@@ -427,3 +427,43 @@ class Sessions(RuleBasedStateMachine):
 
 Sessions.TestCase.settings = settings(stateful_step_count=40)
 test_any_moves_agree_with_the_twin = Sessions.TestCase
+
+
+LONGEST_S = DEFAULT.skew_s + DEFAULT.session_lifetime_s
+
+
+@pytest.mark.clause("SES-10")
+def test_a_renewed_session_goes_on_with_its_keys_and_counters_to_its_new_end():
+    holder, verifier = ends()
+    assert verifier.open(holder.seal(b"before", at=NOW), at=NOW) == SessionMessage(b"before", 0)
+    later = ENDS + 300
+    assert (holder.renew(later, at=ENDS - 1), verifier.renew(later, at=ENDS - 1)) == (None, None)
+    frame = holder.seal(b"after", at=ENDS)
+    assert frame == framed(0, 2, b"after")
+    assert verifier.open(frame, at=later - 1) == SessionMessage(b"after", 0)
+    assert code(verifier.open(holder.seal(b"late", at=later - 1), at=later)) == OVER
+
+
+@pytest.mark.clause("SES-10")
+def test_a_renewal_may_end_a_session_sooner_too():
+    holder, _ = ends()
+    assert holder.renew(NOW + 10, at=NOW) is None
+    assert code(holder.seal(b"", at=NOW + 10)) == OVER
+
+
+@pytest.mark.clause("SES-10")
+@pytest.mark.parametrize("not_after", [NOW, NOW - 1, NOW + LONGEST_S + 1])
+def test_an_end_that_no_session_may_have_changes_nothing(not_after):
+    holder, _ = ends()
+    assert code(holder.renew(not_after, at=NOW)) == (FaultCode.PROOF_STALE, "SES-10")
+    assert not isinstance(holder.seal(b"", at=ENDS - 1), Fault)
+    assert code(holder.seal(b"", at=ENDS)) == OVER
+
+
+@pytest.mark.clause("SES-10")
+def test_a_session_that_is_over_is_not_renewed():
+    closed, late = ends()
+    closed.close(at=NOW)
+    assert code(closed.renew(ENDS, at=NOW)) == OVER
+    assert code(late.renew(ENDS + 10, at=ENDS)) == OVER
+    assert code(late.seal(b"", at=NOW)) == OVER

@@ -43,3 +43,10 @@ def test_the_same_of_a_program(run, cell, code, tmp_path):
     assert told.status == 1
     assert told.err.startswith("REGISTRY_UNAVAILABLE")
     assert not began.exists()
+
+
+def test_a_token_or_a_mandate_and_not_both(run, cell, code, tmp_path):
+    token, software = ("--token", tmp_path / "token"), ("--software", __file__)
+    for given in ((), (*token, "--mandate", "ab" * 16, *software), ("--mandate", "ab" * 16)):
+        told = run("rtde", "connect", "lessee", *given, "--data", cell.root, "--json")
+        assert (told.status, told.json["code"]) == (2, "USAGE")

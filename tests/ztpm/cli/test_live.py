@@ -125,11 +125,15 @@ def test_an_agents_life(run, live, tmp_path):
     assert run("token", "inspect", drawn, "--trust", live.layout.trust, "--json").json["mandate_id"] == promise
     (row,) = done("mandate", "list", "--as", "alice")["mandates"]
     assert (row["mandate_id"], row["state"], row["live"]) == (promise, "in force", 1)
+    leasing = ("rtde", "connect", "mover", "--mandate", promise, *runs)
+    assert refused(*leasing)[1] == "GATEWAY_UNREACHABLE"  # there is none, but a token for it was drawn
+    assert done("mandate", "show", promise, "--as", "alice")["draws"][0]["token_id"] != token_id
     assert promise in run("mandate", "list", *data, "--as", "alice").out
     shown = run("mandate", "show", promise, *data, "--as", "alice").out
     assert token_id in shown and "in force" in shown
     assert done("mandate", "revoke", promise, "--reason", "done", "--as", "alice")["known"] is True
     assert refused(*draw, tmp_path / "x") == (3, "MANDATE_REVOKED")
+    assert refused(*leasing) == (3, "MANDATE_REVOKED")
     assert refused("mandate", "show", "0" * 32, "--as", "alice") == (3, "MANDATE_UNKNOWN")
     for lifetime_s, code in ((700_000, "STATEMENT_MALFORMED"), (-1, "STATEMENT_MALFORMED")):
         long = sweep_scope(live.addresses.audience, delegates=frozenset(), now=int(time.time()), lifetime_s=1)

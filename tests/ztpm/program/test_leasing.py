@@ -13,12 +13,15 @@ from pep.base.clock import SystemClock
 from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.robot.connections import PORTS
 from policies.words.reason_table import REASONS, Reason
-from tests.pep.kit import AUDIENCE, HOST, PORT, Rig
-from tests.pep.rtde.lease.test_lease import ECHO, URL, House, Robot, until
+from tests.pep.kit import AUDIENCE, HOST, PORT, Rig, full_scope
+from tests.pep.rtde.lease.test_lease import ECHO, URL, House, Robot, drawn, until
 from ztpm.base.loopback import free_host, is_free
+from ztpm.program import lease_renewal
+from ztpm.program.lease_renewal import LeaseRenewal
 from ztpm.program.program_lease import PLACE, VARIABLE, LeaseError, Place, begin_lease, lend, open_lease
 
 from capabilities.keys import keys
+from ztpm_idp.client import ClientError
 
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(60)]
 
@@ -76,6 +79,19 @@ def program(text, *arguments):
 
 def vacant(host):
     return all(is_free(host, port) for port in PORTS)
+
+
+class Tokens:
+    """Tokens of a mandate, the last one again and again; what is no text is raised."""
+
+    def __init__(self, *texts):
+        self.texts = list(texts)
+
+    def token(self):
+        text = self.texts.pop(0) if len(self.texts) > 1 else self.texts[0]
+        if isinstance(text, Exception):
+            raise text
+        return text
 
 
 def nothing():
@@ -198,3 +214,84 @@ def test_nobody_there_is_told():
     with pytest.raises(LeaseError) as refused:
         open_lease(place.door, "a", begin_lease(place, "a", keys.generate()))
     assert (refused.value.code, refused.value.refused) == ("GATEWAY_UNREACHABLE", False)
+
+
+# ---- renewed
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_lease_is_renewed_while_its_program_works_and_outlives_its_first_token(tmp_path, monkeypatch):
+    monkeypatch.setattr(lease_renewal, "LOOK_S", 0.05)
+
+    async def scenario(door):
+        rig = door.house.rig
+        short = full_scope(rig.clock.wall_s(), lifetime_s=2)
+        first = drawn(door.house, scope=short)
+        second = drawn(door.house, first)
+        leased, heard = await door.lease(first), []
+        ends = door.house.leases.current.not_after
+        tokens = Tokens(first.text, second.text)
+        renewal = LeaseRenewal(leased, URL, first.key, tokens, first.text, told=heard.append)
+        host, begun = free_host(secrets.token_bytes(16), vacant), asyncio.Event()
+        running = asyncio.create_task(
+            lend(leased, host, program(STAYS, "0"), begun=begun.set, told=unheard, kept=renewal.keep)
+        )
+        await begun.wait()
+        await until(lambda: door.house.leases.current.not_after > ends)
+        await until(lambda: rig.clock.wall_s() > ends + 0.6)  # beats of both ends went on beyond the first token
+        assert door.house.leases.current is not None
+        door.house.port.end(LeaseEnding.GATEWAY)
+        ended = await running
+        assert (ended.early, ended.status) == (LeaseEnding.GATEWAY, 7)
+        assert heard == []
+        renewed = [r["body"]["hop"] for r in rig.journal.records() if r["kind"] == "lease-renewed"]
+        assert renewed == [second.hop_id], "each token once"
+
+    served(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_renewal_that_fails_is_told_and_tried_again(tmp_path, monkeypatch):
+    monkeypatch.setattr(lease_renewal, "LOOK_S", 0.01)
+    monkeypatch.setattr(lease_renewal, "AGAIN_S", 0.01)
+
+    async def scenario(door):
+        first = drawn(door.house)
+        foreign, second = drawn(door.house, first, mandate_id="cd" * 16), drawn(door.house, first)
+        leased, heard = await door.lease(first), []
+        no_more = ClientError("MANDATE_REVOKED", 403, "it is\x1b[2J over")
+        tokens = Tokens(no_more, foreign.text, RuntimeError(), second.text)
+        renewal = LeaseRenewal(leased, URL, first.key, tokens, first.text, told=heard.append)
+        keeping = asyncio.create_task(renewal.keep())
+        await until(lambda: door.house.leases.current.credentials.chain.leaf.hop_id == second.hop_id)
+        keeping.cancel()
+        revoked, differs, broken = heard
+        assert revoked.startswith("MANDATE_REVOKED (403): it is?[2J")
+        assert (
+            differs
+            == f"MANDATE_DIFFERS: {REASONS[Reason.MANDATE_DIFFERS].text} {REASONS[Reason.MANDATE_DIFFERS].remedy}"
+        )
+        assert broken == "RuntimeError"
+
+    served(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+@pytest.mark.parametrize("said", [b"", b"{}", b'{"not_after":true}', b'{"not_after":1}', b'{"not_after":99999999999}'])
+def test_an_answer_of_another_form_renews_nothing_at_this_end(tmp_path, said):
+    async def scenario(door):
+        first = drawn(door.house)
+        leased = await door.lease(first)
+
+        async def other(scope, receive, send):
+            await send({"type": "http.response.start", "status": 200, "headers": []})
+            await send({"type": "http.response.body", "body": said})
+
+        door.server.config.loaded_app = other
+        tokens = Tokens(drawn(door.house, first).text)
+        renewal = LeaseRenewal(leased, URL, first.key, tokens, first.text, told=unheard)
+        with pytest.raises(LeaseError) as refused:
+            await asyncio.to_thread(renewal.look)
+        assert refused.value.code == "GATEWAY_NOT_BELIEVED"
+
+    served(scenario, tmp_path)

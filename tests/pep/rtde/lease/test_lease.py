@@ -7,14 +7,16 @@ import secrets
 import socket
 import time
 from enum import StrEnum
+from types import SimpleNamespace
 
 import httpx2
 import pytest
 from capabilities.values.caps import DEFAULT as CAPS
+from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault
 from pep.base.clock import SystemClock
 from pep.rtde.lease.lease import SILENCE_MS, LeaseEnding, Leases
-from pep.rtde.lease.lease_endpoint import LOSSLESS, LeaseEndpoint
+from pep.rtde.lease.lease_endpoint import LOSSLESS, RENEWING, LeaseEndpoint, renewal_body
 from pep.rtde.lease.lease_messages import (
     Beat,
     Bytes,
@@ -29,7 +31,7 @@ from pep.rtde.lease.lease_messages import (
 from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.robot.connections import UNREAD_BYTES
 from policies.words.reason_table import Reason
-from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig
+from tests.pep.kit import AUDIENCE, HOST, ManualClock, Rig, full_scope
 from ztpm.base.peer import user_of
 from ztpm.point.lease_listener import WAITING, LeaseListener
 from ztpm.program.program_ports import ProgramPorts
@@ -128,6 +130,15 @@ class House:
     async def post(self, holder, pending, **headers):
         headers = {"authorization": f"DPoP {holder.text}", "dpop": pending.proof} | headers
         return await self.http.post(URL, content=pending.body, headers=headers)
+
+    async def renew(self, holder, lease_id, *, body=None, proof=None, **spoilt):
+        """Answer to a renewal with the holder's token."""
+        body = renewal_body(lease_id) if body is None else body
+        proof = proof or holder.proof(
+            body, at=self.rig.clock.wall_s(), **{"url": URL, "method": RENEWING} | spoilt
+        )  # fmt: skip
+        headers = {"authorization": f"DPoP {holder.text}", "dpop": proof}
+        return await self.http.request(RENEWING, URL, content=body, headers=headers)
 
     async def lease(self, holder):
         """Lease id and session of the program's end."""
@@ -323,6 +334,163 @@ def test_a_lease_that_nobody_carries_is_over(tmp_path):
         assert house.leases.current is None
 
     in_house(scenario, tmp_path, ManualClock())
+
+
+# ---- renewing
+
+MANDATE, OTHER_MANDATE = "ab" * 16, "cd" * 16
+
+
+def drawn(house, holder=None, **options):
+    """A token of the mandate, for that agent with its key."""
+    key = {} if holder is None else {"key": holder.key}
+    return house.rig.agent(**{"mandate_id": MANDATE} | key | options)
+
+
+@pytest.mark.clause("LSD-10")
+def test_another_token_of_the_mandate_takes_the_place_of_the_first(tmp_path):
+    async def scenario(house):
+        clock = house.rig.clock
+        first = drawn(house, scope=full_scope(clock.wall_s(), lifetime_s=60))
+        lease_id, opened = await house.lease(first)
+        lease = house.leases.current
+        ends, old = lease.not_after, lease.credentials
+        clock.advance(45_000)
+        second = drawn(house, first, scope=full_scope(clock.wall_s(), lifetime_s=60))
+        answer = await house.renew(second, lease_id)
+        assert (answer.status_code, answer.json()) == (200, {"not_after": ends + 45})
+        assert house.leases.current is lease
+        assert lease.credentials.chain.leaf.hop_id == second.hop_id
+        assert lease.not_after == ends + 45
+        kinds = [(r["kind"], r["body"].get("hop")) for r in house.rig.journal.records()]
+        assert kinds == [("lease", first.hop_id), ("lease-renewed", second.hop_id)]
+        assert lease_id.hex() not in str(list(house.rig.journal.records()))
+        clock.advance(30_000)  # the first token is over
+        frame = opened.seal(b"", at=clock.wall_s())
+        assert isinstance(frame, Fault), "the holder's end is renewed by the holder"
+        assert isinstance(house.rig.authority.verify(old.token, lease_ms=2_000), Fault)
+        assert isinstance(house.rig.authority.verify(lease.credentials.token, lease_ms=2_000), Chain)
+        assert not isinstance(lease.session.seal(b"", at=clock.wall_s()), Fault)
+        # Of the mandate alone is the end that is left.
+        house.rig.feed.revoke("token", old.chain.token_id)
+        assert isinstance(house.rig.authority.verify(lease.credentials.token, lease_ms=2_000), Chain)
+        house.rig.feed.revoke("mandate", MANDATE)
+        assert house.rig.authority.verify(lease.credentials.token, lease_ms=2_000).code == "REVOKED"
+
+    in_house(scenario, tmp_path, ManualClock())
+
+
+@pytest.mark.clause("LSD-10")
+@pytest.mark.parametrize(
+    ("options", "status", "reason"),
+    [
+        ({"name": "planner"}, 403, "LEASE_OF_ANOTHER"),
+        ({"key": keys.generate()}, 403, "LEASE_OF_ANOTHER"),
+        ({"mandate_id": OTHER_MANDATE}, 403, "MANDATE_DIFFERS"),
+        ({"mandate_id": None}, 403, "MANDATE_MISSING"),
+        ({"audience": "http://127.0.0.1/mcp"}, 401, "WRONG_AUDIENCE"),
+        ({"lifetime_s": -1}, 401, "EXPIRED"),
+        ({"revoked": True}, 401, "REVOKED"),
+    ],
+    ids=["agent", "key", "mandate", "no mandate", "audience", "expired", "revoked"],
+)
+def test_a_token_that_may_not_take_its_place_changes_nothing(tmp_path, options, status, reason):
+    async def scenario(house):
+        asked = dict(options)
+        scope = {name: asked.pop(name) for name in ("audience", "lifetime_s") if name in asked}
+        revoked = asked.pop("revoked", False)
+        first = drawn(house)
+        lease_id, _ = await house.lease(first)
+        other = drawn(house, first, scope=full_scope(house.rig.clock.wall_s(), **scope), **asked)
+        if revoked:
+            house.rig.feed.revoke("hop", other.hop_id)
+        before = house.leases.current.credentials, house.leases.current.not_after
+        answer = await house.renew(other, lease_id)
+        assert (answer.status_code, answer.json()["reason"]) == (status, reason)
+        assert (house.leases.current.credentials, house.leases.current.not_after) == before
+        assert [(r["kind"], r["body"].get("reason")) for r in house.rig.journal.records()][1:] == [("refusal", reason)]
+
+    in_house(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_lease_that_was_opened_without_a_mandate_is_not_renewed(tmp_path):
+    async def scenario(house):
+        first = house.rig.agent()
+        lease_id, _ = await house.lease(first)
+        for mandate_id in (None, MANDATE):
+            answer = await house.renew(drawn(house, first, mandate_id=mandate_id), lease_id)
+            assert (answer.status_code, answer.json()["reason"]) == (403, "MANDATE_MISSING")
+
+    in_house(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+@pytest.mark.parametrize(
+    ("spoil", "status", "reason"),
+    [
+        (lambda lease_id: {"body": renewal_body(b"another lease id")}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b""}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b"[]"}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b'{"lease":7}'}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b'{"lease": "%s"}' % lease_id.hex().encode()}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b'{"lease":"%s"}' % lease_id.hex().upper().encode()}, 404, "LEASE_UNKNOWN"),
+        (lambda lease_id: {"body": b"x" * 3_000}, 413, "BODY_TOO_LARGE"),
+        (lambda lease_id: {"method": "POST"}, 401, "PROOF_NOT_FOR_THIS_REQUEST"),
+        (lambda lease_id: {"url": AUDIENCE}, 401, "PROOF_NOT_FOR_THIS_REQUEST"),
+        (lambda lease_id: {"key": keys.generate()}, 401, "PROOF_WRONG_KEY"),
+    ],
+)
+def test_a_renewal_of_another_form_or_proof_changes_nothing(tmp_path, spoil, status, reason):
+    async def scenario(house):
+        first = drawn(house)
+        lease_id, _ = await house.lease(first)
+        answer = await house.renew(drawn(house, first), lease_id, **spoil(lease_id))
+        assert (answer.status_code, answer.json()["reason"]) == (status, reason)
+        assert house.leases.current.credentials.chain.leaf.hop_id == first.hop_id
+
+    in_house(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_lease_that_is_over_a_used_proof_and_a_full_disk_renew_nothing(tmp_path):
+    async def scenario(house):
+        first = drawn(house)
+        lease_id, _ = await house.lease(first)
+        second = drawn(house, first)
+        proof = second.proof(renewal_body(lease_id), at=house.rig.clock.wall_s(), url=URL, method=RENEWING)
+        assert (await house.renew(second, lease_id, proof=proof)).status_code == 200
+        again = await house.renew(second, lease_id, proof=proof)
+        assert (again.status_code, again.json()["reason"]) == (401, "REPLAYED")
+        house.port.end(LeaseEnding.CLOSED)
+        late = await house.renew(drawn(house, first), lease_id)
+        assert (late.status_code, late.json()["reason"]) == (404, "LEASE_UNKNOWN")
+        lease_id, _ = await house.lease(first)
+        house.rig.journal.close()
+        unrecorded = await house.renew(drawn(house, first), lease_id)
+        assert (unrecorded.status_code, unrecorded.json()["reason"]) == (503, "RECORD_FAILED")
+        assert house.leases.current.credentials.chain.leaf.hop_id == first.hop_id
+
+    in_house(scenario, tmp_path)
+
+
+@pytest.mark.clause("LSD-10")
+def test_a_lease_that_ends_while_its_renewal_is_recorded_is_not_renewed(tmp_path):
+    async def scenario(house):
+        first = drawn(house)
+        lease_id, _ = await house.lease(first)
+        lease, append = house.leases.current, house.rig.journal.append
+
+        def ending(kind, body):
+            house.leases.end(lease)
+            return append(kind, body)
+
+        object.__setattr__(house.door, "journal", SimpleNamespace(append=ending))
+        answer = await house.renew(drawn(house, first), lease_id)
+        assert (answer.status_code, answer.json()["reason"]) == (404, "LEASE_UNKNOWN")
+        assert lease.credentials.chain.leaf.hop_id == first.hop_id
+
+    in_house(scenario, tmp_path)
 
 
 # ---- carrying
