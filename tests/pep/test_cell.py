@@ -15,6 +15,7 @@ from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from pep.base.clock import SystemClock
+from pep.base.thread_priority import goes_first
 from pep.gate.observe_only import OBSERVED
 from pep.mcp.arm_server import tool_definitions
 from pep.mcp.guard import DECISION_META
@@ -239,6 +240,7 @@ def sensor(key_file):
 
 def in_cell(tmp_path, scenario, parameters=PATIENT, **gateway):
     async def inside():
+        goes_first()  # as the real gateway
         cell = Cell(tmp_path, sensor, parameters, **gateway)
         async with cell.running():
             return await scenario(cell)

@@ -38,6 +38,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.statements import observation as wire
 from pep.base.errors import ConfigError
 from pep.base.key_file import read_key
+from pep.base.thread_priority import goes_first
 from ursim.sensor.sensor_scene import SceneCommandError, Seen, parse
 
 if TYPE_CHECKING:
@@ -251,4 +252,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    goes_first(with_all_it_begins=True)  # as the simulated controller
     main()
