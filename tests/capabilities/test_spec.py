@@ -29,7 +29,7 @@ def test_every_clause_is_in_both():
     assert written == {
         *(f"TOK-{n}" for n in range(1, 13)),
         *(f"PRF-{n}" for n in range(1, 11)),
-        *(f"SES-{n}" for n in range(1, 10)),
+        *(f"SES-{n}" for n in range(1, 11)),
         *(f"STM-{n}" for n in range(1, 17)),
         *(f"WLD-{n}" for n in range(1, 6)),
         *(f"TKT-{n}" for n in range(1, 11)),
