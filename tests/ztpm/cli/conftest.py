@@ -1,12 +1,11 @@
 import json
-from contextvars import copy_context
 from dataclasses import dataclass, field
 
 import pytest
 from typer.testing import CliRunner
 from ztpm.base.layout import Layout
 from ztpm.cell.setup import Addresses, initialise
-from ztpm.cli.output import console
+from ztpm.cli.output import AS_JSON, console
 from ztpm.cli.passphrase import VARIABLE
 
 from ztpm.cli import app
@@ -29,6 +28,14 @@ class Ran:
         return json.loads(self.out.splitlines()[-1])
 
 
+@pytest.fixture(autouse=True)
+def plainly():
+    """Errors are told in words until `--json` is said, also after other tests of this process."""
+    before = AS_JSON.set(False)
+    yield
+    AS_JSON.reset(before)
+
+
 @pytest.fixture
 def run(monkeypatch):
     """Runs the real command line in this process."""
@@ -36,8 +43,7 @@ def run(monkeypatch):
     monkeypatch.setattr(console, "width", 200)  # whatever the terminal was when it was made
 
     def run(*arguments, answer=None):
-        # In a context of its own: what a command says as JSON is said so by no other test.
-        result = copy_context().run(CliRunner().invoke, app, list(map(str, arguments)), input=answer)
+        result = CliRunner().invoke(app, list(map(str, arguments)), input=answer)
         if result.exception is not None and not isinstance(result.exception, SystemExit):
             raise result.exception
         return Ran(result.exit_code, result.stdout, result.stderr)
