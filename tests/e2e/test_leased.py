@@ -122,7 +122,8 @@ def test_what_is_granted_moves_and_a_refusal_is_told(house, eyes):
             there = [q[0] + (0.2 if q[0] < 0 else -0.2), *q[1:]]
             say(control.moveJ(there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
             say(control.moveJ(q, 2.0, 1.4))
-            time.sleep(0.01)
+            while not control.isSteady():  # until then ur_rtde itself refuses the next command
+                time.sleep(0.002)
             say(control.moveJ(q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
         say(*heard)
     """) as program:  # fmt: skip

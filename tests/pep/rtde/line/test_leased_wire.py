@@ -190,13 +190,19 @@ def test_what_is_held_for_longer_than_ur_rtde_waits_for_a_word_is_carried_out(he
         assert not here.moved(AWAY)
 
 
+def hears_again(control):
+    """Waits until ur_rtde takes commands after a refused one, which it does with the controller's next state."""
+    while not control.isSteady():
+        time.sleep(0.002)
+
+
 def test_a_judge_that_breaks_has_refused(here):
     with program(here, "break") as control:
         where = here.now.q_rad
         assert not control.moveJ(AWAY, 1.0, 2.0)
         assert not here.moved(where)
-        time.sleep(0.01)
         here.gateway.tell("permit")
+        hears_again(control)
         assert control.moveJ(AWAY, 1.0, 2.0)
 
 
@@ -204,8 +210,8 @@ def test_a_refusal_leaves_nothing_behind(here):
     with program(here, "refuse") as control:
         for _ in range(3):
             assert not control.moveJ(AWAY, 1.0, 2.0)
-            time.sleep(0.01)
         here.gateway.tell("permit")
+        hears_again(control)
         assert control.moveJ(AWAY, 1.0, 2.0)
 
 
