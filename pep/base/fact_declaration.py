@@ -10,14 +10,17 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from itertools import pairwise
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from capabilities.values import text as forms
-from capabilities.values.scope import Range, Tier
+from capabilities.values.scope import Range
 from capabilities.values.units import INT_LIMIT, Unit
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import FactRow, TierRow
+from pep.base.stated_values import check_rows_raise, is_whole, tier_stated
+
+if TYPE_CHECKING:
+    from capabilities.values.scope import Tier
 
 FACTS: Final = 16
 """Most facts of one operation; ours: each is shown to people and recorded with every decision."""
@@ -71,17 +74,13 @@ def _row(place: str, name: object, stated: object, base_tier: Tier) -> FactRow:
         unit = Unit(of.unit)
     except ValueError as error:
         raise DeclarationError(PepFault.UNIT_UNKNOWN, f"{place}: {of.unit!r}") from error
-    if not _whole(of.fresh_ms) or not 1 <= of.fresh_ms <= FRESH_MOST_MS:
+    if not is_whole(of.fresh_ms) or not 1 <= of.fresh_ms <= FRESH_MOST_MS:
         raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}.fresh_ms: 1 to {FRESH_MOST_MS} ms")
     if not of.at_least and not of.at_most:
         raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}: neither at_least nor at_most")
     upper = [TierRow(Range(at, INT_LIMIT), to) for at, to in _edges(f"{place}.at_least", of.at_least)]
     lower = [TierRow(Range(-INT_LIMIT, at), to) for at, to in _edges(f"{place}.at_most", of.at_most)]
-    # Outwards, each row is above the class and above the row before it: one that is not would lower.
-    for rows in (upper, list(reversed(lower))):
-        tiers = [base_tier, *(each.tier for each in rows)]
-        if any(outer <= inner for inner, outer in pairwise(tiers)):
-            raise DeclarationError(PepFault.ROW_LOWERS, f"{place}: {[int(each) for each in tiers]}")
+    check_rows_raise(place, base_tier, upper, lower)
     return FactRow(sensor, fact, unit, of.fresh_ms, (*upper, *lower))
 
 
@@ -89,12 +88,10 @@ def _edges(place: str, stated: object) -> list[tuple[int, Tier]]:
     """Pairs of value and tier, ascending by value."""
     if not isinstance(stated, Mapping):
         raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: tiers by value")
-    for at, to in stated.items():
-        if not _whole(at) or not -INT_LIMIT <= at <= INT_LIMIT:
+    for at in stated:
+        if not is_whole(at) or not -INT_LIMIT <= at <= INT_LIMIT:
             raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {at!r} is no integer")
-        if not _whole(to) or to not in set(Tier):
-            raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: {to!r} is no tier")
-    return [(at, Tier(to)) for at, to in sorted(stated.items())]
+    return [(at, tier_stated(to, place)) for at, to in sorted(stated.items())]
 
 
 def _from_toml(place: str, stated: object) -> Fact:
@@ -110,7 +107,3 @@ def _from_toml(place: str, stated: object) -> Fact:
             PepFault.DECLARATION_MALFORMED, f"{place}: tiers by value, such as {{ 1 = 3 }}"
         ) from error
     return Fact(**{**stated, **edges})
-
-
-def _whole(value: object) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool)

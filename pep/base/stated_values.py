@@ -189,15 +189,29 @@ def _limit(place: str, name: str, stated: Within, *, base_tier: Tier, exact: boo
         raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}: an edge outside of {low} to {high}")
     above = [TierRow(Range(at + 1, high), tier_stated(to, place)) for at, to in sorted(stated.above.items())]
     below = [TierRow(Range(low, at - 1), tier_stated(to, place)) for at, to in sorted(stated.below.items())]
-    # Outwards, each row is above the class and above the row before it: one that is not would lower.
-    for rows in (above, list(reversed(below))):
-        tiers = [base_tier, *(each.tier for each in rows)]
-        if any(outer <= inner for inner, outer in pairwise(tiers)):
-            raise DeclarationError(PepFault.ROW_LOWERS, f"{place}: {[int(each) for each in tiers]}")
+    check_rows_raise(place, base_tier, above, below)
     # What is counted, or one of a set, is never rounded to another thing.
     usual = exact or isinstance(unit, DeclaredUnit) if stated.exact is None else stated.exact
     exact = usual or stated.integer or scale == 1 or bool(stated.one_of)
     return BoundedParameter(Parameter(name, unit), bound, scale, exact, (*above, *below))
+
+
+def check_rows_raise(place: str, base_tier: Tier, above: Sequence[TierRow], below: Sequence[TierRow]) -> None:
+    """Checks that no row lowers: outwards each is above the class, and above the row before it.
+
+    Args:
+        place: of the rows, for the error.
+        base_tier: the class.
+        above: rows of greater values, ascending by value.
+        below: rows of smaller values, likewise.
+
+    Raises:
+        DeclarationError: `ROW_LOWERS`, naming the place.
+    """
+    for rows in (above, list(reversed(below))):
+        tiers = [base_tier, *(each.tier for each in rows)]
+        if any(outer <= inner for inner, outer in pairwise(tiers)):
+            raise DeclarationError(PepFault.ROW_LOWERS, f"{place}: {[int(each) for each in tiers]}")
 
 
 def tier_stated(value: object, place: str) -> Tier:

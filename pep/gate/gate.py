@@ -28,7 +28,6 @@ from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.gate.robot_ports import robot_of, takes_slot
 from pep.journal.conduct import Conduct
 from pep.people.deferral import AskState
-from pep.request.authority import NO_TOKEN
 from pep.request.denial import denial
 from pep.request.edge import Edge
 from pep.request.permit import Permit, unfulfilled
@@ -306,10 +305,7 @@ class Gate(Edge):
 
     def _standing(self, call: Call) -> Chain | Fault:
         """Steps 1 to 9 as of now, with the lease that the policies want for the request."""
-        credentials = call.credentials
-        if credentials.token is None or credentials.fault is not None:
-            return credentials.fault or NO_TOKEN
-        return self._authority.verify(credentials.token, lease_ms=self.lease_ms(call.request))
+        return self._authority.standing(call.credentials, lease_ms=self.lease_ms(call.request))
 
     def _permit(self, call: Call, evidence: Evidence, decision: Decision, decided_ms: int) -> Permit:
         touch = touchable(evidence.chain) if isinstance(evidence.chain, Chain) else frozenset()

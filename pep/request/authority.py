@@ -137,6 +137,12 @@ class Authority:
             token, at=self._clock.wall_s(), audience=self._audience, view=self._feed.view(), lease_ms=lease_ms
         )
 
+    def standing(self, credentials: Credentials, *, lease_ms: int) -> Chain | Fault:
+        """Steps 1 to 9 as of now, for a caller whose credentials were verified; else the fault that they had."""
+        if credentials.token is None or credentials.fault is not None:
+            return credentials.fault or NO_TOKEN
+        return self.verify(credentials.token, lease_ms=lease_ms)
+
     def _prove(self, presented: PresentedRequest, so_far: Credentials, chain: Chain) -> Credentials:
         """[TOK-10] proof of possession by the leaf's key, and replay.
 

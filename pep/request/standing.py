@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.chain import Refusal
 from capabilities.values.errors import Fault, FaultCode
 from pep.base.operations import touchable
-from pep.request.authority import NO_TOKEN
 
 if TYPE_CHECKING:
     from capabilities.values.chain import Chain
@@ -56,9 +55,7 @@ class StandingAuthority:
         """Fault of the authority now; None while it stands."""
         call = self._call
         now = call.credentials if call.renewed is None else call.renewed()
-        if now.token is None or now.fault is not None:
-            return now.fault or NO_TOKEN
-        chain = self._authority.verify(now.token, lease_ms=self._lease_ms)
+        chain = self._authority.standing(now, lease_ms=self._lease_ms)
         if isinstance(chain, Fault):
             return chain
         if now is call.credentials:

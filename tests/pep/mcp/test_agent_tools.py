@@ -75,16 +75,6 @@ def test_a_revoked_token_is_called_revoked_at_the_next_call(cell):
     assert caught.value.reason == "REVOKED"
 
 
-def test_an_argument_that_is_no_value_is_named_with_its_place(cell):
-    async def scenario():
-        async with tools(cell) as opened:
-            await opened.call("move_joint", {**MOVE, "q_rad": [0.1, "1", 0.1, 0.1, 0.1, 0.1]})
-
-    with pytest.raises(Denied) as caught:
-        with_cell(cell, scenario)
-    assert (caught.value.reason, caught.value.parameter) == ("NOT_A_NUMBER", "q_rad[1]")
-
-
 def test_a_revoked_token_is_called_revoked_at_the_door(cell):
     async def scenario():
         cell.feed.revoke("agent", "robotic")
