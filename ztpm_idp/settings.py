@@ -24,7 +24,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, CapabilityError, ScopeError
 from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
-from ztpm_idp.domain.asks import STANDING_ASKS
+from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
 

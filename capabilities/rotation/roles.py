@@ -7,30 +7,21 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import (
-    admission,
-    answers,
-    ask,
     attestation,
     cell,
     checkpoint,
     conduct,
-    intent,
-    mandate,
-    manifest,
     mark,
-    memory,
-    message,
     observation,
-    opening,
     registry,
-    response,
     revocation,
     ticket,
-    vote,
 )
 from capabilities.statements import (
     trust as trust_bundle,
 )
+from capabilities.statements.context import admission, intent, manifest, memory, message, response
+from capabilities.statements.people import answers, ask, mandate, opening, vote
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

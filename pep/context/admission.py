@@ -178,7 +178,7 @@ class Admission:
         """Admits a person's signed intent at e1, once for each token, as an instruction. Never raises.
 
         Args:
-            text: the signed intent (`capabilities.statements.intent`).
+            text: the signed intent (`capabilities.statements.context.intent`).
             credentials: of the orchestrator, after steps 1 to 10. Without a chain and a proof that hold, the intent is
                 bound to nothing.
             into: its context.
@@ -191,7 +191,7 @@ class Admission:
         """Admits another agent's signed message at e2, once, as that agent's words. Never raises.
 
         Args:
-            text: the signed message (`capabilities.statements.message`).
+            text: the signed message (`capabilities.statements.context.message`).
             credentials: of a chain that has the sender's hop, after steps 1 to 9 at least: the message is the proof.
             into: the addressee's context.
             intent: the person's signed intent that the work is under, where it came along.

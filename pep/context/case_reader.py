@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from capabilities.statements.intent import KIND as INTENT
+from capabilities.statements.context.intent import KIND as INTENT
 from capabilities.values.chain import Chain
 from capabilities.values.units import INT_LIMIT
 from pep.context import instructions, messages, screening

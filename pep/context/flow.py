@@ -21,7 +21,7 @@ from collections import OrderedDict
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements.admission import OTHERS, SIGNERS
+from capabilities.statements.context.admission import OTHERS, SIGNERS
 from policies.words.labels import Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.keys import keys as key_forms
-from capabilities.statements import intent as statement
 from capabilities.statements import statement_form
+from capabilities.statements.context import intent as statement
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 from pep.context import screening
@@ -21,7 +21,7 @@ from policies.words.labels import NOBODY, Integrity, Label, Source, tainted
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.statements.intent import Intent
+    from capabilities.statements.context.intent import Intent
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain
     from pep.context.forms import Forms, ParsedBody

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypedDict
 
-from capabilities.statements.admission import INTEGRITIES
+from capabilities.statements.context.admission import INTEGRITIES
 from policies.words.labels import Integrity, Label, Source
 
 if TYPE_CHECKING:
-    from capabilities.statements.admission import Receipt
-    from capabilities.statements.memory import Remembered
+    from capabilities.statements.context.admission import Receipt
+    from capabilities.statements.context.memory import Remembered
 
 
 class Words(TypedDict):

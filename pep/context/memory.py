@@ -14,8 +14,8 @@ import threading
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import memory
 from capabilities.statements.claims import TEXT_BYTES
+from capabilities.statements.context import memory
 from capabilities.statements.revocation import named
 from capabilities.values import text
 from capabilities.values.errors import CapabilityError, StatementError
@@ -32,7 +32,7 @@ from policies.words.labels import NOBODY, Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
-    from capabilities.statements.memory import Remembered
+    from capabilities.statements.context.memory import Remembered
     from capabilities.token.verify import Verifier
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain, Refusal

@@ -13,7 +13,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.keys import keys
-from capabilities.statements import memory
+from capabilities.statements.context import memory
 from capabilities.values.errors import CapabilityError
 from pep.context.collection import Incident
 from pep.context.high_water_marks import UNSEEN, HighWaterMark
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from capabilities.keys.keys import PrivateKey
-    from capabilities.statements.memory import Remembered
+    from capabilities.statements.context.memory import Remembered
     from capabilities.values.caps import Caps
 
 ROWS: Final = 16_384

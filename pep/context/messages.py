@@ -13,15 +13,15 @@ from enum import Enum
 from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.keys import keys as key_forms
-from capabilities.statements import message as statement
 from capabilities.statements import statement_form
+from capabilities.statements.context import message as statement
 from capabilities.token import scope_check as scope_request
 from capabilities.values.errors import CapabilityError, FaultCode
 from capabilities.values.scope import Tier
 from policies.evidence.content_readings import MessageReading
 
 if TYPE_CHECKING:
-    from capabilities.statements.message import Message
+    from capabilities.statements.context.message import Message
     from capabilities.values.caps import Caps
     from capabilities.values.chain import Chain, Hop
     from pep.base.ports import Clock

@@ -6,9 +6,9 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys as key_forms
-from capabilities.statements import admission as statement
 from capabilities.statements import statement_form
-from capabilities.statements.admission import Receipt
+from capabilities.statements.context import admission as statement
+from capabilities.statements.context.admission import Receipt
 from capabilities.values.errors import CapabilityError
 from pep.context.label_words import label_in, words_of
 from policies.words.labels import aged

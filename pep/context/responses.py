@@ -9,8 +9,8 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import response
-from capabilities.statements.response import Response
+from capabilities.statements.context import response
+from capabilities.statements.context.response import Response
 from capabilities.values.errors import CapabilityError, FaultCode
 from pep.context.flow import Holder
 from pep.context.receipts import LIFETIME_S, ReceiptFault, label_of, refusal, verify
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from capabilities.keys.keys import PrivateKey
-    from capabilities.statements.response import Call
+    from capabilities.statements.context.response import Call
     from capabilities.values.caps import Caps
     from pep.context.json_value import Plain
 

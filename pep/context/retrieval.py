@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
-from capabilities.statements import manifest, statement_form
+from capabilities.statements import statement_form
 from capabilities.statements.claims import TEXT_BYTES
+from capabilities.statements.context import manifest
 from capabilities.statements.revocation import Revoked
 from capabilities.values import text
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
@@ -27,7 +28,7 @@ from policies.words.labels import NOBODY, Integrity, Label, Source
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from capabilities.statements.manifest import Manifest, ManifestEntry
+    from capabilities.statements.context.manifest import Manifest, ManifestEntry
     from capabilities.values.caps import Caps
     from pep.base.ports import Clock, RevocationFeed
     from pep.context.collection import Collection, Curators, StoredContent

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.statements.response import Call as Called
+from capabilities.statements.context.response import Call as Called
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.context import json_value as values
 from pep.context import receipts, responses

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
-from capabilities.statements import ask
-from capabilities.statements.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, AskedFact, Contributor
+from capabilities.statements.people import ask
+from capabilities.statements.people.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, AskedFact, Contributor
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
 from capabilities.values.units import Unit

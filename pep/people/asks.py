@@ -14,8 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.keys import keys
-from capabilities.statements import answers as answers_statement
-from capabilities.statements.vote import digest_of
+from capabilities.statements.people import answers as answers_statement
+from capabilities.statements.people.vote import digest_of
 from capabilities.values.chain import Chain
 from pep.people.ask_composer import compose, reasons_of
 from pep.people.deferral import (
@@ -38,8 +38,8 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from capabilities.statements import ask as ask_statement
-    from capabilities.statements.answers import Answers
+    from capabilities.statements.people import ask as ask_statement
+    from capabilities.statements.people.answers import Answers
     from capabilities.values.caps import Caps
     from pep.base.ports import Approvers, Clock, Journal
     from pep.people.ask_composer import Asker

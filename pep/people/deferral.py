@@ -14,7 +14,7 @@ from policies.words.reason_table import Reason
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from capabilities.statements import ask as ask_statement
+    from capabilities.statements.people import ask as ask_statement
     from capabilities.values.chain import Chain
     from capabilities.values.scope import Tier
     from pep.people.votes import Tally, VerifiedVote

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from capabilities.statements import ask as ask_statement
+from capabilities.statements.people import ask as ask_statement
 from capabilities.values.errors import StatementError
 from pep.people.deferral import AskState
 

@@ -10,17 +10,17 @@ from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
-from capabilities.statements import opening as opening_statement
-from capabilities.statements import vote as vote_statement
+from capabilities.statements.people import opening as opening_statement
+from capabilities.statements.people import vote as vote_statement
 from capabilities.statements.statement_form import signer_thumbprint
 from capabilities.values.errors import CapabilityError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from capabilities.statements.ask import Ask
-    from capabilities.statements.opening import Opening
-    from capabilities.statements.vote import Vote
+    from capabilities.statements.people.ask import Ask
+    from capabilities.statements.people.opening import Opening
+    from capabilities.statements.people.vote import Vote
     from capabilities.values.caps import Caps
     from capabilities.values.errors import FaultCode
 

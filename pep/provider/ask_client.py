@@ -15,7 +15,7 @@ import httpx2
 
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
-from capabilities.statements import answers as answers_statement
+from capabilities.statements.people import answers as answers_statement
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, JournalError, PepError, PepFault
 from pep.people.deferral import AskState
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.keys.trust import TrustBundle
-    from capabilities.statements.answers import Answers
+    from capabilities.statements.people.answers import Answers
     from capabilities.values.caps import Caps
     from pep.base.ports import Clock
     from pep.people.ask_composer import Asker

@@ -191,7 +191,7 @@ class Parameters:
         low=1,
         high=3_600,
         meaning="oldest message between agents that may be acted on",
-        source="ours: what is asked for is asked for now; capabilities.statements.message lets one live an hour",
+        source="ours: what is asked for is asked for now; `capabilities.statements.context.message` lets one live 1 h",
     )
     manifest_age_s: int = _named(
         604_800,

@@ -38,7 +38,7 @@ def idp_takes_any_evidence():
     """The identity provider takes evidence that was made for another request."""
     from capabilities.statements import attestation as statement
     from capabilities.values.chain import EvidenceKind
-    from ztpm_idp.domain import attestation, issuance
+    from ztpm_idp.domain.lending import attestation, issuance
     from ztpm_idp.domain.events import NonceConsumed
 
     def judge(rules, state, agent, evidence, *, delegator, request_digest, purpose, at_ms):
@@ -245,7 +245,7 @@ def pep_ignores_what_was_shown():
 @defect
 def idp_lets_anybody_vote():
     """Any registered party may vote; the PEP still counts registered approvers only."""
-    from ztpm_idp.domain import approvals
+    from ztpm_idp.domain.asking import approvals
 
     approvals.active_person = lambda state, id_, role: state.parties.get(id_)
 

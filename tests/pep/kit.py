@@ -14,14 +14,14 @@ from tests.unread import unread
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from capabilities.proof.proof import Proof, check_proof, prove
-from capabilities.statements import answers as answers_statement
-from capabilities.statements import ask as ask_statement
+from capabilities.statements.people import answers as answers_statement
+from capabilities.statements.people import ask as ask_statement
 from capabilities.statements import conduct as conduct_statement
 from capabilities.statements import mark as mark_statement
-from capabilities.statements import opening as opening_statement
+from capabilities.statements.people import opening as opening_statement
 from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
-from capabilities.statements import vote as vote_statement
+from capabilities.statements.people import vote as vote_statement
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.mint import mint
 from capabilities.token.token_text import token_to_text

@@ -14,7 +14,7 @@ from msgspec import structs
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 
 from capabilities.keys import keys
-from capabilities.statements import answers, ask, opening, vote
+from capabilities.statements.people import answers, ask, opening, vote
 from ztpm_idp.client import ProofAuth
 
 PEP, AGENT, SENSOR = "cell-1", "mover", "camera"

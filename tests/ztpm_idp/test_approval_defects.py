@@ -14,7 +14,8 @@ from tests.ztpm_idp.routes.test_endpoints import tables
 from tests.ztpm_idp.world import AUDIENCE, World
 
 from capabilities.keys import jws, keys
-from capabilities.statements import ask, opening, statement_form, vote
+from capabilities.statements import statement_form
+from capabilities.statements.people import ask, opening, vote
 from capabilities.values import strict_json
 
 pytestmark = pytest.mark.long

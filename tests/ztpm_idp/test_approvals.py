@@ -15,14 +15,15 @@ from capabilities.values.units import INT_LIMIT
 from tests.ztpm_idp.asks import AGENT, PEP, Cell
 from tests.ztpm_idp.routes.test_endpoints import checked
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
-from ztpm_idp.domain.asks import OPENINGS, STANDING_ASKS, Answer, Asked, AskRecord, OpeningRecord, VoteRecord
+from ztpm_idp.domain.asking.asks import OPENINGS, STANDING_ASKS, Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import VoteCast
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.settings import check_settings
 from ztpm_idp.store.approvals import Approvals
 
 from capabilities.keys import keys
-from capabilities.statements import answers, ask, opening, registry, vote
+from capabilities.statements import registry
+from capabilities.statements.people import answers, ask, opening, vote
 from ztpm_idp import ledger_file
 from ztpm_idp.client import ClientError, Operator
 from ztpm_idp.provider import feed
@@ -371,7 +372,7 @@ def test_a_budget_out_of_range_is_refused(asks):
 def test_more_than_can_be_told_is_not_taken(cell, monkeypatch):
     """Granted asks wait for nobody, and still must fit what their enforcement point is told."""
     most = 9
-    monkeypatch.setattr("ztpm_idp.domain.approvals.STANDING_ASKS", most)
+    monkeypatch.setattr("ztpm_idp.domain.asking.approvals.STANDING_ASKS", most)
     taken = []
     for _ in range(most):
         taken.append(cell.taken()[0])
@@ -630,7 +631,7 @@ def test_an_id_never_leaves_its_place_in_the_path(cell):
 
 
 def test_the_feed_keeps_the_words_of_the_statement():
-    from ztpm_idp.domain.asks import AskState
+    from ztpm_idp.domain.asking.asks import AskState
 
     assert {state.value for state in AskState} == answers.STATES
     assert {answer.value for answer in Answer} == vote.ANSWERS

@@ -6,7 +6,7 @@ import json
 
 import pytest
 from capabilities.keys import keys
-from capabilities.statements import mandate as mandate_statement
+from capabilities.statements.people import mandate as mandate_statement
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Tier

@@ -29,7 +29,8 @@ from tests.ztpm_idp.world import AUDIENCE, MEASUREMENT, World
 from ztpm_idp.bootstrap import FirstPerson, initialise
 
 from capabilities.keys import keys
-from capabilities.statements import answers, revocation, vote
+from capabilities.statements import revocation
+from capabilities.statements.people import answers, vote
 from ztpm_idp import ledger_file
 from ztpm_idp.client import Agent, ClientError, Operator, ProofAuth
 

@@ -12,29 +12,11 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli import (
-    agent,
-    approvals,
-    audit,
-    cell,
-    demo,
-    doctor,
-    explain,
-    keys,
-    mandate,
-    mcp,
-    people,
-    pit,
-    restore,
-    rtde_run,
-    serve,
-    setup,
-    token,
-    up,
-)
+from ztpm.cli import cell, demo, doctor, explain, mcp, pit, rtde_run, serve, setup, up
 from ztpm.cli.brought import GROUP, add_brought
 from ztpm.cli.examples import add_examples
 from ztpm.cli.policy import commands
+from ztpm.cli.provider import agent, approvals, audit, keys, mandate, people, restore, token
 from ztpm.cli.root import LOOK, PEOPLE, PROVE, START, CommandLine
 
 app = typer.Typer(

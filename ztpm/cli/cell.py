@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import USAGE, console, fail, fail_at, say_json
-from ztpm.cli.person import Json, open_key
+from ztpm.cli.provider.person import Json, open_key
 
 app = typer.Typer(no_args_is_help=True, help="Cell files: what stands in a cell, signed by a person.")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 import typer
 
 from ztpm.cli.output import FAILURE, console, say_json
-from ztpm.cli.person import Json
+from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -9,7 +9,7 @@ import typer
 from rich.table import Table
 
 from ztpm.cli.output import console, fail, say_json
-from ztpm.cli.person import Json
+from ztpm.cli.provider.person import Json
 
 
 def explain(

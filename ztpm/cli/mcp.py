@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ztpm.cli.output import fail, say_json
-from ztpm.cli.person import Json, Signer, layout_of, refusals, signed
+from ztpm.cli.provider.person import Json, Signer, layout_of, refusals, signed
 
 if TYPE_CHECKING:
     from pep.mcp.guard import AnyServer

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ztpm.cell.setup import GATEWAY_ID
-from ztpm.cli.agent import AgentName, agent_of, key_of
 from ztpm.cli.output import FAILURE, fail, fail_at, say_json
-from ztpm.cli.person import CellDirectory, Json, layout_of, refusals
-from ztpm.cli.token import read_token
+from ztpm.cli.provider.agent import AgentName, agent_of, key_of
+from ztpm.cli.provider.person import CellDirectory, Json, layout_of, refusals
+from ztpm.cli.provider.token import read_token
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey

@@ -9,7 +9,7 @@ from typing import Annotated, NoReturn
 
 import typer
 
-from ztpm.cli.person import CellDirectory, Json, layout_of
+from ztpm.cli.provider.person import CellDirectory, Json, layout_of
 
 idp = typer.Typer(
     no_args_is_help=True, help="The identity provider: serve it, restore its store, recover an administrator."

@@ -10,8 +10,8 @@ from typing import Annotated
 import typer
 
 from ztpm.cli.output import AS_JSON, fail, fail_at, say_json
-from ztpm.cli.passphrase import ask_passphrase
-from ztpm.cli.person import Json
+from ztpm.cli.provider.passphrase import ask_passphrase
+from ztpm.cli.provider.person import Json
 
 
 def tell_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it

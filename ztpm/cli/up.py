@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ztpm.cli.output import console, fail, fail_at, say_json
-from ztpm.cli.passphrase import ask_passphrase
+from ztpm.cli.provider.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
     from ztpm.base.layout import Layout

@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Final
 import httpx2
 
 from capabilities.keys import keys
-from capabilities.statements import ask, observation, vote
+from capabilities.statements import observation
+from capabilities.statements.people import ask, vote
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.delegate import delegate
 from capabilities.token.token_text import token_to_text

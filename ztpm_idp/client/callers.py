@@ -21,7 +21,8 @@ from urllib.parse import quote
 import rfc8785
 
 from capabilities.keys.keys import generate, public_raw, thumbprint
-from capabilities.statements import attestation, mandate, opening
+from capabilities.statements import attestation
+from capabilities.statements.people import mandate, opening
 from capabilities.values.errors import StatementError
 from capabilities.values.scope import Scope, Tier
 from capabilities.values.scope_json import restriction_to_json, scope_to_json

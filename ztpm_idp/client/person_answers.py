@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 from msgspec import structs
 
 from capabilities.keys.keys import check_raw, unb64u
-from capabilities.statements import ask, vote
+from capabilities.statements.people import ask, vote
 from capabilities.values.arguments import Argument
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, FaultCode, StatementError
@@ -17,7 +17,7 @@ from capabilities.values.units import Quantity
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
-    from capabilities.statements.ask import Ask
+    from capabilities.statements.people.ask import Ask
 
 LIFETIME_S: Final = 120
 """Life of an approval in seconds, unless the approver states another (DESIGN section 6)."""

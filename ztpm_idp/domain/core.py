@@ -4,18 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import (
-    approvals,
-    attestation,
-    issuance,
-    ledger,
-    mandates,
-    people,
-    refusals,
-    registry,
-    restoring,
-    revocation,
-)
+from ztpm_idp.domain import ledger, people, refusals, registry, restoring, revocation
+from ztpm_idp.domain.asking import approvals
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
@@ -49,6 +39,7 @@ from ztpm_idp.domain.commands import (
     TakeRecords,
     VouchAgent,
 )
+from ztpm_idp.domain.lending import attestation, issuance, mandates
 from ztpm_idp.domain.parties import RegisteredSensor, Standing
 
 if TYPE_CHECKING:

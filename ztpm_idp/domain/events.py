@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from policies.conduct.report import Report
     from policies.evidence.model import Decision
     from ztpm_idp.domain.agent_conduct import AgentConduct, Published
-    from ztpm_idp.domain.asks import AskRecord, AskState, OpeningRecord, VoteRecord
+    from ztpm_idp.domain.asking.asks import AskRecord, AskState, OpeningRecord, VoteRecord
     from ztpm_idp.domain.changes import Change, ChangeState, Word
     from ztpm_idp.domain.parties import Party, RegisteredTool
     from ztpm_idp.domain.state import MandateRecord

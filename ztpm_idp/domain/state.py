@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from ztpm_idp.domain.agent_conduct import Concerned
-    from ztpm_idp.domain.asks import Asked, OpeningRecord
+    from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
     from ztpm_idp.domain.parties import Party, RegisteredPep
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, assert_never
 from capabilities.statements import mark
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError
-from ztpm_idp.domain.asks import stated
+from ztpm_idp.domain.asking.asks import stated
 from ztpm_idp.domain.changes import ChangeKind
 from ztpm_idp.domain.commands import (
     AnswerChange,

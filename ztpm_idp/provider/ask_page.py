@@ -19,17 +19,17 @@ from typing import TYPE_CHECKING, Final
 
 import jinja2
 
-from capabilities.statements.ask import NO_ROBOT
+from capabilities.statements.people.ask import NO_ROBOT
 from capabilities.values.arguments import Fingerprint, Value, plain
 from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
 from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
-from ztpm_idp.domain.asks import Answer, AskState
+from ztpm_idp.domain.asking.asks import Answer, AskState
 
 if TYPE_CHECKING:
-    from capabilities.statements.ask import Ask
-    from ztpm_idp.domain.asks import Asked
+    from capabilities.statements.people.ask import Ask
+    from ztpm_idp.domain.asking.asks import Asked
 
 _FOLDER: Final = Path(__file__).parent / "templates"
 _STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")

@@ -8,10 +8,11 @@ import json
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol
 
-from capabilities.statements import answers, checkpoint, conduct, registry, revocation
+from capabilities.statements import checkpoint, conduct, registry, revocation
+from capabilities.statements.people import answers
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
-from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, AskState
+from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import (
     AgentRestored,

@@ -8,10 +8,10 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
 from capabilities.keys.keys import b64u
-from capabilities.statements import answers, ask
 from capabilities.statements.claims import ID
+from capabilities.statements.people import answers, ask
 from ztpm_idp.domain import commands
-from ztpm_idp.domain.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
+from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import VoteCast
 from ztpm_idp.domain.parties import RegisteredPep, RegisteredPerson

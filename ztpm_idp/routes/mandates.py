@@ -9,13 +9,13 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import JSONResponse
 
 from capabilities.keys.keys import b64u
-from capabilities.statements import mandate as mandate_statement
 from capabilities.statements.claims import ID
+from capabilities.statements.people import mandate as mandate_statement
 from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain import commands
-from ztpm_idp.domain.asks import stated
+from ztpm_idp.domain.asking.asks import stated
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.mandates import standing
+from ztpm_idp.domain.lending.mandates import standing
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.state import Wanted
 from ztpm_idp.provider import wire

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
-from ztpm_idp.domain.asks import Answer, Asked, AskRecord, OpeningRecord, VoteRecord
+from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import AskTaken, OpeningClosed, OpeningMade, VoteCast
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t

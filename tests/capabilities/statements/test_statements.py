@@ -30,28 +30,19 @@ from tests.capabilities.world import (
 
 from capabilities.keys import jws, keys
 from capabilities.statements import (
-    admission,
-    answers,
-    ask,
     attestation,
     cell,
     checkpoint,
     conduct,
-    intent,
-    mandate,
-    manifest,
     mark,
-    memory,
-    message,
     observation,
-    opening,
     registry,
-    response,
     revocation,
     statement_form,
     ticket,
-    vote,
 )
+from capabilities.statements.context import admission, intent, manifest, memory, message, response
+from capabilities.statements.people import answers, ask, mandate, opening, vote
 from capabilities.statements import (
     trust as trust_bundle,
 )

@@ -18,7 +18,8 @@ from tests.capabilities.statements.test_statements import ANSWERED
 from tests.capabilities.world import CELL, NOW, OTHER_CELL, VIEW, key_of, raw_of
 
 from capabilities.keys import jws, keys
-from capabilities.statements import response, statement_form, ticket
+from capabilities.statements import statement_form, ticket
+from capabilities.statements.context import response
 from capabilities.values import strict_json
 
 CALLS = "http://127.0.0.1:8902/calls"

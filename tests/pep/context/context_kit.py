@@ -37,8 +37,8 @@ from tests.capabilities.world import (
 from tests.pep.kit import ManualClock
 
 from capabilities.keys import keys
-from capabilities.statements import intent as intent_statement
-from capabilities.statements import message as message_statement
+from capabilities.statements.context import intent as intent_statement
+from capabilities.statements.context import message as message_statement
 
 PEOPLE = {"alice": raw_of("alice"), "bob": raw_of("bob")}
 PEP_KEY = key_of("pep")

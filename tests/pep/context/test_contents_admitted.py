@@ -7,7 +7,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from capabilities.statements.response import Call
+from capabilities.statements.context.response import Call
 from capabilities.values.errors import Fault
 from pep.context.admission import Admitted, NotAdmitted
 from pep.context.collection import RetrievalFault
@@ -22,7 +22,7 @@ from tests.pep.context.test_memory import Desk
 from tests.pep.context.test_retrieval import TEXTS, Library, Lying, collection
 
 from capabilities.keys import keys
-from capabilities.statements import manifest
+from capabilities.statements.context import manifest
 from pep.context import responses
 
 pytest.importorskip("chromadb", reason="the extra [retrieval] is not installed")

@@ -43,7 +43,7 @@ from tests.pep.context.context_kit import (
 )  # fmt: skip
 from tests.pep.kit import ManualClock
 
-from capabilities.statements import intent as intent_statement
+from capabilities.statements.context import intent as intent_statement
 from pep.context import receipts
 from policies.evidence import case_json as recorded
 

@@ -20,7 +20,7 @@ from tests.pep.context import context_kit as kit
 from tests.pep.context.context_corpus import ATTACKS, HELD_OUT, ORDINARY_DE, ORDINARY_EN
 from tests.pep.kit import ManualClock
 
-from capabilities.statements import intent as intent_statement
+from capabilities.statements.context import intent as intent_statement
 
 PAGE = (Path(__file__).parents[3] / "docs" / "context.md").read_text()
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import pytest
-from capabilities.statements.admission import OTHERS, SIGNERS
+from capabilities.statements.context.admission import OTHERS, SIGNERS
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.context.flow import HOPS, KEPT_MS, READERS, Context, Flow, Full, Holder, own

@@ -12,8 +12,8 @@ from policies.words.labels import Integrity, Source
 from tests.capabilities.world import NOW, key_of, raw_of
 from tests.pep.context.context_kit import CAPS, FORMS, PEOPLE, chain_to, for_intent, lent, resigned, said, wanted
 
-from capabilities.statements import intent as intent_statement
-from capabilities.statements import message as message_statement
+from capabilities.statements.context import intent as intent_statement
+from capabilities.statements.context import message as message_statement
 from pep.context import instructions
 
 pytestmark = pytest.mark.clause("STM-9")

@@ -14,7 +14,7 @@ from tests.capabilities.world import NOW, key_of
 from tests.pep.context.context_kit import CAPS, FORMS, chain_to, replaced, resigned, said, wanted
 from tests.pep.kit import ManualClock
 
-from capabilities.statements import message as statement
+from capabilities.statements.context import message as statement
 from pep.context import messages
 
 pytestmark = pytest.mark.clause("STM-6")

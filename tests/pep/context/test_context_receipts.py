@@ -31,7 +31,7 @@ from tests.pep.context.context_kit import (
 )
 from tests.pep.context.test_context_flow import labels, no_better
 
-from capabilities.statements import admission as statement
+from capabilities.statements.context import admission as statement
 from pep.context import json_value as values
 from pep.context import receipts
 

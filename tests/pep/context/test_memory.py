@@ -24,7 +24,7 @@ from policies.words.labels import NOBODY, Integrity, Label, Source
 from tests.pep.kit import AUDIENCE, Feed, ManualClock, agent, full_scope, issuer_keys
 
 from capabilities.keys import keys
-from capabilities.statements import memory as statement
+from capabilities.statements.context import memory as statement
 from pep.context import memory as module
 
 LEASE_MS = 30_000

@@ -21,7 +21,8 @@ from policies.words.labels import NOBODY, Integrity, Source
 from tests.pep.kit import Feed, ManualClock
 
 from capabilities.keys import keys
-from capabilities.statements import manifest, observation
+from capabilities.statements import observation
+from capabilities.statements.context import manifest
 
 pytest.importorskip("chromadb", reason="the extra [retrieval] is not installed")
 

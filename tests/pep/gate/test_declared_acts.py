@@ -23,7 +23,7 @@ from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, Rig, full_scope, own_choice
 
 from capabilities.keys import keys
-from capabilities.statements import ask as ask_statement
+from capabilities.statements.people import ask as ask_statement
 
 VALVE = row(
     "valve-7",

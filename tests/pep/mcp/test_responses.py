@@ -6,7 +6,7 @@ from importlib import resources
 
 import httpx2
 import pytest
-from capabilities.statements.response import Call
+from capabilities.statements.context.response import Call
 from capabilities.values.caps import DEFAULT as CAPS
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
@@ -27,7 +27,7 @@ from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.mcp.test_mcp import PINS, Cell, Signed, with_cell
 
 from capabilities.keys import keys
-from capabilities.statements import response as statement
+from capabilities.statements.context import response as statement
 from pep.context import receipts, responses
 from pep.mcp import provenance
 

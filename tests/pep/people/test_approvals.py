@@ -20,7 +20,7 @@ from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, MOVE, FailingJournal, Person, Rig, full_scope, reading
 
 from capabilities.keys import keys
-from capabilities.statements import ask as ask_statement
+from capabilities.statements.people import ask as ask_statement
 
 PERSON = Contribution("person", 2_500, "wrist_3", "dave", 100, 400_000, 200_000, "camera-1")
 BOX = Contribution("rigid", 800, "gripper", "box", 100, 100_000, 200_000)

@@ -21,7 +21,8 @@ from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE, CALIBRATION, Rig, full_scope, own_choice
 
 from capabilities.keys import keys
-from capabilities.statements import ask, checkpoint, observation
+from capabilities.statements import checkpoint, observation
+from capabilities.statements.people import ask
 
 FRESH_MS = 500
 TRANSIT_MS = 20

@@ -6,7 +6,7 @@ from typer.testing import CliRunner
 from ztpm.base.layout import Layout
 from ztpm.cell.setup import Addresses, initialise
 from ztpm.cli.output import AS_JSON, console
-from ztpm.cli.passphrase import VARIABLE
+from ztpm.cli.provider.passphrase import VARIABLE
 
 from ztpm.cli import app
 

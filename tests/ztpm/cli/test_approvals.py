@@ -6,7 +6,7 @@ from capabilities.values.units import Quantity, Unit
 from ztpm.base.layout import new_key
 
 from capabilities.keys import keys
-from capabilities.statements import ask
+from capabilities.statements.people import ask
 from ztpm_idp.client import ClientError, person_answers
 
 pytestmark = pytest.mark.long

@@ -14,7 +14,7 @@ from tests.ztpm.cli.test_live import live  # noqa: F401 - a fixture
 from ztpm.base.layout import read_key
 
 from capabilities.keys import keys
-from capabilities.statements import ask
+from capabilities.statements.people import ask
 from ztpm_idp.client import ProofAuth
 
 pytest.importorskip("ztpm_idp.client.person_answers", reason="the identity provider does not take asks yet")

@@ -9,7 +9,7 @@ from tests.ztpm_idp.test_ledger import full, written
 from tests.ztpm_idp.world import World
 from ztpm_idp.client import ClientError
 
-from ztpm.cli import person
+from ztpm.cli.provider import person
 
 
 @pytest.fixture

@@ -7,10 +7,11 @@ from pathlib import Path
 import pep
 import pytest
 import ztpm
-from ztpm.cli.audit import JOURNAL, LEDGER
+from ztpm.cli.provider.audit import JOURNAL, LEDGER
 from ztpm_idp.domain.changes import Word
 
-from ztpm_idp.domain import approvals, entries
+from ztpm_idp.domain import entries
+from ztpm_idp.domain.asking import approvals
 
 PARTIES = ("person", "agent", "pep", "sensor")
 

@@ -4,7 +4,7 @@ import pytest
 import typer
 from capabilities.values.scope import Budget, Grant, Limit, Range
 from capabilities.values.units import Parameter, Unit
-from ztpm.cli.token import with_budgets
+from ztpm.cli.provider.token import with_budgets
 
 HERE, THERE = "http://127.0.0.1:1/mcp", "http://127.0.0.1:2/mcp"
 ONE = frozenset({HERE})

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import pytest
 from tests.ztpm.cli.test_approvals import SHOWN
-from ztpm.cli.approvals import AskState
+from ztpm.cli.provider.approvals import AskState
 
-from ztpm.cli import approvals
+from ztpm.cli.provider import approvals
 from ztpm_idp.client import ClientError
-from ztpm_idp.domain import asks
+from ztpm_idp.domain.asking import asks
 
 WORDS = ("approvals", "watch", "--as", "bob", "--every", "7")
 

@@ -15,7 +15,7 @@ from tests.ztpm_idp.test_lending import chain_of
 from tests.ztpm_idp.world import LOWER, SLOWER, World
 
 from ztpm_idp.client import ClientError
-from ztpm_idp.domain import delegation_policy
+from ztpm_idp.domain.lending import delegation_policy
 
 pytestmark = pytest.mark.long
 

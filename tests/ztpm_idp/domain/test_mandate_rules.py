@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import pytest
-from capabilities.statements import mandate
+from capabilities.statements.people import mandate
 from capabilities.values.algebra import narrows
 from capabilities.values.scope import Grant, Scope, Tier
 from hypothesis import example, given, settings
@@ -29,13 +29,13 @@ from ztpm_idp.domain.agent_conduct import AgentConduct, Held
 from ztpm_idp.domain.core import decide
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import MandateSigned, NonceConsumed, RevocationKind, Revoked, SignedRequest, TokenIssued
-from ztpm_idp.domain.mandates import MANDATES_OF_ONE
+from ztpm_idp.domain.lending.mandates import MANDATES_OF_ONE
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 from ztpm_idp.domain.state import Drawn, Nonce
 
 from capabilities.keys import keys
 from ztpm_idp.domain import commands as c
-from ztpm_idp.domain import mandates
+from ztpm_idp.domain.lending import mandates
 
 pytestmark = pytest.mark.clause("STM-16")
 

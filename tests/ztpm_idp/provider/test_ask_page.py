@@ -21,9 +21,9 @@ from msgspec.structs import replace
 from policies.words.reason_table import REASONS, Reason
 from tests.ztpm_idp.asks import AGENT, PEP, SENSOR, Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER
-from ztpm_idp.domain.asks import Answer, Asked, AskRecord, AskState, VoteRecord
+from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, AskState, VoteRecord
 
-from capabilities.statements import ask, vote
+from capabilities.statements.people import ask, vote
 from ztpm_idp.provider import ask_page
 
 VOID = {"meta", "br"}

@@ -19,7 +19,8 @@ from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 
 from capabilities.keys import keys
-from capabilities.statements import mandate, mark
+from capabilities.statements import mark
+from capabilities.statements.people import mandate
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
 pytestmark = [pytest.mark.version, pytest.mark.long]

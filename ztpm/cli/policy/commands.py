@@ -9,12 +9,12 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import FAILURE, console, plain, say_json
-from ztpm.cli.person import Json
 from ztpm.cli.policy.comparison import diff, simulate
 from ztpm.cli.policy.explanation import explain
 from ztpm.cli.policy.policy_set import about, open_set
 from ztpm.cli.policy.proof import prove
 from ztpm.cli.policy.surroundings import Surroundings, operations, plain_advice, surrounded, tell
+from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
     from policies import PolicySet

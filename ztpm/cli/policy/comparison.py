@@ -13,9 +13,9 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import USAGE, console, fail, fail_at, plain, say_json
-from ztpm.cli.person import Json
 from ztpm.cli.policy.explanation import JournalFile
 from ztpm.cli.policy.policy_set import about, open_set
+from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
     from collections.abc import Callable

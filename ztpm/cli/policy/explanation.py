@@ -11,9 +11,9 @@ from rich.text import Text
 from rich.tree import Tree
 
 from ztpm.cli.output import USAGE, console, fail, fail_at, plain, say_json
-from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
 from ztpm.cli.policy.surroundings import Surroundings, plain_advice, tell
+from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -10,9 +10,9 @@ import typer
 from rich.table import Table
 
 from ztpm.cli.output import FAILURE, console, fail, plain, say_json
-from ztpm.cli.person import Json
 from ztpm.cli.policy.policy_set import about, open_set
 from ztpm.cli.policy.surroundings import Surroundings, harmless_of, plain_advice, tell
+from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
     from policies.proof import Result

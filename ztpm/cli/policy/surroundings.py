@@ -15,7 +15,7 @@ import typer
 from rich.text import Text
 
 from ztpm.cli.output import console, fail, plain
-from ztpm.cli.person import CellDirectory, Issuer, KeyFile, grouped, operator, refusals
+from ztpm.cli.provider.person import CellDirectory, Issuer, KeyFile, grouped, operator, refusals
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -39,7 +39,7 @@ class Surroundings:
         server: MODULE:NAME of a tool server, or "".
         guard: configuration of its guard, or None.
         registry: the identity provider is asked.
-        name, directory, issuer, key: who asks it, as of a `ztpm.cli.person.Signer`.
+        name, directory, issuer, key: who asks it, as of a `ztpm.cli.provider.person.Signer`.
     """
 
     server: str

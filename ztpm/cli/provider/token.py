@@ -23,9 +23,9 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, Fault, TokenError
 from capabilities.values.scope import Budget
 from capabilities.values.well_formed import well_formed_grants
-from ztpm.cli.agent import Software, agent_of
 from ztpm.cli.output import console, fail, fail_at, say_json
-from ztpm.cli.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
+from ztpm.cli.provider.agent import Software, agent_of
+from ztpm.cli.provider.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable

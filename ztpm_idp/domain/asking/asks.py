@@ -31,7 +31,7 @@ ANSWERED_MEMORY_S: Final = 600
 
 
 class AskState(StrEnum):
-    """State of an ask, as `capabilities.statements.answers.STATES` spells it."""
+    """State of an ask, as `capabilities.statements.people.answers.STATES` spells it."""
 
     OPEN = "open"
     GRANTED = "granted"
@@ -41,7 +41,7 @@ class AskState(StrEnum):
 
 
 class Answer(StrEnum):
-    """Answer of a vote, as `capabilities.statements.vote.ANSWERS` spells it."""
+    """Answer of a vote, as `capabilities.statements.people.vote.ANSWERS` spells it."""
 
     APPROVE = "approve"
     DENY = "deny"

@@ -9,25 +9,26 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import thumbprint
-from capabilities.statements import mandate as mandate_statement
+from capabilities.statements.people import mandate as mandate_statement
+from capabilities.statements.people.vote import digest_of
 from capabilities.statements.statement_form import signer_thumbprint
-from capabilities.statements.vote import digest_of
 from capabilities.token import hop_rules
 from capabilities.values.algebra import meet
 from capabilities.values.chain import EvidenceKind, Sponsor
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.scope import Scope
 from policies.words.reason_table import Reason
-from ztpm_idp.domain import conduct, issuance
-from ztpm_idp.domain.attestation import judge, may_receive
+from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import MandateSigned, RevocationKind
+from ztpm_idp.domain.lending import issuance
+from ztpm_idp.domain.lending.attestation import judge, may_receive
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
 from ztpm_idp.domain.registry import active_person
 from ztpm_idp.domain.state import MandateRecord
 
 if TYPE_CHECKING:
-    from capabilities.statements.mandate import Mandate
+    from capabilities.statements.people.mandate import Mandate
     from ztpm_idp.domain.commands import DrawToken, SignMandate
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import DEFER, console, fail, fail_at, instant, plain, say_json
-from ztpm.cli.person import (
+from ztpm.cli.provider.person import (
     CellDirectory,
     Issuer,
     Json,
@@ -60,7 +60,7 @@ def new_key(
     """Make a key of one's own, encrypted; its public half is what an administrator registers."""
     from capabilities.keys import keys
     from ztpm.base import layout
-    from ztpm.cli.passphrase import ask_passphrase
+    from ztpm.cli.provider.passphrase import ask_passphrase
 
     try:
         made = layout.new_key(file, ask_passphrase(new=True))

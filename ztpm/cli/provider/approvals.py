@@ -16,9 +16,9 @@ from rich.text import Text
 
 from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, console, fail, plain, say_json
-from ztpm.cli.person import Json, Reason, Signer, refusals, refuse, signed
+from ztpm.cli.provider.person import Json, Reason, Signer, refusals, refuse, signed
 from ztpm.codes.unavailable import line_of
-from ztpm_idp.domain.asks import AskState
+from ztpm_idp.domain.asking.asks import AskState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -298,7 +298,7 @@ def _confirmed(*, as_json: bool) -> bool:
 
 def _audience(directory: Any) -> str:
     from ztpm.cell.setup import SetupError, read_addresses
-    from ztpm.cli.person import layout_of
+    from ztpm.cli.provider.person import layout_of
 
     try:
         return read_addresses(layout_of(directory)).audience

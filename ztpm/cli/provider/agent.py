@@ -14,7 +14,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import console, fail, fail_at, plain, say_json
-from ztpm.cli.person import (
+from ztpm.cli.provider.person import (
     As,
     CellDirectory,
     Json,
@@ -59,7 +59,7 @@ def register(
     """Register an agent under a sponsor; its key is made in the cell's directory, encrypted, unless it is there."""
     from capabilities.keys import keys
     from ztpm.base.layout import LayoutError, new_key
-    from ztpm.cli.passphrase import ask_passphrase
+    from ztpm.cli.provider.passphrase import ask_passphrase
 
     known_name(agent)
     person = operator(directory=directory, name=name, issuer="", key=None)

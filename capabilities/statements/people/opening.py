@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 from capabilities.statements import statement_form
 from capabilities.statements.claims import Id, Name, NameOrEmpty, Url, Whole, malformed, read
-from capabilities.statements.vote import USES
+from capabilities.statements.people.vote import USES
 from capabilities.values.form import Form, plain, within
 
 if TYPE_CHECKING:

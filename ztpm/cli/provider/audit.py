@@ -18,7 +18,7 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
-from ztpm.cli.person import Json, Signer, refusals, signed
+from ztpm.cli.provider.person import Json, Signer, refusals, signed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

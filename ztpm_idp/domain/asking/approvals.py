@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import ask as asks
-from capabilities.statements import opening as openings
 from capabilities.statements import statement_form
-from capabilities.statements import vote as votes
-from capabilities.statements.vote import digest_of
+from capabilities.statements.people import ask as asks
+from capabilities.statements.people import opening as openings
+from capabilities.statements.people import vote as votes
+from capabilities.statements.people.vote import digest_of
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.scope import Tier
-from ztpm_idp.domain.asks import (
+from ztpm_idp.domain.asking.asks import (
     OPENINGS,
     STANDING_ASKS,
     Answer,
@@ -32,9 +32,9 @@ from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPep, 
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
-    from capabilities.statements.ask import Ask
-    from capabilities.statements.opening import Opening
-    from capabilities.statements.vote import Vote
+    from capabilities.statements.people.ask import Ask
+    from capabilities.statements.people.opening import Opening
+    from capabilities.statements.people.vote import Vote
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import CastVote, CloseOpening, OpenTier4, TakeAsk
     from ztpm_idp.domain.events import SignedRequest

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ztpm.cli.output import console, fail, fail_at, instant, say_json
-from ztpm.cli.person import CellDirectory, Json, layout_of
+from ztpm.cli.provider.person import CellDirectory, Json, layout_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -84,7 +84,7 @@ def prepare(
     from capabilities.keys import keys
     from capabilities.keys.windows import Role
     from ztpm.cell import key_ring
-    from ztpm.cli.passphrase import ask_passphrase
+    from ztpm.cli.provider.passphrase import ask_passphrase
 
     layout = layout_of(directory)
     chosen = keys.Algorithm.P256 if algorithm is Curve.P256 else keys.Algorithm.ED25519

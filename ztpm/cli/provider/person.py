@@ -19,7 +19,7 @@ import typer
 
 from capabilities.values.text import REGISTERED
 from ztpm.cli.output import AS_JSON, fail, fail_at, plain
-from ztpm.cli.passphrase import ask_passphrase
+from ztpm.cli.provider.passphrase import ask_passphrase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

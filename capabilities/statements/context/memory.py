@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Annotated, Final
 from msgspec.structs import astuple
 
 from capabilities.statements import statement_form
-from capabilities.statements.admission import Integrity, Signers, Sources
 from capabilities.statements.claims import HexDigest, Id, Name, Positive, TokenId, Url, Whole, malformed, ordered, read
+from capabilities.statements.context.admission import Integrity, Signers, Sources
 from capabilities.statements.revocation import Revoked
 from capabilities.values import form
 from capabilities.values.form import Form, converted, plain, upto, whole, words

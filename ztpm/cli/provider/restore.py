@@ -13,10 +13,20 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from ztpm.cli.agent import AgentName
 from ztpm.cli.output import fail, fail_at, plain, say_json
-from ztpm.cli.passphrase import ask_passphrase
-from ztpm.cli.person import CellDirectory, Json, Reason, Signer, known_name, layout_of, open_key, refusals, signed
+from ztpm.cli.provider.agent import AgentName
+from ztpm.cli.provider.passphrase import ask_passphrase
+from ztpm.cli.provider.person import (
+    CellDirectory,
+    Json,
+    Reason,
+    Signer,
+    known_name,
+    layout_of,
+    open_key,
+    refusals,
+    signed,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

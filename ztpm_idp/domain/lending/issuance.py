@@ -16,10 +16,11 @@ from capabilities.values.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.explanation import explain
 from policies.words.reason_table import Reason
-from ztpm_idp.domain import conduct, delegation_policy
-from ztpm_idp.domain.attestation import held, judge, may_receive
+from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
+from ztpm_idp.domain.lending import delegation_policy
+from ztpm_idp.domain.lending.attestation import held, judge, may_receive
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
 from ztpm_idp.domain.refusals import BODY_BYTES, WIDENINGS
 from ztpm_idp.domain.registry import active_person
@@ -28,10 +29,10 @@ if TYPE_CHECKING:
     from capabilities.values.chain import EvidenceKind
     from capabilities.values.scope import Scope
     from policies.evidence.model import Decision
-    from ztpm_idp.domain.attestation import AcceptedEvidence
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import Delegate, Issue
     from ztpm_idp.domain.events import Event, SignedRequest
+    from ztpm_idp.domain.lending.attestation import AcceptedEvidence
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State

@@ -15,10 +15,10 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from ztpm.cli.agent import AgentName, Software, agent_of
 from ztpm.cli.output import console, fail, plain, say_json
-from ztpm.cli.person import CellDirectory, Json, Reason, Signer, refusals, signed
-from ztpm.cli.token import Out, Purpose, arm_scope, check_new, keep, read_as
+from ztpm.cli.provider.agent import AgentName, Software, agent_of
+from ztpm.cli.provider.person import CellDirectory, Json, Reason, Signer, refusals, signed
+from ztpm.cli.provider.token import Out, Purpose, arm_scope, check_new, keep, read_as
 
 DAY_S: Final = 86_400
 DAYS: Final = 7

@@ -1,0 +1,1 @@
+"""Statements about content that is put before an agent."""

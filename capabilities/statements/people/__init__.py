@@ -1,0 +1,1 @@
+"""Statements by people, and the questions to them."""

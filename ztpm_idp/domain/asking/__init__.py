@@ -1,0 +1,1 @@
+"""Questions to people: asks, votes, openings."""

@@ -1,0 +1,1 @@
+"""Authority lent: attestation, tokens, delegation, mandates."""
