@@ -16,7 +16,7 @@ from ztpm.cli import cell, demo, doctor, explain, mcp, pit, rtde_run, serve, set
 from ztpm.cli.brought import GROUP, add_brought
 from ztpm.cli.examples import add_examples
 from ztpm.cli.policy import commands
-from ztpm.cli.provider import agent, approvals, audit, keys, mandate, people, restore, token
+from ztpm.cli.provider import agent, approvals, audit, idp, keys, mandate, people, restore, token
 from ztpm.cli.root import LOOK, PEOPLE, PROVE, START, CommandLine
 
 app = typer.Typer(
@@ -47,11 +47,11 @@ app.command("revoke", rich_help_panel=PEOPLE)(token.revoke)
 app.command("explain", rich_help_panel=LOOK)(explain.explain)
 app.command("version", rich_help_panel=LOOK)(setup.version)
 mcp.app.command("serve")(serve.tools)
-serve.idp.command("recover")(people.recover)
-serve.idp.command("backup")(restore.backup)
-serve.idp.command("restore")(restore.restore)
-serve.idp.command("resume")(restore.resume)
-serve.idp.command("mark")(restore.mark)
+idp.app.command("recover")(people.recover)
+idp.app.command("backup")(restore.backup)
+idp.app.command("restore")(restore.restore)
+idp.app.command("resume")(restore.resume)
+idp.app.command("mark")(restore.mark)
 agent.app.command("vouch")(restore.vouch)
 serve.rtde.command("run")(rtde_run.run)
 serve.rtde.command("connect")(rtde_run.connect)
@@ -63,7 +63,7 @@ for name, group, panel in (
     ("person", people.app, PEOPLE),
     ("keys", keys.app, PEOPLE),
     ("cell", cell.app, START),
-    ("idp", serve.idp, START),
+    ("idp", idp.app, START),
     ("mcp", mcp.app, START),
     ("rtde", serve.rtde, START),
     ("audit", audit.app, LOOK),

@@ -1,4 +1,4 @@
-"""`ztpm idp serve`, `ztpm mcp serve`, `ztpm rtde gateway|sim`: one process of a cell in the foreground."""
+"""`ztpm mcp serve`, `ztpm rtde gateway|sim`: one process of a cell in the foreground."""
 
 from __future__ import annotations
 
@@ -11,24 +11,13 @@ import typer
 
 from ztpm.cli.provider.person import CellDirectory, Json, layout_of
 
-idp = typer.Typer(
-    no_args_is_help=True, help="The identity provider: serve it, restore its store, recover an administrator."
-)
 rtde = typer.Typer(no_args_is_help=True, help="The robot: its gateway, a simulated one, and programs under a lease.")
 
 
-def _become(module: str, *arguments: str) -> NoReturn:
+def become(module: str, *arguments: str) -> NoReturn:
     """Turns this process into `python -m module arguments`: one way to start it, with or without the command line."""
     sys.stdout.flush()
     os.execv(sys.executable, [sys.executable, "-m", module, *arguments])  # noqa: S606 - our own interpreter and our own modules
-
-
-@idp.command("serve")
-def serve(
-    config: Annotated[Path, typer.Option("--config", help="Its configuration, idp.toml.", exists=True, dir_okay=False)],
-) -> None:
-    """Serve the identity provider; the passphrase of its keys comes from ZTPM_PASSPHRASE."""
-    _become("ztpm.point.provider_server", "--config", str(config))
 
 
 def tools(
@@ -44,7 +33,7 @@ def tools(
     The passphrase of its key comes from ZTPM_PASSPHRASE.
     """
     file = config or layout_of(directory).cell_config
-    _become("ztpm.point.tool_proxy", "--config", str(file))
+    become("ztpm.point.tool_proxy", "--config", str(file))
 
 
 @rtde.command("gateway")
@@ -69,7 +58,7 @@ def gateway(
     file = config or layout_of(directory).gateway_config
     options = [f"--{name}={value}" for name, value in (("robot", robot), ("listen", listen)) if value]
     options += ["--unsafe-observe"] if unsafe_observe else []
-    _become("ztpm.point.gateway_server", "--config", str(file), *options)
+    become("ztpm.point.gateway_server", "--config", str(file), *options)
 
 
 @rtde.command("sim")
@@ -92,4 +81,4 @@ def sim(
     """Run a simulated UR3e controller that real clients can talk to."""
     options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]
     options += [f"--fault={each}" for each in fault or ()]
-    _become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))
+    become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))
