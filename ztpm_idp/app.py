@@ -16,7 +16,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
-from ztpm_idp.routes import approvals, conduct, ledger, mandates, people, registry, restoring, service, tokens
+from ztpm_idp.routes import approvals, conduct, ledger, mandates, people, registry, restoring, service, tokens, upkeep
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
-_PARTS: Final = (service, registry, people, tokens, mandates, ledger, approvals, conduct, restoring)
+_PARTS: Final = (service, registry, people, tokens, mandates, ledger, approvals, conduct, restoring, upkeep)
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""

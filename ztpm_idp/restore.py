@@ -51,6 +51,16 @@ _LOGS: Final = ("-wal", "-shm")
 _NAMES: Final = ("agent", "holder", "delegate", "delegator")
 """Members of a ledger entry's body that name an agent."""
 
+_SUSPENSIONS: Final = {
+    "agent-suspended": ("agent", True),
+    "suspension-ended": ("agent", False),
+    "pep-suspended": ("id", True),
+    "pep-restored": ("id", False),
+    "sensor-suspended": ("id", True),
+    "sensor-restored": ("id", False),
+}
+"""Kinds of ledger entries on suspensions: the member that names the party, and whether it is suspended from then on."""
+
 
 class RestoreError(Exception):
     """A copy that cannot be made or put back; the store is as it was.
@@ -106,7 +116,7 @@ class Restored:
 class _Told:
     """Contents of ledgers: the highest line, revocations, and by entry the parties that it names.
 
-    `suspensions` holds by entry its time, its agent, and whether that was suspended or is so no longer.
+    `suspensions` holds by entry its time, its party, and whether that was suspended or is so no longer.
     """
 
     line: int = 0
@@ -130,15 +140,16 @@ class _Told:
         digest = hashlib.sha256(line).hexdigest()
         if names:
             self.named[digest] = frozenset(names)
-        if kind in {"agent-suspended", "suspension-ended"}:
+        if kind in _SUSPENSIONS:
+            member, suspends = _SUSPENSIONS[kind]
             when = int(entry["at_ms"]), int(entry["seq"])
-            self.suspensions[digest] = when, str(body["agent"]), kind == "agent-suspended"
+            self.suspensions[digest] = when, str(body[member]), suspends
 
     def suspended(self, entries: set[str]) -> frozenset[str]:
-        """Agents that the newest of these entries about them suspends."""
+        """Parties that the newest of these entries about them suspends."""
         told = sorted(each for entry, each in self.suspensions.items() if entry in entries)
-        newest = {agent: suspends for _, agent, suspends in told}
-        return frozenset(agent for agent, suspends in newest.items() if suspends)
+        newest = {party: suspends for _, party, suspends in told}
+        return frozenset(party for party, suspends in newest.items() if suspends)
 
 
 # --- making a copy ---------------------------------------------------------------------------------------------------

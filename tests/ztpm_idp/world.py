@@ -91,12 +91,16 @@ LATEST_COLUMNS = (
     ("agents", "suspended_ms"),
     ("peps", "heard"),
     ("hops", "mandate"),
+    ("peps", "suspended_ms"),
+    ("sensors", "suspended_ms"),
+    ("tools", "suspended_ms"),
 )
 """Columns that no database of an earlier release has."""
 
 
 def drop_latest_columns(base) -> None:
     base.execute("DROP TABLE mandates")
+    base.execute("DROP TABLE former_keys")
     base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
         base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")

@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from capabilities.keys.keys import b64u
-from ztpm_idp.client.people import PeopleCaller
+from ztpm_idp.client.upkeep import UpkeepCaller
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-class RegistryCaller(PeopleCaller):
+class RegistryCaller(UpkeepCaller):
     """Requests about what is registered."""
 
     def register_agent(

@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ztpm_idp.domain.upkeep.acts import UpkeepCommand
+
 if TYPE_CHECKING:
     from capabilities.values.scope import Restriction, Scope
     from ztpm_idp.domain.changes import Change, Word
@@ -318,7 +320,7 @@ class RestoreStore:
     Attributes:
         line: the highest that any ledger names.
         doubted: ids that ledgers name after the copy was made; those of agents count.
-        suspended: agents that were suspended after it, and stayed so.
+        suspended: agents and parts that were suspended after it, and stayed so.
         sources: words on what was read.
     """
 
@@ -392,4 +394,5 @@ Command = (
     | VouchAgent
     | SignMandate
     | DrawToken
+    | UpkeepCommand
 )

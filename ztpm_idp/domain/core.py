@@ -40,7 +40,9 @@ from ztpm_idp.domain.commands import (
     VouchAgent,
 )
 from ztpm_idp.domain.lending import attestation, issuance, mandates
-from ztpm_idp.domain.parties import RegisteredSensor, Standing
+from ztpm_idp.domain.parties import RegisteredPep, RegisteredSensor, Standing
+from ztpm_idp.domain.upkeep import upkeep
+from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Command
@@ -50,7 +52,18 @@ if TYPE_CHECKING:
 
 BESIDE = Initialise | Recover | CompleteRecovery | RestoreStore | TakeBack
 """Commands without a registered caller."""
-WHILE_RESTORING = RestoreStore | TakeBack | TakeMark | ResumeStore | Revoke | SuspendAgent | Recover | CompleteRecovery
+WHILE_RESTORING = (
+    RestoreStore
+    | TakeBack
+    | TakeMark
+    | ResumeStore
+    | Revoke
+    | SuspendAgent
+    | SuspendPart
+    | RetirePart
+    | Recover
+    | CompleteRecovery
+)
 """Commands that a store takes while it is being restored: what restoring needs, and what only takes authority back."""
 
 
@@ -139,15 +152,22 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return mandates.sign(rules, state, command, at_ms)
         case DrawToken():
             return mandates.draw(rules, state, command, at_ms)
+        case SuspendPart() | RestorePart() | RetirePart() | ReplaceKey() | ChangeTool():
+            return upkeep.decide(rules, state, command)
         case _:
             assert_never(command)
 
 
 def caller_refused(state: State, caller: str) -> Refusal | None:
-    """Refusal of a caller that may do nothing at all: unknown, a sensor, or revoked since it was authenticated."""
+    """Refusal of a caller that may do nothing at all.
+
+    It is unknown, a sensor, revoked since it was authenticated, or an enforcement point that is suspended.
+    """
     party = state.parties.get(caller)
     if party is None or isinstance(party, RegisteredSensor):
         return Refusal(IdpCode.CALLER_UNKNOWN, "not registered")
     if party.standing is Standing.REVOKED:
         return Refusal(IdpCode.CALLER_INACTIVE, "revoked")
+    if isinstance(party, RegisteredPep) and party.standing is Standing.SUSPENDED:
+        return Refusal(IdpCode.CALLER_SUSPENDED, "suspended")
     return None

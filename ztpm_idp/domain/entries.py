@@ -6,7 +6,7 @@ Evidence may hold a platform's workload token: it is over within minutes and goo
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, assert_never
+from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.keys.keys import thumbprint
 from capabilities.values.scope_json import scope_to_json
@@ -48,6 +48,7 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
+from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolAct, ToolChanged
 
 if TYPE_CHECKING:
     from policies.evidence.model import Decision
@@ -55,6 +56,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party
 
 Json = dict[str, object]
+_DONE: Final = {ToolAct.SUSPEND: "suspended", ToolAct.RESTORE: "restored", ToolAct.RETIRE: "retired"}
 
 
 def entry_of(event: Event) -> tuple[str, Json] | None:
@@ -212,6 +214,15 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}
+        case PartSuspended(kind=part, id=id_, reason=reason):
+            return f"{part.value}-suspended", {"id": id_, "reason": reason}
+        case PartRestored(kind=part, id=id_, reason=reason):
+            return f"{part.value}-restored", {"id": id_, "reason": reason}
+        case KeyReplaced(kind=whose, id=id_, key=key, before=before, reason=reason):
+            replaced: Json = {"id": id_, "key": thumbprint(key), "before": thumbprint(before), "reason": reason}
+            return f"{whose}-key-replaced", replaced
+        case ToolChanged(audience=audience, name=name, act=act, reason=reason):
+            return f"tool-{_DONE[act]}", {"audience": audience, "name": name, "reason": reason}
         case _:
             assert_never(event)
 

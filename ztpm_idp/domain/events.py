@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capabilities.statements import revocation
+from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 
 if TYPE_CHECKING:
     from capabilities.values.chain import Chain, EvidenceKind, HopGrant, Sponsor
@@ -436,4 +437,5 @@ Event = (
     | ApprovalActRefused
     | RestoringEvent
     | MandateSigned
+    | UpkeepEvent
 )

@@ -32,7 +32,10 @@ class Standing(StrEnum):
     """An agent that has not been attested yet."""
     ACTIVE = "active"
     SUSPENDED = "suspended"
-    """An agent that may do nothing until a person restores it; then it stands as it stood before."""
+    """An agent, enforcement point or sensor that may do nothing until a person restores it.
+
+    Then it stands as it stood before.
+    """
     REVOKED = "revoked"
 
 

@@ -34,12 +34,15 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.registry import active_person
+from ztpm_idp.domain.upkeep.acts import PartSuspended
+from ztpm_idp.domain.upkeep.upkeep import audiences_of, kind_of_part
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from ztpm_idp.domain.commands import RestoreStore, ResumeStore, TakeMark, VouchAgent
     from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.parties import Party
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -50,6 +53,7 @@ AGENTS_OF_ENTRY: Final = 1_000
 """Most agents of one ledger entry: with ids of 64 bytes far below the longest line of a ledger."""
 REASON: Final = 512
 """Longest reason, as everywhere (`wire.TEXT_BYTES`)."""
+_TAKEN_BACK: Final = "taken back: it was suspended before the restore"
 
 
 def waiting(state: State) -> Refusal:
@@ -68,14 +72,24 @@ def restore(state: State, command: RestoreStore) -> Outcome:
     restored = StoreRestored(max(state.line, command.line) + 1, state.epoch, points, command.sources)
     held = sorted(id_ for id_ in command.doubted if _living(state, id_))
     pages = (tuple(held[at : at + AGENTS_OF_ENTRY]) for at in range(0, len(held), AGENTS_OF_ENTRY))
-    lost = [id_ for id_ in sorted(command.suspended) if _living(state, id_, beside=Standing.SUSPENDED)]
-    suspended = (AgentSuspended(id_, "taken back: it was suspended before the restore") for id_ in lost)
-    return (restored, *map(AgentsHeld, pages), *suspended)
+    lost = [event for id_ in sorted(command.suspended) if (event := _suspended_again(state.parties.get(id_)))]
+    return (restored, *map(AgentsHeld, pages), *lost)
 
 
-def _living(state: State, id_: str, *, beside: Standing = Standing.REVOKED) -> bool:
+def _suspended_again(party: Party | None) -> AgentSuspended | PartSuspended | None:
+    """Suspension that the store lost of a party that has not ended."""
+    match party:
+        case RegisteredAgent(standing=Standing.REGISTERED | Standing.ACTIVE):
+            return AgentSuspended(party.id, _TAKEN_BACK)
+        case RegisteredPep(standing=Standing.ACTIVE) | RegisteredSensor(standing=Standing.ACTIVE):
+            return PartSuspended(kind_of_part(party), party.id, _TAKEN_BACK, audiences_of(party))
+        case _:
+            return None
+
+
+def _living(state: State, id_: str) -> bool:
     agent = state.parties.get(id_)
-    return isinstance(agent, RegisteredAgent) and agent.standing not in {Standing.REVOKED, beside}
+    return isinstance(agent, RegisteredAgent) and agent.standing is not Standing.REVOKED
 
 
 def taken_back(state: State, found: Iterable[Lost]) -> tuple[Event, ...]:

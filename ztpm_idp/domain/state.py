@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
-    from ztpm_idp.domain.parties import Party, RegisteredPep
+    from ztpm_idp.domain.parties import Party, RegisteredPep, Standing
 
 NOTHING_HELD: Final = Held()
 
@@ -176,6 +176,7 @@ class Wanted:
     """The first hop of this token."""
     thumbprint: str | None = None
     tool: tuple[str, str] | None = None
+    """A tool, by audience and name."""
     journal: str | None = None
     journal_seqs: frozenset[int] = frozenset()
     revocation: tuple[str, str] | None = None
@@ -257,6 +258,7 @@ class State:
         drawn: tokens of the wanted mandate that may be live.
         mandates: those that may be in force and are not revoked: of the wanted agent, of agents whose conduct is
             wanted or will change, by the wanted key, and from the wanted person.
+        tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -289,3 +291,4 @@ class State:
     mandate: MandateRecord | None = None
     drawn: tuple[Drawn, ...] = ()
     mandates: tuple[MandateRecord, ...] = ()
+    tool: Standing | None = None

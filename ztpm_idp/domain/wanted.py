@@ -54,6 +54,7 @@ from ztpm_idp.domain.state import (
     TrustBeside,
     Wanted,
 )
+from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.changes import Change
@@ -126,8 +127,8 @@ def wanted(command: Command) -> Wanted:
             )
         case CloseOpening(by=by, opening_id=opening_id):
             return Wanted(parties=frozenset({by}), opening=opening_id, refusals_of=by)
-        case RestoreStore(doubted=doubted):
-            return Wanted(parties=doubted, points=True)
+        case RestoreStore(doubted=doubted, suspended=suspended):
+            return Wanted(parties=doubted | suspended, points=True)
         case TakeBack(found=found):
             return _wanted_to_take_back(found, frozenset())
         case TakeMark(by=by, text=text):
@@ -153,6 +154,12 @@ def wanted(command: Command) -> Wanted:
                 revocations=True,
                 conduct_of=frozenset({by}),
             )
+        case SuspendPart(by=by, id=id_) | RestorePart(by=by, id=id_) | RetirePart(by=by, id=id_):
+            return Wanted(parties=frozenset({by, id_}))
+        case ReplaceKey(by=by, id=id_, key=key):
+            return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), mandates_of=id_)
+        case ChangeTool(by=by, audience=audience, name=name):
+            return Wanted(parties=frozenset({by}), tool=(audience, name))
         case _:
             assert_never(command)
 

@@ -35,7 +35,9 @@ from ztpm_idp.domain.parties import (
     RegisteredPerson,
     RegisteredSensor,
     RegisteredTool,
+    Standing,
 )
+from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolChanged
 from ztpm_idp.provider.problems import Problem
 
 if TYPE_CHECKING:
@@ -245,9 +247,11 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
 async def _registry(provider: Deployment, view: Transaction, *, audience: str, as_of_ms: int) -> str:
     counters = await view.counters()
     tools = await view.tools(audience)
-    sensors = [s for s in await view.active("sensor", audience=audience) if isinstance(s, RegisteredSensor)]
+    parts = [*await view.active("sensor", audience=audience), *await view.active("pep")]
+    parts = [part for part in parts if part.standing is Standing.ACTIVE]  # the others are suspended
+    sensors = [s for s in parts if isinstance(s, RegisteredSensor)]
     people = [p for p in await view.active("person") if isinstance(p, RegisteredPerson)]
-    peps = [p for p in await view.active("pep") if isinstance(p, RegisteredPep)]
+    peps = [p for p in parts if isinstance(p, RegisteredPep)]
     snapshot = registry.RegistrySnapshot(
         issuer=provider.settings.issuer,
         version=counters.registry_version,
@@ -344,6 +348,10 @@ def _registries(event: Event) -> frozenset[str]:
             PartyRegistered(party=RegisteredSensor(audience=audience))
             | ToolRegistered(tool=RegisteredTool(audience=audience))
         ):
+            return frozenset({audience})
+        case PartSuspended() | PartRestored() | KeyReplaced():
+            return event.audiences
+        case ToolChanged(audience=audience):
             return frozenset({audience})
         case PartyRegistered(party=RegisteredPerson()) | TrustStated() | AgentSuspended() | SuspensionEnded():
             return frozenset({""})

@@ -42,6 +42,8 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.NOT_FOUND: (404, "There is no such party."),
     IdpCode.SPONSOR_INACTIVE: (403, "The sponsor is not active."),
     IdpCode.AGENT_INACTIVE: (403, "The agent is revoked."),
+    IdpCode.CALLER_SUSPENDED: (403, "The caller is suspended until an administrator restores it."),
+    IdpCode.PARTY_ENDED: (409, "The party has ended, for ever."),
     IdpCode.AGENT_SUSPENDED: (403, "The agent is suspended until a person restores it."),
     IdpCode.AGENT_HELD: (403, "Since a restore nobody has vouched for the agent."),
     IdpCode.WORKLOAD_UNKNOWN: (400, "The workload is of no trusted platform."),

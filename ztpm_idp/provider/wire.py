@@ -201,6 +201,21 @@ class ToolBody(Body):
     base_tier: Annotated[int, Field(ge=0, le=4)]
 
 
+class ToolActBody(Body):
+    """A tool of an audience to suspend, restore or retire."""
+
+    audience: Url
+    name: ToolName
+    reason: Text
+
+
+class ReplacedKeyBody(Body):
+    """Another key of a party."""
+
+    key: KeyText
+    reason: Text
+
+
 class NothingBody(Body):
     """An empty object."""
 

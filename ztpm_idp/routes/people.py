@@ -35,7 +35,7 @@ async def register_person(request: Request, call: Caller) -> dict[str, str]:
 @router.get("/people")
 async def list_people(request: Request, call: Caller) -> list[dict[str, Any]]:
     """Every person, for people, with all keys that sign for it now."""
-    _of_people(call)
+    of_people(call)
     async with provider_of(request).store.read() as view:
         found = await view.all_parties("person")
     return [
@@ -102,7 +102,7 @@ async def recover(request: Request, call: Root) -> dict[str, str]:
 @router.get("/changes")
 async def list_changes(request: Request, call: Caller) -> list[dict[str, Any]]:
     """The changes of people that wait, for people, oldest first."""
-    _of_people(call)
+    of_people(call)
     at_ms = provider_of(request).now_ms()
     async with provider_of(request).store.read() as view:
         found = await view.people.open_changes(at_ms=at_ms)
@@ -122,7 +122,12 @@ async def decline_change(request: Request, change_id: str, call: Caller) -> dict
     return await _answer(request, call, change_id, Word.DECLINE, call.body(wire.ReasonBody).reason)
 
 
-def _of_people(call: Call) -> None:
+def of_people(call: Call) -> None:
+    """Checks that a person calls.
+
+    Raises:
+        Problem: `NOT_PERMITTED`.
+    """
     if not isinstance(call.party, RegisteredPerson):
         raise Problem(IdpCode.NOT_PERMITTED, "people read this")
 

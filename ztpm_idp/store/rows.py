@@ -36,9 +36,11 @@ PARTY_COLUMNS = sa.select(
     t.agents.c.held,
     t.peps.c.audiences,
     t.peps.c.heard,
+    t.peps.c.suspended_ms.label("pep_suspended_ms"),
     t.sensors.c.calibration,
     t.sensors.c.transit_ms,
     t.sensors.c.audience,
+    t.sensors.c.suspended_ms.label("sensor_suspended_ms"),
 ).select_from(
     t.parties.outerjoin(t.people, t.people.c.id == t.parties.c.id)
     .outerjoin(t.agents, t.agents.c.id == t.parties.c.id)
@@ -59,21 +61,26 @@ def party(row: sa.Row[Any]) -> Party:
             )
         case "agent":
             digest = bytes(r["software_digest"])
-            # The standing that it returns to stays in its column; a revocation outlives a suspension.
-            if r["suspended_ms"] is not None and standing is not Standing.REVOKED:
-                standing = Standing.SUSPENDED
+            standing = _suspended(standing, r["suspended_ms"])
             return RegisteredAgent(
                 id_, key, thumbprint, standing, digest, r["model"], r["role"], r["sponsor"], r["trust_permille"],
                 r["workload"] or "", r["held"],
             )  # fmt: skip
         case "pep":
+            standing = _suspended(standing, r["pep_suspended_ms"])
             return RegisteredPep(id_, key, thumbprint, standing, frozenset(r["audiences"]), r["heard"])
         case "sensor":
+            standing = _suspended(standing, r["sensor_suspended_ms"])
             return RegisteredSensor(
                 id_, key, thumbprint, standing, bytes(r["calibration"]), r["transit_ms"], r["audience"]
             )
         case other:
             raise AssertionError(other)
+
+
+def _suspended(standing: Standing, since_ms: int | None) -> Standing:
+    """The standing, suspended since then: the one to return to stays in its column; an end outlives a suspension."""
+    return standing if since_ms is None or standing is Standing.REVOKED else Standing.SUSPENDED
 
 
 def party_inserts(party: Party, at_ms: int) -> Sequence[sa.Insert]:

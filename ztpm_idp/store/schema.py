@@ -100,6 +100,7 @@ peps = sa.Table(
     sa.Column("journal_seq", sa.BigInteger, nullable=False),
     sa.Column("journal_head", sa.String(64), nullable=False),
     sa.Column("heard", sa.Boolean, nullable=False, server_default=sa.true()),
+    sa.Column("suspended_ms", sa.BigInteger, nullable=True),
 )
 
 sensors = sa.Table(
@@ -109,7 +110,17 @@ sensors = sa.Table(
     sa.Column("calibration", sa.LargeBinary(32), nullable=False),
     sa.Column("transit_ms", sa.Integer, nullable=False),
     sa.Column("audience", sa.String(256), nullable=False, index=True),
+    sa.Column("suspended_ms", sa.BigInteger, nullable=True),
 )
+
+former_keys = sa.Table(
+    "former_keys",
+    metadata,
+    sa.Column("key", sa.LargeBinary(33), primary_key=True),
+    sa.Column("party", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("replaced_ms", sa.BigInteger, nullable=False),
+)
+"""Keys that parties had before their present one: nobody has them again."""
 
 tools = sa.Table(
     "tools",
@@ -119,6 +130,7 @@ tools = sa.Table(
     sa.Column("definition_digest", sa.LargeBinary(32), nullable=False),
     sa.Column("operation", sa.String(64), nullable=False),
     sa.Column("base_tier", sa.Integer, nullable=False),
+    sa.Column("suspended_ms", sa.BigInteger, nullable=True),
 )
 
 nonces = sa.Table(

@@ -57,6 +57,7 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.state import Journal, Nonce, State
+from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolChanged
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, rows
 from ztpm_idp.store import schema as t
@@ -67,6 +68,7 @@ from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.people import People
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
+from ztpm_idp.store.upkeep import Upkeep
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -105,6 +107,7 @@ class Transaction:
         self.people = People(connection)
         self.revocations = Revocations(connection)
         self.restoring = Restoring(connection)
+        self.upkeep = Upkeep(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -163,6 +166,7 @@ class Transaction:
             mandates=await self.lending.mandates(
                 since_s=since_s, agents=living, key=wanted.mandates_by, sponsor=wanted.mandates_from
             ),
+            tool=await self.upkeep.tool(wanted.tool),
         )
 
     async def counters(self) -> Counters:
@@ -238,12 +242,10 @@ class Transaction:
         return list(found.scalars())
 
     async def tools(self, audience: str) -> list[sa.Row[Any]]:
-        """The tools of an audience, by name."""
-        return list(
-            await self._connection.execute(
-                sa.select(t.tools).where(t.tools.c.audience == audience).order_by(t.tools.c.name)
-            )
-        )
+        """The tools of an audience that are not suspended, by name."""
+        c = t.tools.c
+        query = sa.select(t.tools).where(c.audience == audience, c.suspended_ms.is_(None)).order_by(c.name)
+        return list(await self._connection.execute(query))
 
     async def ledger_lines(self, *, after: int, through: int, most: int) -> list[bytes]:
         """Lines of the ledger with after < seq <= through, in order, at most `most`."""
@@ -287,7 +289,8 @@ class Transaction:
             return {}
         c = t.parties.c
         found = await self._connection.execute(sa.select(c.key, c.id).where(c.key.in_(sorted(keys))))
-        return {bytes(key): id_ for key, id_ in found} | await self.people.owners(keys)
+        now = {bytes(key): id_ for key, id_ in found} | await self.people.owners(keys)
+        return now | await self.upkeep.former_owners(keys)
 
     async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
         if agent is None:
@@ -449,6 +452,9 @@ class Transaction:
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():
                 await self.restoring.write(event)
+            case PartSuspended() | PartRestored() | KeyReplaced() | ToolChanged():
+                await self.upkeep.write(event, at_ms=at_ms)
+                await self._registry_changed()
             case _:
                 assert_never(event)
 

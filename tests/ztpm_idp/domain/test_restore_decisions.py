@@ -25,6 +25,7 @@ from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.domain.restoring import LINES_AHEAD
 from ztpm_idp.domain.state import Wanted
+from ztpm_idp.domain.upkeep.acts import PartSuspended
 
 from capabilities.keys import keys
 from capabilities.statements import mark
@@ -69,6 +70,14 @@ def test_what_was_suspended_after_the_copy_is_suspended_again_once():
     _, *events = decide(RULES, found, c.RestoreStore(0, lost, lost, ()), AT_MS)
     assert events[0] == AgentsHeld(("already", "mover"))
     assert [(type(event), event.agent) for event in events[1:]] == [(AgentSuspended, "mover")]
+
+
+def test_a_point_that_was_suspended_after_the_copy_is_suspended_again():
+    command = c.RestoreStore(0, frozenset(), frozenset({"cell-1"}), ())
+    _, again = decide(RULES, state(ADMIN, CELL, points=(CELL,)), command, AT_MS)
+    assert (type(again), again.id, again.audiences) == (PartSuspended, "cell-1", CELL.audiences)
+    known = state(ADMIN, replace(CELL, standing=Standing.SUSPENDED), points=(CELL,))
+    assert len(decide(RULES, known, command, AT_MS)) == 1
 
 
 def test_what_the_store_lacks_is_taken_back_once_with_the_parties_that_end_by_it():

@@ -207,11 +207,14 @@ def test_the_openapi_names_every_endpoint(world):
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
         "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
+        "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
+        *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
+        "/peps", "/sensors", "/tools",
     }  # fmt: skip
 
 

@@ -101,6 +101,7 @@ def first_rows(file):
             for n in names
             if n
             not in {
+                "former_keys",
                 "mandates",
                 "refusals",
                 "change_words",

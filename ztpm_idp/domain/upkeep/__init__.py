@@ -1,0 +1,1 @@
+"""Upkeep of parties, tools and keys: suspended, restored, retired, replaced."""
