@@ -17,6 +17,7 @@ from jwt.algorithms import ECAlgorithm
 
 from capabilities.keys import keys, signatures
 from capabilities.keys.keys import Algorithm
+from capabilities.keys.signing_key import SigningKey
 from capabilities.values import strict_json
 from capabilities.values.errors import BadKeyError, FaultCode, StatementError
 
@@ -79,11 +80,20 @@ def sign(header: dict[str, object], payload: bytes, key: keys.PrivateKey) -> str
     """The compact JWS of `payload` with these header members and the key's `alg`, the header in canonical form.
 
     Raises:
-        BadKeyError: `KEY_MALFORMED` for a key of another curve than P-256.
+        BadKeyError: `KEY_MALFORMED` for a key of another curve than P-256, or one whose holder made no signature.
     """
+    if isinstance(key, SigningKey):
+        return _signed_elsewhere(header, payload, key)
     algorithm = EDDSA if isinstance(key, Ed25519PrivateKey) else ES256
     keys.public_raw(key)
     return _ENGINE.encode(payload, key, algorithm=algorithm, headers=header, sort_headers=True)
+
+
+def _signed_elsewhere(header: dict[str, object], payload: bytes, key: SigningKey) -> str:
+    """The same text as by PyJWT, which takes no key whose secret is not here."""
+    whole = {"typ": "JWT", **header, "alg": algorithm_name(key.public)}
+    signed = f"{keys.b64u(strict_json.canonical(whole))}.{keys.b64u(payload)}"
+    return f"{signed}.{keys.b64u(signatures.sign(key, signed.encode()))}"
 
 
 def split(text: str, *, most_bytes: int) -> Unverified:

@@ -17,10 +17,13 @@ from cryptography.hazmat.primitives import serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
+from capabilities.keys.signing_key import SigningKey
 from capabilities.values.errors import BadKeyError, FaultCode
 
-PrivateKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
-"""A private key of either algorithm; one of another curve than P-256 is refused where it is used."""
+SoftwareKey = Ed25519PrivateKey | ec.EllipticCurvePrivateKey
+"""A private key of either algorithm whose secret is here; another curve than P-256 is refused where it is used."""
+PrivateKey = SoftwareKey | SigningKey
+"""A private key, here or where it signs."""
 PublicKey = Ed25519PublicKey | ec.EllipticCurvePublicKey
 
 KEY_BYTES: Final = 32
@@ -76,8 +79,8 @@ class Algorithm(StrEnum):
 @overload
 def generate() -> Ed25519PrivateKey: ...
 @overload
-def generate(algorithm: Algorithm) -> PrivateKey: ...
-def generate(algorithm: Algorithm = Algorithm.ED25519) -> PrivateKey:
+def generate(algorithm: Algorithm) -> SoftwareKey: ...
+def generate(algorithm: Algorithm = Algorithm.ED25519) -> SoftwareKey:
     """A new private key from the operating system's randomness."""
     match algorithm:
         case Algorithm.ED25519:
@@ -94,6 +97,8 @@ def public_raw(key: PrivateKey | PublicKey) -> bytes:
     Raises:
         BadKeyError: `KEY_MALFORMED` for a key of another curve.
     """
+    if isinstance(key, SigningKey):
+        return check_raw(key.public)
     public = key if isinstance(key, Ed25519PublicKey | ec.EllipticCurvePublicKey) else key.public_key()
     if isinstance(public, Ed25519PublicKey):
         return public.public_bytes_raw()
@@ -245,7 +250,7 @@ def unb64u(value: str) -> bytes:
     return raw
 
 
-def to_pem(key: PrivateKey, passphrase: bytes) -> bytes:
+def to_pem(key: SoftwareKey, passphrase: bytes) -> bytes:
     """The key as PKCS #8, encrypted under a passphrase that is not empty.
 
     Raises:
@@ -261,7 +266,7 @@ def to_pem(key: PrivateKey, passphrase: bytes) -> bytes:
     )
 
 
-def from_pem(pem: bytes, passphrase: bytes) -> PrivateKey:
+def from_pem(pem: bytes, passphrase: bytes) -> SoftwareKey:
     """The key of an encrypted PKCS #8 file.
 
     Raises:

@@ -18,6 +18,8 @@ from nacl.bindings import crypto_sign_open
 from nacl.exceptions import BadSignatureError
 
 from capabilities.keys import keys
+from capabilities.keys.signing_key import SigningKey
+from capabilities.values.errors import BadKeyError, FaultCode
 
 SIGNATURE_BYTES: Final = 64
 """Bytes of a signature of both algorithms (RFC 8032 section 5.1.6; RFC 7518 section 3.4)."""
@@ -41,16 +43,29 @@ class Checked(Enum):
 
 
 def sign(key: keys.PrivateKey, message: bytes) -> bytes:
-    """The 64 bytes of the signature by `key` over `message`, always the same.
+    """The 64 bytes of the signature by `key` over `message`; of a key whose secret is here, always the same.
 
     Raises:
-        BadKeyError: `KEY_MALFORMED` for a key of another curve than P-256.
+        BadKeyError: `KEY_MALFORMED` for a key of another curve than P-256, or one whose holder made no signature.
     """
     if isinstance(key, Ed25519PrivateKey):
         return key.sign(message)
+    if isinstance(key, SigningKey):
+        return _signed_elsewhere(key, message)
     keys.public_raw(key)
     r, s = utils.decode_dss_signature(key.sign(message, _DETERMINISTIC))
     return r.to_bytes(_HALF, "big") + min(s, P256_N - s).to_bytes(_HALF, "big")
+
+
+def _signed_elsewhere(key: SigningKey, message: bytes) -> bytes:
+    """Signature by the holder of the key, in the one spelling, checked: what it says goes out under our name."""
+    signature = key.sign(message)
+    if keys.algorithm_of(key.public) is keys.Algorithm.P256:
+        s = int.from_bytes(signature[_HALF:], "big")
+        signature = signature[:_HALF] + min(s, P256_N - s % P256_N).to_bytes(_HALF, "big")
+    if not verify(key.public, message, signature):
+        raise BadKeyError(FaultCode.KEY_MALFORMED, "the holder of the key made no signature of it")
+    return signature
 
 
 def verify(key: bytes, message: bytes, signature: bytes) -> Checked:

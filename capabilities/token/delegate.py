@@ -6,7 +6,8 @@ import hashlib
 from typing import TYPE_CHECKING
 
 from capabilities.keys import keys
-from capabilities.token import biscuit, block, hop_rules
+from capabilities.keys.signing_key import SigningKey
+from capabilities.token import biscuit, block, block_signatures, hop_rules
 from capabilities.values.chain import Chain, Hop, HopGrant
 from capabilities.values.errors import FaultCode, TokenError
 
@@ -58,7 +59,7 @@ def delegate(
     token: bytes,
     *,
     chain: Chain,
-    attester: Ed25519PrivateKey,
+    attester: Ed25519PrivateKey | SigningKey,
     trust: TrustBundle,
     hop: HopGrant,
     restriction: Restriction,
@@ -70,7 +71,7 @@ def delegate(
     Args:
         token: the bytes that `verify` made `chain` of.
         chain: the verified chain.
-        attester: the attestation key, one of `trust.attesters`.
+        attester: the attestation key, here or where it signs, one of `trust.attesters`.
         trust: the bundle that the token was verified with.
         hop: the delegate, already attested; its delegator is the leaf's agent.
         restriction: of the new hop.
@@ -92,9 +93,12 @@ def delegate(
         raise TokenError(FaultCode.TOO_MANY_HOPS, f"more than {caps.hops} hops")
     next_leaf(chain, hop, restriction, trust=trust, caps=caps, reserved=reserved)
     added = block.HopBlock(len(chain.hops), hop, restriction)
+    here = keys.generate() if isinstance(attester, SigningKey) else attester
     extended = biscuit.append_hop(
-        biscuit.open_token(token, root), block.fact(added), block.checks(added, chain.scope), attester=attester
+        biscuit.open_token(token, root), block.fact(added), block.checks(added, chain.scope), attester=here
     )
+    if here is not attester:
+        extended = block_signatures.by_attester(token, extended, attester)
     if len(extended) > caps.token_bytes:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"{len(extended)} bytes of at most {caps.token_bytes}")
     return extended

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from capabilities.token import biscuit, block, hop_rules
+from capabilities.keys import keys
+from capabilities.keys.signing_key import SigningKey
+from capabilities.token import biscuit, block, block_signatures, hop_rules
 from capabilities.values.chain import HopGrant, Sponsor
 from capabilities.values.errors import FaultCode, TokenError
 
@@ -19,7 +21,7 @@ __all__ = ["HopGrant", "mint"]
 
 def mint(
     *,
-    root: Ed25519PrivateKey,
+    root: Ed25519PrivateKey | SigningKey,
     root_key_id: int,
     token_id: str,
     sponsor: Sponsor,
@@ -31,7 +33,7 @@ def mint(
     """A new token: `sponsor` lends `scope` to the agent of `hop`.
 
     Args:
-        root: the private root key.
+        root: the private root key, here or where it signs.
         root_key_id: its id in the trust bundle.
         token_id: 16 random bytes, base64url.
         sponsor: the human principal, already authenticated.
@@ -51,9 +53,12 @@ def mint(
         raise TokenError(FaultCode.TOKEN_MALFORMED, str(error)) from None
     first = hop_rules.first_hop(authority, reserved=frozenset(), caps=caps)
     hop_rules.check_lifetimes((first,), caps)
+    here = keys.generate() if isinstance(root, SigningKey) else root
     token = biscuit.seal_authority(
-        block.fact(authority), block.checks(authority, None), root=root, root_key_id=root_key_id
+        block.fact(authority), block.checks(authority, None), root=here, root_key_id=root_key_id
     )
+    if here is not root:
+        token = block_signatures.by_root(token, root)
     if len(token) > caps.token_bytes:
         raise TokenError(FaultCode.TOKEN_TOO_LARGE, f"{len(token)} bytes of at most {caps.token_bytes}")
     return token

@@ -7,9 +7,11 @@ import stat
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
+from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
-from capabilities.keys.keys import from_pem, public_raw
+from capabilities.keys.keys import Algorithm, algorithm_of, from_pem, public_raw
+from capabilities.keys.signing_key import SigningKey
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError
@@ -20,6 +22,8 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
     from capabilities.rotation.rotation import KeyRing
 
+TokenKey = Ed25519PrivateKey | SigningKey
+"""A private key that signs tokens, here or where it signs; one that signs elsewhere is Ed25519 (`token_key`)."""
 PASSPHRASE_VARIABLE: Final = "ZTPM_PASSPHRASE"  # noqa: S105  its name, not its value
 """The environment variable that holds the passphrase of the key files."""
 
@@ -48,8 +52,8 @@ class IdpKeys:
             those verifiers that do not know the new key yet.
     """
 
-    root: Ed25519PrivateKey
-    attester: Ed25519PrivateKey
+    root: TokenKey
+    attester: TokenKey
     feed: PrivateKey
     registry: PrivateKey
     ledger: PrivateKey
@@ -84,13 +88,13 @@ class IdpKeys:
         )
 
 
-def token_key(setting: str, key: PrivateKey) -> Ed25519PrivateKey:
+def token_key(setting: str, key: PrivateKey) -> TokenKey:
     """The key, when it has the algorithm that the token profile signs with; the other roles may have either.
 
     Raises:
         SettingsError: naming the setting.
     """
-    if not isinstance(key, Ed25519PrivateKey):
+    if algorithm_of(public_raw(key)) is not Algorithm.ED25519 or isinstance(key, EllipticCurvePrivateKey):
         raise SettingsError(setting, "not an Ed25519 key")
     return key
 
