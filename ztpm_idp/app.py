@@ -13,6 +13,7 @@ from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
 from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
@@ -94,6 +95,7 @@ def create_app(
         app.include_router(part.router, prefix=path, responses=RESPONSES)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
+    app.add_exception_handler(SignerUnavailableError, _unsigned)
     app.add_exception_handler(HTTPException, _http)
     app.add_middleware(_Shield)
     return app
@@ -109,6 +111,11 @@ async def _unavailable(_: Request, error: Exception) -> Response:
     cause = error.__cause__
     logger.error("the store failed: %s", type(cause).__name__)
     return answer(IdpCode.STORE_UNAVAILABLE)
+
+
+async def _unsigned(_: Request, error: Exception) -> Response:
+    logger.error("a key does not sign: %s", error)
+    return answer(IdpCode.SIGNER_UNAVAILABLE)
 
 
 async def _http(request: Request, error: Exception) -> Response:

@@ -11,7 +11,7 @@ import os
 import stat
 import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Final, Self, TypeVar
+from typing import TYPE_CHECKING, Annotated, Final, Literal, Self, TypeVar
 from urllib.parse import urlsplit
 
 import sqlalchemy as sa
@@ -26,6 +26,7 @@ from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
 from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
+from ztpm_idp.keys.hardware_token import open_token
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
 
 if TYPE_CHECKING:
@@ -95,6 +96,23 @@ class Settings(Stated):
     root_key_id: RootKeyId
 
 
+class Pkcs11(BaseModel):
+    """Hardware module that holds private keys, spoken to by PKCS #11. Its PIN is in the environment (`PIN_VARIABLE`).
+
+    Attributes:
+        module: library of the module, e.g. /usr/lib/softhsm/libsofthsm2.so.
+        token: label of the token in it; a key has the label of its name in the ring, e.g. "root-2".
+        roles: roles whose next keys `ztpm keys prepare` makes in it. Wherever a key of the ring has a file, that one
+            is taken.
+    """
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    module: Annotated[str, Field(min_length=1)]
+    token: Annotated[str, Field(min_length=1, max_length=32)]
+    roles: Annotated[list[Literal["root", "attester", "feed", "registry", "ledger"]], Field(min_length=1)]
+
+
 class FileSettings(Stated):
     """The settings of a configuration file, which also names the files of the keys (PKCS #8, encrypted, mode 0600).
 
@@ -103,6 +121,7 @@ class FileSettings(Stated):
             of
             "root-2" lies beside it as `root-2.key`. With it none of the next six is stated, without it all of them.
             Read once: a step of a rotation needs a restart.
+        pkcs11: the hardware module that holds those private keys of the ring which have no file.
         root_key_id: number of the root key, in every token.
         root_key_file, attester_key_file, feed_key_file, registry_key_file, ledger_key_file: one key for each role.
         platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
@@ -111,6 +130,7 @@ class FileSettings(Stated):
     """
 
     key_ring_file: KeyFile = None
+    pkcs11: Pkcs11 | None = None
     root_key_id: RootKeyId | None = None
     root_key_file: KeyFile = None
     attester_key_file: KeyFile = None
@@ -126,6 +146,12 @@ class FileSettings(Stated):
             if (getattr(self, name) is None) != (self.key_ring_file is not None):
                 why = "missing" if self.key_ring_file is None else "the key ring says it"
                 raise _UnsafeError(name, why)
+        return self
+
+    @model_validator(mode="after")
+    def _hardware(self) -> Self:
+        if self.pkcs11 is not None and self.key_ring_file is None:
+            raise _UnsafeError("pkcs11", "keys of a module are named by a key ring; key_ring_file is missing")
         return self
 
     @model_validator(mode="after")
@@ -190,7 +216,8 @@ def load_keys(settings: FileSettings, folder: Path, passphrase: str) -> IdpKeys:
     if not passphrase:
         raise SettingsError(PASSPHRASE_VARIABLE, "empty")
     if settings.key_ring_file is not None:
-        return key_ring.load(settings.key_ring_file, folder, settings.issuer, passphrase)
+        hardware = None if settings.pkcs11 is None else open_token(settings.pkcs11.module, settings.pkcs11.token)
+        return key_ring.load(settings.key_ring_file, folder, settings.issuer, passphrase, hardware=hardware)
     files = {name: folder / str(getattr(settings, name)) for name in KEY_FILES}
     root, attester = (load_key(name, files[name], passphrase) for name in KEY_FILES[:2])
     feed, registry, ledger = (load_key(name, files[name], passphrase) for name in KEY_FILES[2:])

@@ -21,6 +21,6 @@ class SigningKey(ABC):
     def sign(self, message: bytes) -> bytes:
         """The 64 bytes of a signature over `message`, s in either half of its range.
 
-        RFC 8032; RFC 7518 section 3.4. `capabilities.keys.signatures` asks, and checks what comes back before
-        anybody sees it.
+        RFC 8032; RFC 7518 section 3.4. `capabilities.keys.signatures` asks, and checks what comes back
+        before it goes out.
         """

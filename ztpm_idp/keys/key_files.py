@@ -42,6 +42,10 @@ class SettingsError(Exception):
         self.why = why
 
 
+class SignerUnavailableError(Exception):
+    """A key whose holder, such as a hardware module, does not sign now. Its text names key and cause, and no secret."""
+
+
 @dataclass(frozen=True, slots=True)
 class IdpKeys:
     """The five private keys that an identity provider signs with, one for each role.

@@ -18,13 +18,14 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.rotation.rotation import KeyRecord
+    from ztpm_idp.keys.hardware_token import HardwareToken
 
 SETTING: Final = "key_ring_file"
 RING_BYTES: Final = 2**20
 """Largest file: 4096 keys of less than 256 bytes."""
 
 
-def load(name: str, folder: Path, issuer: str, passphrase: str) -> IdpKeys:
+def load(name: str, folder: Path, issuer: str, passphrase: str, *, hardware: HardwareToken | None = None) -> IdpKeys:
     """The private keys that sign by the ring of this file.
 
     Args:
@@ -32,6 +33,7 @@ def load(name: str, folder: Path, issuer: str, passphrase: str) -> IdpKeys:
         folder: where the configuration lies.
         issuer: that the ring is of.
         passphrase: of all private keys.
+        hardware: token of a hardware module; it holds the private keys that have no file beside the ring.
 
     Raises:
         SettingsError: `key_ring_file` when it or a private key beside it is unreadable, may be written by others, is
@@ -41,7 +43,10 @@ def load(name: str, folder: Path, issuer: str, passphrase: str) -> IdpKeys:
     ring = _read(path, issuer)
 
     def private(record: KeyRecord) -> PrivateKey:
-        key = load_key(SETTING, path.parent / f"{record.id}.key", passphrase)
+        file = path.parent / f"{record.id}.key"
+        if hardware is not None and not file.exists():
+            return hardware.key(record.id, record.key)
+        key = load_key(SETTING, file, passphrase)
         if public_raw(key) != record.key:
             raise SettingsError(SETTING, f"{record.id}.key is not the key that the ring names")
         return key

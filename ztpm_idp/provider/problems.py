@@ -109,6 +109,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.POINTS_UNHEARD: (409, "Exactly the enforcement points that were not heard must be named."),
     IdpCode.CONFLICT: (409, "Another request came first."),
     IdpCode.STORE_UNAVAILABLE: (503, "The store cannot commit; nothing may be taken to hold."),
+    IdpCode.SIGNER_UNAVAILABLE: (503, "The module that holds a key does not sign; nothing may be taken to hold."),
     IdpCode.PATH_UNKNOWN: (404, "There is nothing at this path."),
     IdpCode.METHOD_NOT_ALLOWED: (405, "This path does not know the method."),
     IdpCode.INTERNAL: (500, "An error of ours; it is in the log."),
