@@ -200,10 +200,10 @@ def generated() -> dict[Path, str]:
     """Every generated file and its whole text."""
     from docs import command_page
     from pep.pit.files import schemas
-    from ztpm.cli import command_line
+    from ztpm.cli import app
 
     files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}
-    return {PAGE: page(), COMMANDS: command_page.page(command_line())} | {
+    return {PAGE: page(), COMMANDS: command_page.page(app)} | {
         SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()
     }
 

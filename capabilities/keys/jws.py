@@ -8,12 +8,11 @@ algorithm: `alg` must be that of the key.
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, assert_never
 
-import jwt
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
-from jwt.algorithms import ECAlgorithm
 
 from capabilities.keys import keys, signatures
 from capabilities.keys.keys import Algorithm
@@ -23,6 +22,7 @@ from capabilities.values.errors import BadKeyError, FaultCode, StatementError
 
 if TYPE_CHECKING:
     from cryptography.hazmat.primitives.asymmetric.ec import EllipticCurvePrivateKey
+    from jwt import PyJWS
 
 EDDSA: Final = "EdDSA"
 ES256: Final = "ES256"
@@ -31,17 +31,6 @@ _ALSO_NAMED: Final = {EDDSA: frozenset({EDDSA, "Ed25519"}), ES256: frozenset({ES
 """Names that `alg` of a JWK may give a key's algorithm (RFC 9864 names Ed25519 beside EdDSA)."""
 _JWK_REQUIRED: Final = {"OKP": frozenset({"kty", "crv", "x"}), "EC": frozenset({"kty", "crv", "x", "y"})}
 _JWK_OPTIONAL: Final = frozenset({"use", "key_ops", "alg", "kid"})
-
-
-class _LowS(ECAlgorithm):
-    """ES256 with the one signature that `capabilities.keys.signatures` makes."""
-
-    def sign(self, msg: bytes, key: EllipticCurvePrivateKey) -> bytes:
-        return signatures.sign(key, msg)
-
-
-_ENGINE: Final = jwt.PyJWS(algorithms=[EDDSA])
-_ENGINE.register_algorithm(ES256, _LowS(ECAlgorithm.SHA256))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +75,24 @@ def sign(header: dict[str, object], payload: bytes, key: keys.PrivateKey) -> str
         return _signed_elsewhere(header, payload, key)
     algorithm = EDDSA if isinstance(key, Ed25519PrivateKey) else ES256
     keys.public_raw(key)
-    return _ENGINE.encode(payload, key, algorithm=algorithm, headers=header, sort_headers=True)
+    return _engine().encode(payload, key, algorithm=algorithm, headers=header, sort_headers=True)
+
+
+@functools.cache
+def _engine() -> PyJWS:
+    # Loaded by the first signature: whoever only reads is spared half of what a verifier would load.
+    import jwt
+    from jwt.algorithms import ECAlgorithm
+
+    class LowS(ECAlgorithm):
+        """ES256 with the one signature that `capabilities.keys.signatures` makes."""
+
+        def sign(self, msg: bytes, key: EllipticCurvePrivateKey) -> bytes:
+            return signatures.sign(key, msg)
+
+    engine = jwt.PyJWS(algorithms=[EDDSA])
+    engine.register_algorithm(ES256, LowS(ECAlgorithm.SHA256))
+    return engine
 
 
 def _signed_elsewhere(header: dict[str, object], payload: bytes, key: SigningKey) -> str:

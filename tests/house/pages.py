@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 import typer.main
-from ztpm.cli import command_line
+from ztpm.cli import app
 
 TOP = Path(__file__).parents[2]
 BLOCK = re.compile(r"^```(\w*)\n(.*?)^```", re.DOTALL | re.MULTILINE)
@@ -78,7 +78,7 @@ def commands(text: str) -> list[list[str]]:
 @cache
 def grammar() -> object:
     """The whole command line, put together once."""
-    return typer.main.get_command(command_line())
+    return typer.main.get_command(app)
 
 
 def assert_command(words: list[str]) -> None:

@@ -1,6 +1,7 @@
 """Rooms of the house: no folder holds too much, no import goes round, no name says two things."""
 
 import ast
+import importlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -116,3 +117,21 @@ def test_the_architecture_names_every_room_and_no_other() -> None:
     }
     named = set(re.findall(rf"`((?:{'|'.join(PACKAGES)})(?:/\w+)+)`", page))
     assert named == rooms
+
+
+@pytest.mark.parametrize("package", ["capabilities", "policies", "pep", "ztpm_idp"])
+def test_a_name_that_is_loaded_when_asked_for_is_the_one_that_type_checkers_see(package: str) -> None:
+    module = importlib.import_module(package)
+    seen: dict[str, str] = {}
+    for block in ast.parse((TOP / package / "__init__.py").read_text()).body:
+        for node in block.body if isinstance(block, ast.If) else ():
+            if isinstance(node, ast.ImportFrom):
+                for name in node.names:
+                    seen[name.asname or name.name] = f"{node.module}:{name.name}"
+    homes = {name: home if ":" in home else f"{home}:{name}" for name, home in module._HOMES.items()}
+    assert homes == seen and homes.keys() == set(module.__all__)
+    for name, home in homes.items():
+        where, _, theirs = home.partition(":")
+        assert getattr(module, name) is getattr(importlib.import_module(where), theirs)
+    with pytest.raises(AttributeError):
+        module.nothing  # noqa: B018

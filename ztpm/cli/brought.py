@@ -2,31 +2,27 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import typer
 
-from ztpm.cli.root import PROVE
-
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Collection, Iterable
     from importlib.metadata import EntryPoint
 
-GROUP: Final = "ztpm.commands"
 
-
-def add_brought(app: typer.Typer, points: Iterable[EntryPoint]) -> None:
-    """Adds the commands of `points` to `app`; a command of `app` itself is never replaced.
+def brought(points: Iterable[EntryPoint], *, taken: Collection[str]) -> dict[str, typer.Typer]:
+    """Commands of `points`, by name.
 
     An entry point is left out, and a line on standard error says why, when its name is taken or it does not load.
 
     Args:
-        app: the command line, with all commands of its own.
         points: of the group `ztpm.commands`.
+        taken: names of the command line's own commands, which are never replaced.
     """
-    taken = {group.name for group in app.registered_groups} | {command.name for command in app.registered_commands}
+    found: dict[str, typer.Typer] = {}
     for point in sorted(points, key=lambda point: point.name):
-        if point.name in taken:
+        if point.name in taken or point.name in found:
             _leave_out(point, "the name is taken")
             continue
         try:
@@ -37,8 +33,8 @@ def add_brought(app: typer.Typer, points: Iterable[EntryPoint]) -> None:
         if not isinstance(commands, typer.Typer):
             _leave_out(point, "it is no Typer")
             continue
-        taken.add(point.name)
-        app.add_typer(commands, name=point.name, rich_help_panel=PROVE)
+        found[point.name] = commands
+    return found
 
 
 def _leave_out(point: EntryPoint, why: str) -> None:

@@ -85,18 +85,20 @@ EXAMPLES: Final = {
 """Words of each command, and one set of arguments that it takes."""
 
 
-def add_examples(app: typer.Typer) -> None:
-    """Ends the help of each command of `app` with its example."""
-    for words, command in _commands(app, ()):
-        name = " ".join(words)
-        command.epilog = f"Example: ztpm {name} {EXAMPLES[name]}".rstrip()
+def example(words: str) -> str:
+    """The end of a command's help: how it is called."""
+    return f"Example: ztpm {words} {EXAMPLES[words]}".rstrip()
+
+
+def add_examples(app: typer.Typer, name: str) -> None:
+    """Ends the help of each command below the group `name` with its example."""
+    for words, command in _commands(app, (name,)):
+        command.epilog = example(" ".join(words))
 
 
 def _commands(app: typer.Typer, before: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], CommandInfo | TyperInfo]]:
-    if (
-        before
-        and app.registered_callback is not None
-        and (app.registered_callback.invoke_without_command or app.info.invoke_without_command)
+    if app.registered_callback is not None and (
+        app.registered_callback.invoke_without_command or app.info.invoke_without_command
     ):
         yield before, app.registered_callback
     for command in app.registered_commands:

@@ -3,36 +3,48 @@
 from __future__ import annotations
 
 import sys
+from copy import copy
 from itertools import takewhile
 from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import typer
-from typer import rich_utils
 from typer.core import TyperGroup
 
+from ztpm.cli.command_rows import ROWS
+from ztpm.cli.later_commands import LaterCommands, installed
+from ztpm.cli.light_help import load_help
 from ztpm.cli.output import AS_JSON, INTERRUPTED, fail
+from ztpm.cli.plain_values import read_plainly
 from ztpm.codes.unavailable import UnavailableError, unavailable
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
 
-START: Final = "Start a cell and its parts"
-PEOPLE: Final = "People: lend, answer, revoke"
-LOOK: Final = "Look"
-PROVE: Final = "Prove"
-PANELS: Final = (START, PEOPLE, LOOK, PROVE)
-"""Groups of the commands, in the order in which the help shows them."""
+HELP: Final = frozenset({"-h", "--help"})
 
 
 class CommandLine(TyperGroup):
-    """Group that ends wrong usage, Ctrl-C, and files that cannot be had as every other failure ends."""
+    """Group that loads a command when it is called, and ends every failure in one form.
 
-    def list_commands(self, ctx: Any) -> list[str]:
+    So end wrong usage, Ctrl-C, and files that cannot be had.
+    """
+
+    def __init__(self, **settings: Any) -> None:
+        """The group of all commands of `ztpm`, and of those that installed packages bring."""
+        super().__init__(**settings)
+        self.commands = LaterCommands(ROWS, installed)  # type: ignore[assignment]
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - of the library
         """Names of the commands, group by group."""
-        names = super().list_commands(ctx)
-        panels = {name: getattr(self.commands[name], "rich_help_panel", PROVE) for name in names}
-        return sorted(names, key=lambda name: PANELS.index(panels[name]))
+        return list(self.commands)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Writes the help, in which each command is one line, without loading them."""
+        load_help()
+        listed = copy(self)
+        listed.commands = self.commands.shown()  # type: ignore[attr-defined]
+        TyperGroup.format_help(listed, ctx, formatter)
 
     def main(
         self,
@@ -46,7 +58,11 @@ class CommandLine(TyperGroup):
         """Runs one command, and ends the process with its exit status."""
         words = sys.argv[1:] if args is None else list(args)
         # A program's own options follow `--`.
-        AS_JSON.set("--json" in takewhile(lambda word: word != "--", words))
+        own = set(takewhile(lambda word: word != "--", words))
+        AS_JSON.set("--json" in own)
+        if own & HELP:
+            load_help()
+        read_plainly()
         try:
             status = self._end(words, prog_name, complete_var, **extra)
         except typer.Exit as end:
@@ -70,10 +86,21 @@ class CommandLine(TyperGroup):
         return status if type(status) is int else 0
 
 
+def tell_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
+    """Prints the version and ends the command, where `--version` is given."""
+    if wanted:
+        from ztpm.cli.setup import version
+
+        version(as_json=AS_JSON.get())
+        raise typer.Exit
+
+
 def _usage(error: typer.TyperException) -> NoReturn:
     """Ends a command that was asked for wrongly; one without any words shows its help."""
     context = getattr(error, "ctx", None)
     if not AS_JSON.get() and type(error).__name__ == "NoArgsIsHelpError":
+        from typer import rich_utils
+
         rich_utils.rich_format_error(error)  # type: ignore[arg-type]
         raise typer.Exit(error.exit_code)
     path = "ztpm" if context is None else context.command_path

@@ -9,16 +9,9 @@ from typing import Annotated
 
 import typer
 
-from ztpm.cli.output import AS_JSON, fail, fail_at, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.passphrase import ask_passphrase
 from ztpm.cli.provider.person import Json
-
-
-def tell_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it
-    """Prints the version and ends the command, where `--version` is given."""
-    if wanted:
-        version(as_json=AS_JSON.get())
-        raise typer.Exit
 
 
 def version(*, as_json: Json = False) -> None:

@@ -8,23 +8,21 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Any, Final
 
-from fastapi.responses import Response
-
-from capabilities.keys import jws
 from capabilities.values.errors import FaultCode
-from capabilities.values.explanation import explanation_to_json
 from policies.words.reason_table import Reason
 from ztpm_idp.domain.codes import Code, IdpCode
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from fastapi.responses import Response
+
     from capabilities.values.explanation import Explanation
 
 MEDIA_TYPE: Final = "application/problem+json"
 
 _UNAUTHORISED: Final = 401
-_ALGORITHMS: Final = f"{jws.EDDSA} {jws.ES256}"
+_ALGORITHMS: Final = "EdDSA ES256"
 """Algorithms of proofs that are taken (RFC 9449 section 7.1)."""
 STATUS: Final[dict[Code, tuple[int, str]]] = {
     # who calls
@@ -202,6 +200,11 @@ def answer(
     Detail and explanation go only to a caller that is known: for 401 they are left out. `allow` are the methods that a
     path knows, for a request with another.
     """
+    # Whoever explains codes reads the table above without a web server.
+    from fastapi.responses import Response
+
+    from capabilities.values.explanation import explanation_to_json
+
     status, title = DECIDED if isinstance(code, Reason) else STATUS.get(code, STATUS[IdpCode.INTERNAL])
     shown = title if status == _UNAUTHORISED or not detail else detail
     body: dict[str, object] = {

@@ -6,57 +6,52 @@ from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
 
 import pytest
-import typer
-from typer.testing import CliRunner
-from ztpm.cli.brought import GROUP, add_brought
+from ztpm.cli.command_rows import PROVE, ROWS
+from ztpm.cli.later_commands import GROUP, LaterCommands
 
 
 def point(name: str, value: str = "evaluation.cli:app") -> EntryPoint:
     return EntryPoint(name, value, GROUP)
 
 
-@pytest.fixture
-def own() -> typer.Typer:
-    """A command line with a command and a group of commands of its own."""
-    app = typer.Typer()
-    app.command("demo")(lambda: typer.echo("own demo"))
-    tokens = typer.Typer()
-    tokens.command("show")(lambda: typer.echo("own token"))
-    app.add_typer(tokens, name="token")
-    return app
+def commands(*points: EntryPoint) -> LaterCommands:
+    """The commands of `ztpm`, and those that the entry points bring."""
+    return LaterCommands(ROWS, lambda: points)
 
 
-def run(app: typer.Typer, *arguments: str) -> str:
-    done = CliRunner().invoke(app, arguments)
-    assert done.exit_code == 0, done.output
-    return done.output
-
-
-def test_a_command_is_there_under_its_name(own: typer.Typer) -> None:
-    add_brought(own, [point("measure")])
-    assert "conduct" in run(own, "measure", "--help")
+def test_a_command_is_there_under_its_name() -> None:
+    found = commands(point("measure"))
+    assert list(found)[-1] == "measure" and len(found) == len(ROWS) + 1
+    assert (found["measure"].name, found["measure"].rich_help_panel) == ("measure", PROVE)
+    assert "conduct" in found["measure"].commands
+    assert found.shown()["measure"] is found["measure"]
 
 
 @pytest.mark.parametrize("name", ["demo", "token"])
-def test_no_command_of_our_own_is_replaced(own: typer.Typer, name: str, capsys: pytest.CaptureFixture[str]) -> None:
-    add_brought(own, [point(name)])
+def test_no_command_of_our_own_is_replaced(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = commands(point(name))
+    assert list(found) == [row.name for row in ROWS]
     assert f"COMMAND_LEFT_OUT: {name} " in capsys.readouterr().err
-    assert run(own, "demo") == "own demo\n"
-    assert run(own, "token", "show") == "own token\n"
+    assert found[name] is commands()[name]
 
 
 @pytest.mark.parametrize("value", ["no.such.module:app", "evaluation.cli:nothing", "json:loads"])
-def test_what_does_not_load_leaves_the_others_alone(
-    own: typer.Typer, value: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    add_brought(own, [point("broken", value), point("measure")])
+def test_what_does_not_load_leaves_the_others_alone(value: str, capsys: pytest.CaptureFixture[str]) -> None:
+    found = commands(point("broken", value), point("measure"))
+    assert "broken" not in found and "measure" in found
     assert capsys.readouterr().err.startswith(f"COMMAND_LEFT_OUT: broken ({value}): ")
-    assert "conduct" in run(own, "measure", "--help")
 
 
-def test_two_of_one_name_are_one(own: typer.Typer, capsys: pytest.CaptureFixture[str]) -> None:
-    add_brought(own, [point("measure"), point("measure")])
+def test_two_of_one_name_are_one(capsys: pytest.CaptureFixture[str]) -> None:
+    assert list(commands(point("measure"), point("measure"))).count("measure") == 1
     assert "COMMAND_LEFT_OUT: measure " in capsys.readouterr().err
+
+
+def test_a_command_of_our_own_looks_for_no_others() -> None:
+    def points() -> list[EntryPoint]:
+        raise AssertionError
+
+    assert LaterCommands(ROWS, points)["version"].name == "version"
 
 
 @pytest.mark.long

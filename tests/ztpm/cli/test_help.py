@@ -16,15 +16,15 @@ import pytest
 import typer.main
 from docs.command_page import leaves
 from ztpm.cli.examples import EXAMPLES
-from ztpm.cli.root import PANELS
+from ztpm.cli.command_rows import PANELS, ROWS
 from ztpm.codes.code_table import code_table
 
-from ztpm.cli import command_line
+from ztpm.cli import app
 
 TOP = Path(__file__).parents[3]
 PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 SOURCES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((TOP / package).rglob("*.py"))}
-LEAVES = {leaf.words: leaf.command for leaf in leaves(command_line())}
+LEAVES = {leaf.words: leaf.command for leaf in leaves(app)}
 ENDING = {"fail": 0, "fail_at": 2, "UpError": 0, "LeaseError": 0, "ReplayError": 0, "DraftError": 0, "ClientError": 0,
           "StoreNotOpenedError": 0, "unavailable": None, "PitError": 0}  # fmt: skip
 """Place of the code among the arguments of each call that ends a command.
@@ -100,11 +100,42 @@ def test_no_example_is_left_over():
 
 
 def test_every_command_stands_in_a_group(run):
-    root = typer.main.get_command(command_line())
+    root = typer.main.get_command(app)
     assert {command.rich_help_panel for command in root.commands.values()} == set(PANELS)
     told = run("-h").out
     assert told == run("--help").out
     assert [told.index(panel) for panel in PANELS] == sorted(told.index(panel) for panel in PANELS)
+
+
+def test_the_help_lists_each_command_as_it_describes_itself():
+    for row in ROWS:
+        command = typer.main.get_command(app).commands[row.name]
+        assert (command.help.split("\n\n")[0], command.rich_help_panel) == (row.help, row.panel)
+        assert {name for name, _ in row.joined} <= set(getattr(command, "commands", ()))
+
+
+STARTS = """
+import sys
+from ztpm.cli import main
+for words in (["--help"], ["explain", "NOT_NARROWER"], ["agent", "list", "--help"]):
+    sys.argv = ["ztpm", *words]
+    try:
+        main()
+    except SystemExit as end:
+        assert end.code == 0, words
+print(*{name.partition(".")[0] for name in sys.modules})
+"""
+
+
+def test_a_command_loads_nothing_that_it_does_not_need():
+    """Each of these costs a tenth of a second of a processor, or more."""
+    told = subprocess.run([sys.executable, "-c", STARTS], capture_output=True, text=True, timeout=60, check=True)
+    loaded = set(told.stdout.splitlines()[-1].split())
+    assert {"typer", "rich", "ztpm"} <= loaded
+    assert loaded & {
+        "biscuit_auth", "cryptography", "fastapi", "httpx2", "jwt", "markdown_it", "mcp", "numpy", "pinocchio",
+        "pydantic", "pygments", "sqlalchemy", "starlette",
+    } == set()  # fmt: skip
 
 
 def test_version(run):

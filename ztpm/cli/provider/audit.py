@@ -14,7 +14,6 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
-from capabilities.keys.trust import TrustBundle
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
@@ -158,6 +157,7 @@ def _journal(lines: BinaryIO, *, as_json: bool) -> None:
 
 
 def _ledger(lines: BinaryIO, trust: Path, first: int, *, as_json: bool) -> None:
+    from capabilities.keys.trust import TrustBundle
     from ztpm_idp.ledger_file import Defect
     from ztpm_idp.ledger_file import verify as verify_ledger
 

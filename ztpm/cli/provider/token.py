@@ -17,12 +17,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 
-from capabilities.keys.trust import TrustBundle
-from capabilities.values import budgets, strict_json
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, Fault, TokenError
 from capabilities.values.scope import Budget
-from capabilities.values.well_formed import well_formed_grants
 from ztpm.cli.output import console, fail, fail_at, say_json
 from ztpm.cli.provider.agent import Software, agent_of
 from ztpm.cli.provider.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
@@ -59,6 +56,7 @@ def inspect(
 
     It comes from a file, since it is a secret.
     """
+    from capabilities.keys.trust import TrustBundle
     from capabilities.token.token_text import token_from_text
     from capabilities.token.verify import inspect_token
 
@@ -168,6 +166,9 @@ def with_budgets(
         stated: each budget as the command line has it.
         audiences: likewise; the only one is that of a budget that names none.
     """
+    from capabilities.values import budgets
+    from capabilities.values.well_formed import well_formed_grants
+
     kept = {f"{grant.object}/{grant.operation}": grant for grant in grants or ()}
     for text in stated:
         read = _FORM.fullmatch(text)
@@ -207,6 +208,8 @@ def arm_scope(directory: Path | None, delegates: frozenset[str], lifetime_s: int
 
 def read_as(path: Path, parse: Callable[[object], T]) -> T:
     """The JSON of a file, parsed strictly, or the command ends."""
+    from capabilities.values import strict_json
+
     try:
         return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
     except CapabilityError as error:

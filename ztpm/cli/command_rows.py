@@ -1,0 +1,140 @@
+"""Commands of `ztpm`, one row each: group and text in the help, and the module that a call loads.
+
+The help of `ztpm` itself is read here, so that it costs no command's libraries.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+START: Final = "Start a cell and its parts"
+PEOPLE: Final = "People: lend, answer, revoke"
+LOOK: Final = "Look"
+PROVE: Final = "Prove"
+PANELS: Final = (START, PEOPLE, LOOK, PROVE)
+"""Groups of the commands, in the order in which the help shows them."""
+
+
+@dataclass(frozen=True, slots=True)
+class CommandRow:
+    """One command, or one group of commands.
+
+    Attributes:
+        name: the word that calls it.
+        panel: its group in the help.
+        home: `module:name` of a function, or of a Typer with commands below it.
+        help: the first paragraph of its help.
+        joined: name and home of each command that another module adds to the Typer.
+    """
+
+    name: str
+    panel: str
+    home: str
+    help: str
+    joined: tuple[tuple[str, str], ...] = ()
+
+
+ROWS: Final = (
+    CommandRow("demo", START, "ztpm.cli.demo:demo", "Tell the story end to end on an embedded cell."),
+    CommandRow(
+        "up",
+        START,
+        "ztpm.cli.up:up",
+        "Run a cell until SIGINT or SIGTERM: identity provider, "
+        "simulated UR3e and sensor, gateway, tools, status page.",
+    ),
+    CommandRow(
+        "init",
+        START,
+        "ztpm.cli.setup:init",
+        "Make a new cell: keys, operators, trust bundle, "
+        "configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for.",
+    ),
+    CommandRow(
+        "doctor",
+        START,
+        "ztpm.cli.doctor:doctor",
+        "Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.",
+    ),
+    CommandRow("cell", START, "ztpm.cli.cell:app", "Cell files: what stands in a cell, signed by a person."),
+    CommandRow(
+        "idp",
+        START,
+        "ztpm.cli.provider.idp:app",
+        "The identity provider: serve it, restore its store, recover an administrator.",
+        (
+            ("recover", "ztpm.cli.provider.people:recover"),
+            ("backup", "ztpm.cli.provider.restore:backup"),
+            ("restore", "ztpm.cli.provider.restore:restore"),
+            ("resume", "ztpm.cli.provider.restore:resume"),
+            ("mark", "ztpm.cli.provider.restore:mark"),
+        ),
+    ),
+    CommandRow(
+        "mcp",
+        START,
+        "ztpm.cli.mcp:app",
+        "The cell's MCP tools: serve them, and pin their definitions.",
+        (("serve", "ztpm.cli.serve:tools"),),
+    ),
+    CommandRow(
+        "rtde",
+        START,
+        "ztpm.cli.serve:rtde",
+        "The robot: its gateway, a simulated one, and programs under a lease.",
+        (("run", "ztpm.cli.rtde_run:run"), ("connect", "ztpm.cli.rtde_run:connect")),
+    ),
+    CommandRow(
+        "revoke",
+        PEOPLE,
+        "ztpm.cli.provider.token:revoke",
+        "Revoke a token, hop, agent, key, sponsor, audience or "
+        "mandate; enforcement points know within a feed's period.",
+    ),
+    CommandRow("approvals", PEOPLE, "ztpm.cli.provider.approvals:app", "Questions to people, and their answers."),
+    CommandRow(
+        "agent",
+        PEOPLE,
+        "ztpm.cli.provider.agent:app",
+        "Agents: who they are, what they run, whether they may act.",
+        (("vouch", "ztpm.cli.provider.restore:vouch"),),
+    ),
+    CommandRow(
+        "token", PEOPLE, "ztpm.cli.provider.token:app", "Tokens: lend authority, lend a part of it on, look into one."
+    ),
+    CommandRow(
+        "mandate",
+        PEOPLE,
+        "ztpm.cli.provider.mandate:app",
+        "Mandates: authority for work that is longer than a token.",
+    ),
+    CommandRow(
+        "person",
+        PEOPLE,
+        "ztpm.cli.provider.people:app",
+        "People: who may do what. Two people change approvers and administrators.",
+    ),
+    CommandRow(
+        "keys",
+        PEOPLE,
+        "ztpm.cli.provider.keys:app",
+        "The identity provider's keys: list, prepare, activate, taint, revoke.",
+    ),
+    CommandRow(
+        "explain",
+        LOOK,
+        "ztpm.cli.explain:explain",
+        "Explain a code: its cause, the next step, the primitives that find it, and the exit status.",
+    ),
+    CommandRow("version", LOOK, "ztpm.cli.setup:version", "Print the version."),
+    CommandRow("audit", LOOK, "ztpm.cli.provider.audit:app", "The ledger and journals: export, verify and show them."),
+    CommandRow("pit", LOOK, "ztpm.cli.pit:app", "Physical impact of one motion in one scene, out of files."),
+    CommandRow(
+        "policy",
+        PROVE,
+        "ztpm.cli.policy.commands:app",
+        "Policy sets: check, explain, compare, simulate and prove them.",
+    ),
+)
+"""In the order of the help: panel by panel."""
