@@ -14,10 +14,23 @@ from starlette.exceptions import HTTPException
 
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
+from ztpm_idp.login.pages import PageProblem, problem_page
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
-from ztpm_idp.routes import approvals, conduct, ledger, mandates, people, registry, restoring, service, tokens, upkeep
+from ztpm_idp.routes import (
+    approvals,
+    conduct,
+    ledger,
+    login,
+    mandates,
+    people,
+    registry,
+    restoring,
+    service,
+    tokens,
+    upkeep,
+)
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -35,7 +48,7 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
-_PARTS: Final = (service, registry, people, tokens, mandates, ledger, approvals, conduct, restoring, upkeep)
+_PARTS: Final = (service, registry, people, tokens, mandates, ledger, approvals, conduct, restoring, upkeep, login)
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
@@ -93,6 +106,7 @@ def create_app(
     )
     for part in _PARTS:
         app.include_router(part.router, prefix=path, responses=RESPONSES)
+    app.add_exception_handler(PageProblem, _page_problem)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
     app.add_exception_handler(SignerUnavailableError, _unsigned)
@@ -105,6 +119,12 @@ async def _problem(_: Request, error: Exception) -> Response:
     if not isinstance(error, Problem):
         raise TypeError
     return answer(error.code, error.detail, error.explanation)
+
+
+async def _page_problem(_: Request, error: Exception) -> Response:
+    if not isinstance(error, PageProblem):
+        raise TypeError
+    return problem_page(error)
 
 
 async def _unavailable(_: Request, error: Exception) -> Response:

@@ -98,9 +98,24 @@ LATEST_COLUMNS = (
 """Columns that no database of an earlier release has."""
 
 
+LATEST_TABLES = (
+    "mandates",
+    "former_keys",
+    "sessions",
+    "login_offers",
+    "person_logins",
+    "device_logins",
+    "session_keys",
+    "login_secret",
+)
+"""Tables that no database of an earlier release has."""
+
+
 def drop_latest_columns(base) -> None:
-    base.execute("DROP TABLE mandates")
-    base.execute("DROP TABLE former_keys")
+    for table in LATEST_TABLES:
+        base.execute(f"DROP TABLE {table}")
+    if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'changes'").fetchone():
+        base.execute("ALTER TABLE changes DROP COLUMN login")
     base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
         base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")

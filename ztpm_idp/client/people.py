@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
 from capabilities.keys.keys import b64u
-from ztpm_idp.client.caller import Caller
+from ztpm_idp.client.caller import Caller, ClientError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -76,3 +76,14 @@ class PeopleCaller(Caller):
             key: raw public key.
         """
         return str(self._post("/recoveries", {"person": person, "name": name, "key": b64u(key)})["change_id"])
+
+    def login_link(self) -> str:
+        """A link that logs this person in in the browser that opens it: once, within two minutes.
+
+        Raises:
+            ClientError: the answer names another place than the provider.
+        """
+        url = str(self._post("/login/links", {}).get("url", ""))
+        if not url.startswith(f"{self.issuer}/login/links/"):
+            raise ClientError("ANSWER_MALFORMED", 201)
+        return url

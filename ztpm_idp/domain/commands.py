@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ztpm_idp.domain.login.commands import LoginCommand
 from ztpm_idp.domain.upkeep.acts import UpkeepCommand
 
 if TYPE_CHECKING:
@@ -395,4 +396,5 @@ Command = (
     | SignMandate
     | DrawToken
     | UpkeepCommand
+    | LoginCommand
 )

@@ -40,6 +40,8 @@ from ztpm_idp.domain.commands import (
     VouchAgent,
 )
 from ztpm_idp.domain.lending import attestation, issuance, mandates
+from ztpm_idp.domain.login import sessions
+from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
 from ztpm_idp.domain.parties import RegisteredPep, RegisteredSensor, Standing
 from ztpm_idp.domain.upkeep import upkeep
 from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
@@ -154,6 +156,8 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return mandates.draw(rules, state, command, at_ms)
         case SuspendPart() | RestorePart() | RetirePart() | ReplaceKey() | ChangeTool():
             return upkeep.decide(rules, state, command)
+        case OfferLogin() | LogIn() | LogOut():
+            return sessions.login(state, command, at_ms)
         case _:
             assert_never(command)
 

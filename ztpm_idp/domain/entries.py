@@ -47,6 +47,8 @@ from ztpm_idp.domain.events import (
     TrustStated,
     VoteCast,
 )
+from ztpm_idp.domain.login.entries import login_entry
+from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolAct, ToolChanged
 
@@ -212,6 +214,8 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "agents-held", {"agents": list(agents)}
         case StoreResumed(unheard=unheard, signed=signed):
             return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
+        case LoginOffered() | SessionBegun() | SessionEnded():
+            return login_entry(event)
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}
         case PartSuspended(kind=part, id=id_, reason=reason):

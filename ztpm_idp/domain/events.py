@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capabilities.statements import revocation
+from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 
 if TYPE_CHECKING:
@@ -438,4 +439,5 @@ Event = (
     | RestoringEvent
     | MandateSigned
     | UpkeepEvent
+    | LoginEvent
 )

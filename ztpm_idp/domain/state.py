@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
+    from ztpm_idp.domain.login.records import Offer, Session
     from ztpm_idp.domain.parties import Party, RegisteredPep, Standing
 
 NOTHING_HELD: Final = Held()
@@ -219,6 +220,10 @@ class Wanted:
     """A thumbprint: the mandates that its key signed and that may be in force."""
     mandates_from: str | None = None
     """A person: the mandates that it signed, with whichever key, and that may be in force."""
+    sessions_of: str | None = None
+    """A person: its sessions that may last."""
+    offer: bytes | None = None
+    """A login link, by the digest of its secret."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,6 +264,8 @@ class State:
         mandates: those that may be in force and are not revoked: of the wanted agent, of agents whose conduct is
             wanted or will change, by the wanted key, and from the wanted person.
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
+        sessions: of the wanted person, those that may last, oldest first.
+        offer: the wanted login link.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -292,3 +299,5 @@ class State:
     drawn: tuple[Drawn, ...] = ()
     mandates: tuple[MandateRecord, ...] = ()
     tool: Standing | None = None
+    sessions: tuple[Session, ...] = ()
+    offer: Offer | None = None

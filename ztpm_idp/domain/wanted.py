@@ -44,6 +44,7 @@ from ztpm_idp.domain.commands import (
 )
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
 from ztpm_idp.domain.state import (
     AgentsOf,
     Approvers,
@@ -160,6 +161,12 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}), mandates_of=id_)
         case ChangeTool(by=by, audience=audience, name=name):
             return Wanted(parties=frozenset({by}), tool=(audience, name))
+        case OfferLogin(by=by):
+            return Wanted(parties=frozenset({by}))
+        case LogIn(by=by, offer=offer):
+            return Wanted(parties=frozenset({by}), sessions_of=by, offer=offer)
+        case LogOut(by=by):
+            return Wanted(parties=frozenset({by}), sessions_of=by)
         case _:
             assert_never(command)
 

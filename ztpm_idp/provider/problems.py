@@ -94,6 +94,12 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.MANDATE_TOKENS_LIVE: (429, "As many tokens of the mandate are live as may be."),
     IdpCode.MANDATE_LEAVES_NOTHING: (403, "Nothing is left of the mandate that its sponsor could sign now."),
     IdpCode.TOO_MANY_MANDATES: (429, "As many mandates of the agent are in force as may be."),
+    # people in a browser
+    IdpCode.NOT_LOGGED_IN: (403, "A person must be logged in in this browser."),
+    IdpCode.LOGIN_OVER: (409, "The login was used before, or is too old."),
+    IdpCode.LOGIN_OLD: (403, "The person must log in again."),
+    IdpCode.FORM_FORGED: (403, "The form was not sent by a page of this provider."),
+    IdpCode.FORM_MALFORMED: (400, "The form is not what this page takes."),
     # engines and keys
     FaultCode.LIMIT_EXCEEDED: (503, "An engine's limit was reached; nothing was decided."),
     FaultCode.ENGINES_DISAGREE: (503, "Two engines disagree; nothing was decided."),

@@ -47,6 +47,7 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.ledger import seal
+from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.parties import (
     Party,
     PersonRole,
@@ -68,6 +69,7 @@ from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.people import People
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
+from ztpm_idp.store.sessions import Sessions
 from ztpm_idp.store.upkeep import Upkeep
 
 if TYPE_CHECKING:
@@ -108,6 +110,7 @@ class Transaction:
         self.revocations = Revocations(connection)
         self.restoring = Restoring(connection)
         self.upkeep = Upkeep(connection)
+        self.sessions = Sessions(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -167,6 +170,8 @@ class Transaction:
                 since_s=since_s, agents=living, key=wanted.mandates_by, sponsor=wanted.mandates_from
             ),
             tool=await self.upkeep.tool(wanted.tool),
+            sessions=await self.sessions.sessions_of(wanted.sessions_of),
+            offer=await self.sessions.offer(wanted.offer),
         )
 
     async def counters(self) -> Counters:
@@ -192,6 +197,11 @@ class Transaction:
         """Party that owns a key, ended or not."""
         person = await self.people.owner(t.person_keys.c.key == key)
         found = await self._read(t.parties.c.key == key if person is None else t.parties.c.id == person)
+        return found[0] if found else None
+
+    async def party(self, id_: str) -> Party | None:
+        """Party of this id, ended or not."""
+        found = await self._read(t.parties.c.id == id_)
         return found[0] if found else None
 
     async def knows(self, kind: RevocationKind, id_: str) -> bool:
@@ -455,6 +465,8 @@ class Transaction:
             case PartSuspended() | PartRestored() | KeyReplaced() | ToolChanged():
                 await self.upkeep.write(event, at_ms=at_ms)
                 await self._registry_changed()
+            case LoginOffered() | SessionBegun() | SessionEnded():
+                await self.sessions.write(event, at_ms=at_ms)
             case _:
                 assert_never(event)
 

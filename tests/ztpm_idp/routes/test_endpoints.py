@@ -77,6 +77,7 @@ def good_bodies(world):
             {"alice", "dan"},
         ),
         ("/nonces", {}, {"helper", "planner"}),
+        ("/login/links", {}, {"alice", "bob", "carol", "dan"}),
         ("/tokens", {"request": request, "evidence": helper.evidence("alice", request)}, {"alice"}),
         ("/tokens/delegate", {"request": hop, "evidence": helper.evidence("planner", hop)}, {"planner"}),
         ("/revocations", {"kind": "agent", "id": "helper", "reason": "odd"}, {"alice", "dan", "helper"}),
@@ -191,7 +192,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             assert checked(answered, status=409)["code"] == "NOT_RESTORING"
         else:
             assert answered.is_success, path
-    assert len(paths) == 29
+    assert len(paths) == 30
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -209,6 +210,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
         "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
         *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
+        "/login/links",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",

@@ -15,7 +15,7 @@ from alembic.script import ScriptDirectory
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.journals import Journal
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_jti, drop_latest_columns
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, LATEST_TABLES, SLOWER, World, new_jti, drop_latest_columns
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store.migrate import MIGRATIONS, NEWEST
@@ -93,6 +93,24 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
         assert isinstance(ledger_file.verify(lines, world.trust), ledger_file.Verified)
 
 
+def test_words_on_changes_stay_where_a_change_may_be_about_a_login(tmp_path):
+    """SQLite makes a new table for a new constraint, and forgets no row that points at the old one."""
+    with World(tmp_path) as world:
+        waits = world.people["dan"].propose_end("carol", "left")
+        world.person("erin", "approver")
+        world.stop()
+        with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
+            words = base.execute("SELECT * FROM change_words").fetchall()
+            drop_latest_columns(base)
+            base.execute("UPDATE alembic_version SET version_num = 'v0007'")
+        assert len(words) == 1
+        world.start()
+        with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base:
+            assert base.execute("SELECT * FROM change_words").fetchall() == words
+            assert base.execute("PRAGMA foreign_key_check").fetchall() == []
+        assert world.people["alice"].confirm_change(waits) == "done"
+
+
 def first_rows(file):
     with closing(sqlite3.connect(file)) as base:
         names = [n for (n,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
@@ -101,8 +119,7 @@ def first_rows(file):
             for n in names
             if n
             not in {
-                "former_keys",
-                "mandates",
+                *LATEST_TABLES,
                 "refusals",
                 "change_words",
                 "changes",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-revision = "v0023"
+revision = "v0012"
 down_revision = "v0011"
 branch_labels = None
 depends_on = None

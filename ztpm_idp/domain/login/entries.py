@@ -1,0 +1,42 @@
+"""Ledger entries of logging in: who, how, when; never what a cookie or a link holds."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, assert_never
+
+from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.login.events import LoginEvent
+    from ztpm_idp.domain.login.records import Authentication
+
+Json = dict[str, object]
+
+
+def login_entry(event: LoginEvent) -> tuple[str, Json] | None:
+    """Kind and body of the event's ledger entry; None for an event that other entries imply."""
+    match event:
+        case LoginOffered():
+            return None
+        case SessionBegun(session=session):
+            return "session-begun", {
+                "session_id": session.session_id,
+                "person": session.person,
+                "roles": sorted(role.value for role in session.roles),
+                "authentication": _how(session.how),
+            }
+        case SessionEnded(session_id=session_id, person=person):
+            return "session-ended", {"session_id": session_id, "person": person}
+        case _:
+            assert_never(event)
+
+
+def _how(how: Authentication) -> Json:
+    return {
+        "method": how.method.value,
+        "at_ms": how.at_ms,
+        "acr": how.acr,
+        "amr": list(how.amr),
+        "key": how.key,
+        "login": how.login,
+    }

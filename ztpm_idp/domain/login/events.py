@@ -1,0 +1,35 @@
+"""Events of logging in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.login.records import Offer, Session
+
+
+@dataclass(frozen=True, slots=True)
+class LoginOffered:
+    """A login link may be opened. Not in the ledger: the session is."""
+
+    offer: Offer
+
+
+@dataclass(frozen=True, slots=True)
+class SessionBegun:
+    """A person is logged in; `offer` is the digest of the link that is spent by it, if any."""
+
+    session: Session
+    offer: bytes | None
+
+
+@dataclass(frozen=True, slots=True)
+class SessionEnded:
+    """A session is over before its time."""
+
+    session_id: str
+    person: str
+
+
+LoginEvent = LoginOffered | SessionBegun | SessionEnded

@@ -1,0 +1,63 @@
+"""Sessions: begun by people who were authenticated just now, ended by them, by time, or with the person."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final, assert_never
+
+from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.records import (
+    ABSOLUTE_MS,
+    SESSIONS_OF_ONE,
+    Authentication,
+    Method,
+    Offer,
+    Session,
+)
+from ztpm_idp.domain.parties import RegisteredPerson, Standing
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.login.commands import LoginCommand
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.state import State
+
+SOFTWARE_KEY: Final = "swk"
+"""Method of an operator key in a file: proof of possession of a software-secured key (RFC 8176 section 2)."""
+
+
+def login(state: State, command: LoginCommand, at_ms: int) -> Outcome:
+    """The events of a command about logging in."""
+    person = state.parties.get(command.by)
+    if not isinstance(person, RegisteredPerson) or person.standing is not Standing.ACTIVE:
+        return Refusal(IdpCode.NOT_PERMITTED, "people log in")
+    match command:
+        case OfferLogin(by=by, key=key, digest=digest):
+            return (LoginOffered(Offer(digest, by, key, at_ms)),)
+        case LogIn():
+            return _begun(state, command, person, at_ms)
+        case LogOut(by=by, session_id=session_id):
+            own = any(session.session_id == session_id for session in state.sessions)
+            return (SessionEnded(session_id, by),) if own else ()
+        case _:
+            assert_never(command)
+
+
+def _begun(state: State, command: LogIn, person: RegisteredPerson, at_ms: int) -> Outcome:
+    how = command.how
+    if command.offer is not None:
+        offer = state.offer
+        if offer is None or offer.person != person.id or offer.over(at_ms):
+            return Refusal(IdpCode.LOGIN_OVER, "the login link was opened before, or is too old")
+        how = Authentication(Method.OPERATOR_KEY, offer.made_ms, amr=(SOFTWARE_KEY,), key=offer.key)
+    if how is None or not how.at_ms <= at_ms:
+        return Refusal(IdpCode.NOT_PERMITTED, "nothing says how the person was authenticated")
+    roles = person.roles if command.roles is None else person.roles & command.roles
+    begun = Session(
+        session_id=command.session_id, person=person.id, how=how, roles=roles,
+        made_ms=at_ms, seen_ms=at_ms, ends_ms=at_ms + ABSOLUTE_MS,
+    )  # fmt: skip
+    # The oldest of too many ends.
+    others = sorted(state.sessions, key=lambda session: session.made_ms)
+    ends = others[: max(0, len(others) + 1 - SESSIONS_OF_ONE)]
+    return (*(SessionEnded(session.session_id, person.id) for session in ends), SessionBegun(begun, command.offer))

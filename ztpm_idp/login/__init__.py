@@ -1,0 +1,1 @@
+"""People in a browser: sessions and their cookies, forms, pages, and logging in."""
