@@ -45,7 +45,8 @@ class SettingsError(Exception):
 class SignerUnavailableError(Exception):
     """A key whose holder, such as a hardware module, does not sign now.
 
-    Its text names key and cause, and no secret."""
+    Its text names key and cause, and no secret.
+    """
 
 
 @dataclass(frozen=True, slots=True)
