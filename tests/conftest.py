@@ -34,6 +34,7 @@ COMPILE_S = 600
 
 def pytest_addoption(parser):
     parser.addoption("--campaign", action="store_true", help="also the tests that take long and say the same again")
+    parser.addoption("--postgres", action="store_true", help="identity providers over PostgreSQL instead of SQLite")
 
 
 def pytest_configure(config):

@@ -82,7 +82,8 @@ def create_app(
         try:
             app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
-            yield
+            async with store.listening(app.state.provider.hinted):
+                yield
         finally:
             await store.close()
 

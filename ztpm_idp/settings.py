@@ -5,7 +5,6 @@ A service with an unsafe or empty security setting does not start, and says whic
 
 from __future__ import annotations
 
-import ipaddress
 import logging
 import os
 import stat
@@ -24,6 +23,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, CapabilityError, ScopeError
 from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
+from ztpm_idp.domain.addresses import is_loopback
 from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.hardware_token import open_token
@@ -36,7 +36,8 @@ KEY_FILES: Final = ("root_key_file", "attester_key_file", "feed_key_file", "regi
 S = TypeVar("S", bound=BaseModel)
 RootKeyId = Annotated[int, Field(ge=0, lt=2**32)]
 KeyFile = Annotated[str, Field(min_length=1)] | None
-_DRIVER: Final = "sqlite+aiosqlite"
+_SQLITE: Final = "sqlite+aiosqlite"
+_POSTGRES: Final = "postgresql+asyncpg"
 
 _LOG: Final = logging.getLogger(__name__)
 
@@ -56,7 +57,8 @@ class Stated(BaseModel):
     Attributes:
         issuer: its base URL with a path; every endpoint is below it, every proof names it.
         host, port: its listener's address.
-        database_url: `sqlite+aiosqlite:///FILE`.
+        database_url: `sqlite+aiosqlite:///FILE`, or `postgresql+asyncpg://USER@HOST/NAME`. The password of a server
+            is in `PGPASSFILE` or `PGPASSWORD`, its certificate authority in the file that `PGSSLROOTCERT` names.
         policy: the set that decides on delegations: the name of a shipped policy set, or a TOML file.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
@@ -336,8 +338,15 @@ def _check_database(database_url: str) -> None:
         url = sa.make_url(database_url)
     except sa.exc.ArgumentError:
         raise _UnsafeError("database_url", "not a database URL") from None
-    if url.drivername != _DRIVER:
-        raise _UnsafeError("database_url", f"the driver is {_DRIVER}: this version supports no other database")
+    if url.drivername == _SQLITE:
+        _check_sqlite(url)
+    elif url.drivername == _POSTGRES:
+        _check_postgres(url)
+    else:
+        raise _UnsafeError("database_url", f"the driver is {_SQLITE} or {_POSTGRES}")
+
+
+def _check_sqlite(url: sa.URL) -> None:
     # A plain file and nothing else: options in the URL could put it into memory or loosen its durability.
     if not url.database or url.database.startswith((":", "file:")):
         raise _UnsafeError("database_url", "a database in memory forgets revocations")
@@ -345,9 +354,17 @@ def _check_database(database_url: str) -> None:
         raise _UnsafeError("database_url", "options are not taken")
 
 
-def is_loopback(host: str) -> bool:
-    """True for the names and addresses that never leave the machine."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
+def _check_postgres(url: sa.URL) -> None:
+    """Takes one server by its name or socket, without a password, and with verified TLS beyond this machine.
+
+    The store turns TLS on by itself: an option could only turn it down.
+    """
+    if url.password is not None:
+        raise _UnsafeError("database_url", "a password in a file: it belongs in PGPASSFILE (~/.pgpass) or PGPASSWORD")
+    socket = url.query.get("host")
+    if url.query and (set(url.query) != {"host"} or not isinstance(socket, str) or not socket.startswith("/")):
+        raise _UnsafeError("database_url", "the only option is host=/DIRECTORY, of a socket; TLS needs none")
+    if (url.host is None) == (socket is None):
+        raise _UnsafeError("database_url", "one server: //USER@HOST/NAME, or //USER@/NAME?host=/DIRECTORY")
+    if not url.username or not url.database:
+        raise _UnsafeError("database_url", "names a user and a database: another's environment would choose them")

@@ -11,8 +11,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import httpx2
+import sqlalchemy as sa
 from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
+from tests.ztpm_idp import postgres
 from ztpm_idp.bootstrap import FirstPerson, initialise
 
 from capabilities.keys import keys
@@ -99,6 +101,7 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "heartbeat",
     "mandates",
     "former_keys",
     "sessions",
@@ -116,12 +119,17 @@ def drop_latest_columns(base) -> None:
         base.execute(f"DROP TABLE {table}")
     if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'changes'").fetchone():
         base.execute("ALTER TABLE changes DROP COLUMN login")
+    base.execute("ALTER TABLE counters ADD COLUMN beats BIGINT NOT NULL DEFAULT 0")
     base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
         base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
 
 
 TRUST_DOMAIN = "cell.example"
+
+
+DATABASE = ["sqlite"]
+"""Database that a `World` has when none is said: `--postgres` makes it the other one."""
 
 
 @dataclass
@@ -136,6 +144,7 @@ class World:
     platform: workload.Platform | None = None
     policies: object | None = None
     people: dict[str, Operator] = field(default_factory=dict)
+    database: str = field(default_factory=lambda: DATABASE[0])
     agents: dict[str, Agent] = field(default_factory=dict)
     peps: dict[str, Operator] = field(default_factory=dict)
     private: dict[str, object] = field(default_factory=dict)
@@ -146,15 +155,12 @@ class World:
         self.loop = asyncio.new_event_loop()
         self.thread = threading.Thread(target=self.loop.run_forever, daemon=True)
         self.thread.start()
-        self.settings = settings_for(self.folder, **self.settings_changes)
+        self.settings = settings_for(self.folder, **({"database_url": self.new_database()} | self.settings_changes))
         self.private |= {name: keys.generate() for name in self.ROLES}
         self.platform = workload.Platform(
             TRUST_DOMAIN, workload.key_set(workload.jwks(keys.public_raw(self.platform_key)))[0]
         )
         first = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), roles) for n, roles in self.ROLES.items()]
-        store = self.folder / "idp.sqlite"
-        store.touch(0o600)
-        store.write_bytes(empty_store())
         self.on_loop(initialise(self.settings.database_url, people=first, now=self.clock))
         self.start()
         self.people = {name: self.caller(Operator, name) for name in self.ROLES}
@@ -166,6 +172,27 @@ class World:
         self.loop.call_soon_threadsafe(self.loop.stop)
         self.thread.join(10)
         self.loop.close()
+        if self.database == "postgres":
+            postgres.drop(self.settings.database_url)
+
+    def new_database(self) -> str:
+        """URL of a database with the newest schema and no row in it."""
+        if self.database == "postgres":
+            return postgres.new_database()
+        store = self.folder / "idp.sqlite"
+        store.touch(0o600)
+        store.write_bytes(empty_store())
+        return settings_for(self.folder).database_url
+
+    def sql(self, statement: str, **values) -> list[tuple]:
+        """Rows of a statement on the store's database, on a connection of its own; durable."""
+
+        async def go():
+            async with self.provider.store._engine.execution_options(ztpm_writes=True).begin() as connection:
+                found = await connection.execute(sa.text(statement), values)
+                return [tuple(row) for row in found] if found.returns_rows else []
+
+        return self.on_loop(go())
 
     def start(self):
         self.app = create_app(

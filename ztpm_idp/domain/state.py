@@ -210,6 +210,8 @@ class Wanted:
     """An agent: its refusals of late."""
     thumbprints: frozenset[str] = frozenset()
     """Keys whose owners are wanted, with the parties themselves."""
+    empty: bool = False
+    """To be told that no party is registered at all."""
     points: bool = False
     """The active enforcement points, also while nothing is being restored."""
     mandate: str | None = None
@@ -241,7 +243,7 @@ class State:
         crowd, crowd_of_all: how many of the wanted crowd there are; of the same sponsor where sponsors are bounded
             singly, and then of all.
         agents_of: ids of the wanted person's agents that are not in the revocation index, in order.
-        empty: no party is registered at all.
+        empty: no party is registered at all, where that was wanted.
         revoked: every (kind, id) that is revoked, and every agent that is suspended, when the command judges a
             token.
         epoch: of that set.

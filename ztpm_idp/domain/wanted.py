@@ -66,7 +66,9 @@ def wanted(command: Command) -> Wanted:
     """State that must be loaded to judge `command`."""
     match command:
         case Initialise(people=people):
-            return Wanted(parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people))
+            return Wanted(
+                parties=frozenset(p.id for p in people), keys=frozenset(p.key for p in people), empty=True
+            )  # fmt: skip
         case RegisterPerson(by=by, id=id_, key=key):
             return Wanted(parties=frozenset({by, id_}), keys=frozenset({key}))
         case ProposeChange(change=change) | Recover(change=change):

@@ -47,8 +47,9 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
     from ztpm_idp.store.conduct import Told
+    from ztpm_idp.store.counters import Counters
     from ztpm_idp.store.engine import Store
-    from ztpm_idp.store.transaction import Counters, Transaction
+    from ztpm_idp.store.transaction import Transaction
 
 INDEX_BYTES: Final = 150_000
 """Most bytes of the entries of one index, as JSON.
@@ -82,7 +83,7 @@ class Deployment(Protocol):
     settings: Settings
     keys: IdpKeys
     store: Store
-    snapshots: dict[str, tuple[int, str]]
+    snapshots: dict[str, tuple[tuple[int, int], str]]
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
@@ -233,7 +234,8 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
     """The signed registry of `audience`: of each version one text, which is kept for the next who asks."""
     as_of_ms, kept = provider.now_ms(), provider.snapshots
     async with provider.store.read() as view:
-        version = (await _serving(view)).registry_version
+        counters = await _serving(view)
+        version = counters.revocation_line, counters.registry_version
         if (known := kept.get(audience)) is not None and known[0] == version:
             return known[1]
         text = await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)
@@ -329,7 +331,8 @@ async def read_back(
     """
     if any(isinstance(event, Revoked | StoreRestored | LineBegun) for event in events):
         await _index(provider, view, since=before.epoch, nonce=_NO_NONCE, as_of_ms=at_ms)
-    if any(isinstance(event, ConductObserved | AgentRestored) for event in events):
+    told = (await view.counters()).conduct_version != before.conduct_version
+    if told and any(isinstance(event, ConductObserved | AgentRestored) for event in events):
         await _conduct(provider, view, since=before.conduct_version, nonce=_NO_NONCE, as_of_ms=at_ms)
     for audience in sorted(frozenset[str]().union(*map(_registries, events))):
         await _registry(provider, view, audience=audience or provider.settings.issuer, as_of_ms=at_ms)

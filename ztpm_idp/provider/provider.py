@@ -6,7 +6,7 @@ Order of every change: load, decide, make the token if there is one, write, comm
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import public_raw
 from capabilities.token.delegate import delegate
@@ -19,6 +19,7 @@ from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import CompleteRecovery, Delegate
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.locks import EVERYTHING, locks_of
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
@@ -26,7 +27,7 @@ from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import read_back
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.store import ConflictError, OnceOnlyError
+from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,7 +37,10 @@ if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.locks import Locks
     from ztpm_idp.domain.parties import Party
+    from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.state import Wanted
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
@@ -79,6 +83,10 @@ def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, polic
     )
 
 
+TRIES: Final = 5
+"""Times that a command is tried while other transactions are in its way; after that the store is unavailable."""
+
+
 class Provider:
     """Provider that the routes use: it alone may change the state.
 
@@ -90,7 +98,7 @@ class Provider:
 
     Attributes:
         epochs: requests that wait for the next revocation.
-        snapshots: signed registries by audience, each with its version (`provider.feed`).
+        snapshots: signed registries by audience, each with its line and version (`provider.feed`).
     """
 
     def __init__(
@@ -109,7 +117,7 @@ class Provider:
         self.store = store
         self._now = now
         self.epochs = EpochWait(self._epoch)
-        self.snapshots: dict[str, tuple[int, str]] = {}
+        self.snapshots: dict[str, tuple[tuple[int, int], str]] = {}
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
@@ -172,33 +180,56 @@ class Provider:
             Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
             StoreUnavailableError: the store failed; nothing may be taken to hold.
         """
-        at_ms = self.now_ms()
-        young_ms = at_ms - self.rules.nonce_age_s * 1_000
-        try:
-            async with self.store.write() as transaction:
-                before = await transaction.counters()
-                state = await transaction.load(wanted(command), young_ms=young_ms)
-                outcome = decide(self.rules, state, command, at_ms)
-                if isinstance(outcome, Refusal):
-                    written, done = outcome.recorded, None
-                    if written:
-                        await transaction.append(written, actor=actor, at_ms=at_ms)
-                else:
-                    written, token = outcome, self._make_token(command, outcome)
-                    done = Done(outcome, await transaction.append(outcome, actor=actor, at_ms=at_ms), token)
-                await read_back(self, transaction, written, before=before, at_ms=at_ms)
-        except OnceOnlyError:
-            raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce is spent") from None
-        except ConflictError:
-            raise Problem(IdpCode.CONFLICT) from None
-        except CapabilityError as error:
-            raise Problem(error.code, error.detail) from None
+        needed = wanted(command)
+        locks = locks_of(command, needed)
+        for tries_left in reversed(range(TRIES)):
+            try:
+                outcome, done = await self._decided(command, needed, locks, actor=actor)
+            except LocksTooFewError:
+                locks = EVERYTHING
+            except AgainError:
+                if not tries_left:
+                    raise
+            except OnceOnlyError:
+                raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce is spent") from None
+            except ConflictError:
+                raise Problem(IdpCode.CONFLICT) from None
+            except CapabilityError as error:
+                raise Problem(error.code, error.detail) from None
+            else:
+                break
+        else:
+            raise AssertionError
         if isinstance(outcome, Refusal):
             raise Problem(outcome.code, outcome.detail, outcome.explanation)
         if done is None:
             raise AssertionError
         self.epochs.told(done.epoch)  # after the commit: no caller is woken for an epoch that may still be rolled back
         return done
+
+    async def _decided(
+        self, command: Command, needed: Wanted, locks: Locks, *, actor: str
+    ) -> tuple[Outcome, Done | None]:
+        """The command in one transaction: its outcome, and what it has done unless it is refused."""
+        at_ms = self.now_ms()
+        young_ms = at_ms - self.rules.nonce_age_s * 1_000
+        async with self.store.write(locks) as transaction:
+            state = await transaction.load(needed, young_ms=young_ms)
+            before = await transaction.counters()
+            outcome = decide(self.rules, state, command, at_ms)
+            if isinstance(outcome, Refusal):
+                written, done = outcome.recorded, None
+                if written:
+                    await transaction.append(written, actor=actor, at_ms=at_ms)
+            else:
+                written, token = outcome, self._make_token(command, outcome)
+                done = Done(outcome, await transaction.append(outcome, actor=actor, at_ms=at_ms), token)
+            await read_back(self, transaction, written, before=before, at_ms=at_ms)
+        return outcome, done
+
+    async def hinted(self) -> None:
+        """Requests that wait for the epoch are told what the store holds: another process may have revoked."""
+        self.epochs.told(await self._epoch())
 
     async def _epoch(self) -> int:
         async with self.store.read() as view:

@@ -1,6 +1,23 @@
 """Store of the identity provider's state: one SQL schema, one transaction for each command."""
 
 from ztpm_idp.store.engine import Store
-from ztpm_idp.store.errors import ConflictError, OnceOnlyError, StoreError, StoreNotOpenedError, StoreUnavailableError
+from ztpm_idp.store.errors import (
+    AgainError,
+    ConflictError,
+    LocksTooFewError,
+    OnceOnlyError,
+    StoreError,
+    StoreNotOpenedError,
+    StoreUnavailableError,
+)
 
-__all__ = ["ConflictError", "OnceOnlyError", "Store", "StoreError", "StoreNotOpenedError", "StoreUnavailableError"]
+__all__ = [
+    "AgainError",
+    "ConflictError",
+    "LocksTooFewError",
+    "OnceOnlyError",
+    "Store",
+    "StoreError",
+    "StoreNotOpenedError",
+    "StoreUnavailableError",
+]

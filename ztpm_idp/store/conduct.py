@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from policies.conduct.history import AgentHistory
     from ztpm_idp.domain.agent_conduct import Concerned, Published
+    from ztpm_idp.store.counters import Counting
 
 ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
 IDS: Final = 500
@@ -47,18 +48,23 @@ class Told:
 class Conduct:
     """Access of one transaction to agents' conduct."""
 
-    def __init__(self, connection: AsyncConnection) -> None:
+    def __init__(self, connection: AsyncConnection, counting: Counting) -> None:
         self._connection = connection
+        self._counting = counting
 
     # --- reading -----------------------------------------------------------------------------------------------------
 
-    async def held(self, agents: frozenset[str], concerned: Concerned | None, pep: str | None) -> Held:
-        """Conduct of these agents and of those that the records of `pep`'s journal are about."""
-        open_, made = dict[str, Report](), dict[str, Edge]()
-        if concerned is not None and pep is not None:
-            open_ = await self._open(pep, concerned.requests)
-            made = await self._made(concerned.hops)
-            agents = agents | {report.agent for report in open_.values()} | {edge.delegate for edge in made.values()}
+    async def met(self, concerned: Concerned | None, pep: str | None) -> tuple[dict[str, Report], dict[str, Edge]]:
+        """Open PERMITs, by request, and edges, by hop, that the records of `pep`'s journal are about."""
+        if concerned is None or pep is None:
+            return {}, {}
+        return await self._open(pep, concerned.requests), await self._made(concerned.hops)
+
+    async def held(self, agents: frozenset[str], open_: dict[str, Report], made: dict[str, Edge]) -> Held:
+        """Conduct of these agents, beside what is known of records already.
+
+        A young one's peers are as they are at this moment: only their own records may change them meanwhile.
+        """
         found = await self._agents(agents)
         peers = {agent: await self._peers(agent) for agent in sorted(agents) if _young(agent, found.get(agent))}
         return Held(agents=found, open=open_, made=made, peers=peers)
@@ -177,7 +183,7 @@ class Conduct:
         was = _NOTHING_TO_TELL if before is None else _told(json.loads(before.standing))
         version = 0 if before is None else before.version
         if _told(standing) != was:
-            version = await self._next_version()
+            version = await self._counting.next("conduct_version")
         values: dict[str, Any] = {
             "trust": json.dumps(conduct.trust.to_json()),
             "behaviour": json.dumps(conduct.behaviour.to_json()),
@@ -200,18 +206,12 @@ class Conduct:
             score = now.get(delegator, published.default_permille)
             if score == before.get(delegator, published.default_permille):
                 continue
-            values = {"score_permille": score, "version": await self._next_version()}
+            values = {"score_permille": score, "version": await self._counting.next("conduct_version")}
             if delegator in before:
                 same = sa.and_(e.delegator == delegator, e.delegate == agent)
                 await self._connection.execute(sa.update(t.edges).where(same).values(**values))
             else:
                 await self._connection.execute(sa.insert(t.edges).values(delegator=delegator, delegate=agent, **values))
-
-    async def _next_version(self) -> int:
-        """A version at which nothing was told yet; this transaction holds the row's lock: they come in commit order."""
-        c = t.counters.c
-        await self._connection.execute(sa.update(t.counters).values(conduct_version=c.conduct_version + 1))
-        return int((await self._connection.execute(sa.select(c.conduct_version))).scalar_one())
 
 
 def _trust(text: str) -> TrustState:

@@ -11,7 +11,7 @@ from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.domain.state import AgentsOf, Approvers, PepsOf, SensorsOf, SuspendedBeside, ToolsBeside, TrustBeside
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.people import REVOKED_KEYS
+from ztpm_idp.store.rows import REVOKED_KEYS
 
 if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection

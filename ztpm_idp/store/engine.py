@@ -5,20 +5,33 @@ from __future__ import annotations
 import asyncio
 import errno
 import os
-from contextlib import asynccontextmanager, nullcontext
+from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcontext
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
 
+from ztpm_idp.domain.locks import EVERYTHING, REVOCATIONS
+from ztpm_idp.store import postgres
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.errors import ConflictError, NewerDatabaseError, StoreNotOpenedError, StoreUnavailableError
+from ztpm_idp.store.errors import (
+    AgainError,
+    ConflictError,
+    NewerDatabaseError,
+    StoreNotOpenedError,
+    StoreUnavailableError,
+    UnsafeDatabaseError,
+)
 from ztpm_idp.store.migrate import upgrade
 from ztpm_idp.store.transaction import Transaction
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator
+    from collections.abc import AsyncIterator, Awaitable, Callable
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+    from ztpm_idp.domain.locks import Locks
 
 BUSY_TIMEOUT_MS: Final = 5_000
 """Milliseconds for which SQLite waits for another process's write before it is a storage fault."""
@@ -27,39 +40,60 @@ PROOF_GRACE_MS: Final = 600_000
 
 A clock that is set back by less revives no proof.
 """
-_SQLITE: Final = "sqlite"
+SWEEP_MS: Final = 60_000
+"""Milliseconds between two times at which a process forgets old proof ids."""
+SWEPT: Final = 2_048
+"""Most proof ids that are forgotten at a time, so that nobody waits long for it."""
+_P = t.proofs.c
+_OLD = (
+    sa.select(_P.key, _P.jti)
+    .where(_P.forget_ms < sa.bindparam("at_ms"))
+    .order_by(_P.forget_ms)
+    .limit(SWEPT)
+    .with_for_update(skip_locked=True)
+)
+"""Proof ids to forget, without those that another process is forgetting."""
+_FORGET = sa.delete(t.proofs).where(sa.tuple_(_P.key, _P.jti).in_(_OLD))
+_USE_UP = sa.insert(t.proofs)
+_BEAT = sa.update(t.heartbeat).values(beats=t.heartbeat.c.beats + 1)
 
 
 class Store:
-    """The identity provider's state. Open it with `Store.open`, close it with `close`."""
+    """The identity provider's state. Open it with `Store.open`, close it with `close`.
+
+    A process keeps nothing here that another one over the same database would need.
+    """
 
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
-        sqlite = engine.dialect.name == _SQLITE
+        self._postgres = engine.dialect.name == postgres.DIALECT
         # SQLite has one writer; waiting here is fair, waiting inside SQLite is not. Other processes are kept out by
         # SQLite itself.
-        self._writer: asyncio.Lock | nullcontext[None] = asyncio.Lock() if sqlite else nullcontext()
+        self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
+        self._swept_ms: int | None = None
 
     @classmethod
     async def open(cls, database_url: str) -> Self:
-        """The store at `database_url`, its schema brought to the newest.
+        """The store at `database_url`, its schema brought to the newest; of several that open at once one migrates.
 
         Raises:
             StoreNotOpenedError: it cannot be opened or migrated; with its cause and place.
         """
-        engine = create_async_engine(database_url, hide_parameters=True)
-        store = cls(engine)
+        url = sa.make_url(database_url)
+        engine: AsyncEngine | None = None
         try:
-            if engine.dialect.name == _SQLITE:
-                _make_sqlite_safe(engine)
-                _make_private(engine.url.database)
-            async with store._write_connection() as connection:
+            engine = postgres.engine_of(url) if url.get_backend_name() == postgres.DIALECT else _sqlite_engine(url)
+            store = cls(engine)
+            async with store._write_connection(nullcontext()) as connection:
+                if store._postgres:
+                    await postgres.check_durable(connection)
+                    await postgres.wait_for_turn(connection, postgres.MIGRATION_LOCK)
                 await connection.run_sync(upgrade)
-        except (StoreUnavailableError, NewerDatabaseError, OSError) as error:
-            await engine.dispose()
-            raise _not_opened(error, engine.url) from error
-        except BaseException:
-            await engine.dispose()
+        except BaseException as error:
+            if engine is not None:
+                await engine.dispose()
+            if isinstance(error, StoreUnavailableError | NewerDatabaseError | UnsafeDatabaseError | OSError):
+                raise _not_opened(error, url) from error
             raise
         return store
 
@@ -68,17 +102,23 @@ class Store:
         await self._engine.dispose()
 
     @asynccontextmanager
-    async def write(self) -> AsyncIterator[Transaction]:
-        """A transaction that is the only one to change state while it lasts.
+    async def write(self, locks: Locks = EVERYTHING) -> AsyncIterator[Transaction]:
+        """A transaction during which nothing changes of what these locks name, but by itself.
 
         Durable when the block has ended without an exception.
 
+        Args:
+            locks: of `domain.locks`; without any, no other transaction changes state meanwhile.
+
         Raises:
             ConflictError: a unique constraint was hit; nothing holds.
+            AgainError: nothing holds, and the same may be tried again.
             StoreUnavailableError: nothing may be taken to hold.
         """
-        async with self._write_connection() as connection:
-            transaction = Transaction(connection)
+        # Revocations wait for no place: they are what everybody else waits for.
+        urgent = self._postgres and REVOCATIONS in locks.alone
+        async with self._write_connection(nullcontext() if urgent else self._writer) as connection:
+            transaction = Transaction(connection, locks if self._postgres else None)
             await transaction.lock()
             yield transaction
 
@@ -91,11 +131,26 @@ class Store:
         """
         try:
             async with self._engine.connect() as connection:
-                if self._engine.dialect.name != _SQLITE:  # SQLite's readers have one snapshot anyway
-                    await connection.execution_options(isolation_level="REPEATABLE READ")
-                yield Transaction(connection)
+                if self._postgres:  # SQLite's readers have one snapshot anyway
+                    await connection.execution_options(isolation_level="REPEATABLE READ", postgresql_readonly=True)
+                yield Transaction(connection, None)
         except (SQLAlchemyError, OSError) as error:
             raise StoreUnavailableError from error
+
+    @asynccontextmanager
+    async def listening(self, hinted: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
+        """While it lasts, `hinted` is called when another process may have revoked something.
+
+        It is a hint that may be lost. Of SQLite there is none: it serves one process.
+        """
+        if not self._postgres:
+            yield
+            return
+        listener = postgres.Listening(self._engine, hinted)
+        try:
+            yield
+        finally:
+            await listener.close()
 
     async def first_use(self, *, key: bytes, jti: str, expires_ms: int, at_ms: int) -> bool:
         """True exactly once for each (key, jti), over all processes and restarts. Durable when it returns.
@@ -104,20 +159,22 @@ class Store:
             key: raw public key that signed the proof.
             jti: its id.
             expires_ms: when the proof is too old anyway, wall clock.
-            at_ms: now; ids that expired long ago are forgotten.
+            at_ms: now; ids that expired long ago are forgotten from time to time.
 
         Raises:
             StoreUnavailableError: it cannot be said, so nothing may be permitted.
         """
-        c = t.proofs.c
+        sweep = self._swept_ms is None or not self._swept_ms <= at_ms < self._swept_ms + SWEEP_MS
         try:
-            async with self._write_connection() as connection:
-                await connection.execute(sa.delete(t.proofs).where(c.forget_ms < at_ms))
+            async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+                if sweep:
+                    await connection.execute(_FORGET, {"at_ms": at_ms})
                 await connection.execute(
-                    sa.insert(t.proofs).values(key=key, jti=jti, forget_ms=expires_ms + PROOF_GRACE_MS)
+                    _USE_UP, {"key": key, "jti": jti, "forget_ms": expires_ms + PROOF_GRACE_MS}
                 )  # fmt: skip
         except ConflictError:
             return False
+        self._swept_ms = at_ms if sweep else self._swept_ms
         return True
 
     async def beat(self) -> None:
@@ -126,20 +183,27 @@ class Store:
         Raises:
             StoreUnavailableError: it cannot.
         """
-        async with self.write():
-            pass
+        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+            await connection.execute(_BEAT)
 
     @asynccontextmanager
-    async def _write_connection(self) -> AsyncIterator[Any]:
+    async def _write_connection(self, place: AbstractAsyncContextManager[Any]) -> AsyncIterator[AsyncConnection]:
         try:
-            async with self._writer, self._engine.connect() as connection:
+            async with place, self._engine.connect() as connection:
                 connection = await connection.execution_options(ztpm_writes=True)  # noqa: PLW2901
                 async with connection.begin():
                     yield connection
         except IntegrityError as error:
             raise ConflictError from error
         except (SQLAlchemyError, OSError) as error:
-            raise StoreUnavailableError from error
+            raise (AgainError if postgres.again(error) else StoreUnavailableError) from error
+
+
+def _sqlite_engine(url: sa.URL) -> AsyncEngine:
+    engine = create_async_engine(url, hide_parameters=True)
+    _make_sqlite_safe(engine)
+    _make_private(url.database)
+    return engine
 
 
 def _make_private(path: str | None) -> None:
@@ -189,5 +253,7 @@ def _not_opened(error: Exception, url: sa.URL) -> StoreNotOpenedError:
     said = str(getattr(cause, "orig", None) or cause).partition("\n")[0]
     if isinstance(cause, NewerDatabaseError):
         return StoreNotOpenedError("DATABASE_NEWER", f"{place}: {said}")
+    if isinstance(cause, UnsafeDatabaseError):
+        return StoreNotOpenedError("DATABASE_UNSAFE", f"{place}: {said}")
     full = "disk is full" in said or getattr(cause, "errno", None) in (errno.ENOSPC, errno.EDQUOT)
     return StoreNotOpenedError("DISK_FULL" if full else "DATABASE_UNUSABLE", f"{place}: {said}")

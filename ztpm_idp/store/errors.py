@@ -14,8 +14,20 @@ class StoreUnavailableError(StoreError):
     """
 
 
+class AgainError(StoreUnavailableError):
+    """Another transaction was in the way: nothing holds, and the same may be tried again."""
+
+
+class LocksTooFewError(StoreError):
+    """A command would change more than it has locked: nothing holds, and it is to be decided again alone."""
+
+
 class NewerDatabaseError(StoreError):
     """A schema that this release does not know."""
+
+
+class UnsafeDatabaseError(StoreError):
+    """A server that may forget what it has acknowledged, or that cannot be told from another one."""
 
 
 class StoreNotOpenedError(StoreUnavailableError):

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from capabilities.keys.keys import thumbprint
 from ztpm_idp.domain.changes import RECOVERY_LIFETIME_MS, Change, ChangeKind, ChangeState, Word
-from ztpm_idp.domain.events import ChangeAnswered, ChangeEnded, ChangeProposed, KeyAdded, RevocationKind
+from ztpm_idp.domain.events import ChangeAnswered, ChangeEnded, ChangeProposed, KeyAdded
 from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.store import schema as t
 
@@ -20,32 +20,12 @@ if TYPE_CHECKING:
 
 PeopleEvent = KeyAdded | ChangeProposed | ChangeAnswered | ChangeEnded
 
-REVOKED_KEYS = sa.select(t.revocations.c.id).where(t.revocations.c.kind == RevocationKind.KEY.value)
-"""Thumbprints of the keys that have ended."""
-
 
 class People:
     """Access of one transaction to people's further keys and to changes of people."""
 
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
-
-    async def keys(self, people: Iterable[str]) -> tuple[dict[str, frozenset[bytes]], frozenset[str]]:
-        """Living further keys by person, and those of these people whose first key has ended."""
-        ids, found = sorted(people), defaultdict[str, set[bytes]](set)
-        if not ids:
-            return {}, frozenset()
-        c, p = t.person_keys.c, t.parties.c
-        living = sa.select(c.person, c.key).where(c.person.in_(ids), c.thumbprint.not_in(REVOKED_KEYS))
-        for person, key in await self._connection.execute(living):
-            found[person].add(bytes(key))
-        ended = await self._connection.execute(sa.select(p.id).where(p.id.in_(ids), p.thumbprint.in_(REVOKED_KEYS)))
-        return {person: frozenset(keys) for person, keys in found.items()}, frozenset(ended.scalars())
-
-    async def owner(self, condition: sa.ColumnElement[bool]) -> str | None:
-        """The person who has the further key that meets this condition, ended or not."""
-        found: str | None = await self._connection.scalar(sa.select(t.person_keys.c.person).where(condition))
-        return found
 
     async def owners(self, keys: Iterable[bytes]) -> dict[bytes, str]:
         """The people who have these further keys, ended or not."""

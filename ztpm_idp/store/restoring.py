@@ -15,7 +15,7 @@ from ztpm_idp.domain.events import (
     StoreResumed,
 )
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.revocations import Revocations, batches
+from ztpm_idp.store.revocations import batches
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -23,14 +23,17 @@ if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from ztpm_idp.domain.events import RestoringEvent
+    from ztpm_idp.store.counters import Counting
+    from ztpm_idp.store.revocations import Revocations
 
 
 class Restoring:
     """Access of one transaction to what a restore waits for."""
 
-    def __init__(self, connection: AsyncConnection) -> None:
+    def __init__(self, connection: AsyncConnection, counting: Counting, revocations: Revocations) -> None:
         self._connection = connection
-        self._revocations = Revocations(connection)
+        self._counting = counting
+        self._revocations = revocations
 
     async def lacks(self, digests: Iterable[str]) -> set[str]:
         """Those of these ledger entries, by hash, that this ledger does not hold."""
@@ -46,7 +49,7 @@ class Restoring:
             case StoreRestored(line=line):
                 await self._revocations.begin(line)
                 await self._connection.execute(sa.update(t.peps).values(heard=False))
-                await self._connection.execute(sa.update(t.counters).values(restoring=True))
+                await self._counting.change(restoring=True)
             case LineBegun(line=line):
                 await self._revocations.begin(line)
             case PointHeard(pep=pep):
@@ -57,7 +60,7 @@ class Restoring:
                         sa.update(t.agents).where(t.agents.c.id.in_(batch)).values(held=True)
                     )
             case StoreResumed(unheard=unheard):
-                await self._connection.execute(sa.update(t.counters).values(restoring=False))
+                await self._counting.change(restoring=False)
                 if unheard:
                     await self._connection.execute(sa.update(t.agents).values(held=True))
             case AgentVouched(agent=agent):

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
+    from ztpm_idp.store.counters import Counting
+
 _T = TypeVar("_T")
 BATCH = 128
 """Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
@@ -24,8 +26,9 @@ BATCH = 128
 class Revocations:
     """Access of one transaction to the index of revocations."""
 
-    def __init__(self, connection: AsyncConnection) -> None:
+    def __init__(self, connection: AsyncConnection, counting: Counting) -> None:
         self._connection = connection
+        self._counting = counting
 
     async def since(self, since: int, most: int) -> list[tuple[int, str, str]]:
         """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""
@@ -53,11 +56,11 @@ class Revocations:
         if not events:
             return
         # The epochs are taken from the locked row inside this transaction: they become visible in their own order.
-        c = t.counters.c
-        before, head = (await self._connection.execute(sa.select(c.epoch, c.revocation_head))).one()
+        counters = await self._counting.locked()
+        before, head = counters.epoch, counters.revocation_head
         for epoch, event in enumerate(events, start=before + 1):
             head = next_head(head, epoch, event.kind.value, event.id)
-        await self._connection.execute(sa.update(t.counters).values(epoch=before + len(events), revocation_head=head))
+        await self._counting.change(epoch=before + len(events), revocation_head=head)
         index: list[dict[str, object]] = [
             {"epoch": epoch, "kind": e.kind.value, "id": e.id, "by": by, "reason": e.reason, "at_ms": at_ms}
             for epoch, e in enumerate(events, start=before + 1)
@@ -70,14 +73,14 @@ class Revocations:
                 sa.update(t.parties).where(t.parties.c.id.in_(ended)).values(standing=Standing.REVOKED.value)
             )
         if parties or any(event.kind is RevocationKind.KEY for event in events):
-            await self._connection.execute(sa.update(t.counters).values(registry_version=c.registry_version + 1))
+            await self._counting.next("registry_version")
 
     async def begin(self, line: int) -> None:
         """Begins a line with every revocation that there is."""
         c, head = t.revocations.c, first_head(line)
         for epoch, kind, id_ in await self._connection.execute(sa.select(c.epoch, c.kind, c.id).order_by(c.epoch)):
             head = next_head(head, epoch, kind, id_)
-        await self._connection.execute(sa.update(t.counters).values(revocation_line=line, revocation_head=head))
+        await self._counting.change(revocation_line=line, revocation_head=head)
 
 
 def batches(rows: list[_T]) -> Iterator[list[_T]]:

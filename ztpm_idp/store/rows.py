@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
+from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.ledger import FIRST_PREV
 from ztpm_idp.domain.parties import (
     Party,
@@ -20,7 +22,10 @@ from ztpm_idp.domain.parties import (
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
+
+REVOKED_KEYS = sa.select(t.revocations.c.id).where(t.revocations.c.kind == RevocationKind.KEY.value)
+"""Thumbprints of the keys that have ended."""
 
 PARTY_COLUMNS = sa.select(
     t.parties,
@@ -41,24 +46,42 @@ PARTY_COLUMNS = sa.select(
     t.sensors.c.transit_ms,
     t.sensors.c.audience,
     t.sensors.c.suspended_ms.label("sensor_suspended_ms"),
+    t.person_keys.c.key.label("further"),
+    t.parties.c.thumbprint.in_(REVOKED_KEYS).label("first_ended"),
 ).select_from(
     t.parties.outerjoin(t.people, t.people.c.id == t.parties.c.id)
     .outerjoin(t.agents, t.agents.c.id == t.parties.c.id)
     .outerjoin(t.peps, t.peps.c.id == t.parties.c.id)
     .outerjoin(t.sensors, t.sensors.c.id == t.parties.c.id)
+    .outerjoin(
+        t.person_keys,
+        sa.and_(t.person_keys.c.person == t.parties.c.id, t.person_keys.c.thumbprint.not_in(REVOKED_KEYS)),
+    )
 )
-"""Every party with the columns of its kind."""
+"""Every party with the columns of its kind: one row, and of a person one for each living further key."""
+
+
+def parties(found: Iterable[sa.Row[Any]]) -> list[Party]:
+    """The parties of rows of `PARTY_COLUMNS`, which are in the order of their ids."""
+    made = list[Party]()
+    for row in found:
+        match made:
+            case [*_, RegisteredPerson() as last] if last.id == row.id:
+                made[-1] = replace(last, further=last.further | {bytes(row.further)})
+            case _:
+                made.append(party(row))
+    return made
 
 
 def party(row: sa.Row[Any]) -> Party:
-    """The party of one row of `PARTY_COLUMNS`."""
+    """The party of one row of `PARTY_COLUMNS`, with that row's further key."""
     r = row._mapping  # noqa: SLF001  SQLAlchemy's documented name
     id_, key, thumbprint, standing = r["id"], bytes(r["key"]), r["thumbprint"], Standing(r["standing"])
     match r["kind"]:
         case "person":
-            return RegisteredPerson(
-                id_, key, thumbprint, standing, r["name"], frozenset(PersonRole(x) for x in r["roles"])
-            )
+            further = frozenset() if r["further"] is None else frozenset({bytes(r["further"])})
+            roles = frozenset(PersonRole(x) for x in r["roles"])
+            return RegisteredPerson(id_, key, thumbprint, standing, r["name"], roles, further, bool(r["first_ended"]))
         case "agent":
             digest = bytes(r["software_digest"])
             standing = _suspended(standing, r["suspended_ms"])

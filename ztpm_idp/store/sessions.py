@@ -10,7 +10,7 @@ from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnde
 from ztpm_idp.domain.login.records import OFFER_MS, Authentication, Method, Offer, Session
 from ztpm_idp.domain.parties import PersonRole
 from ztpm_idp.store import login_schema as t
-from ztpm_idp.store.people import REVOKED_KEYS
+from ztpm_idp.store.rows import REVOKED_KEYS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

