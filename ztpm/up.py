@@ -140,7 +140,7 @@ def run(
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())
-    camera = SnapshotCollector(cell, supervision, trust=trust, wall_s=time.time, clock=time.monotonic)
+    camera = SnapshotCollector(cell, supervision, wall_s=time.time, clock=time.monotonic)
     status: StatusServer | None = None
     try:
         _await_addresses(addresses, ended)

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import asyncio
 import logging
 import time
 import traceback
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
@@ -36,7 +37,7 @@ from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable
+    from collections.abc import AsyncIterator, Callable, Iterable
 
     from fastapi import Request
     from fastapi.responses import Response
@@ -45,6 +46,7 @@ if TYPE_CHECKING:
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.watched_file import WatchedFile
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -61,6 +63,7 @@ def create_app(
     platform: Platform | None = None,
     policies: PolicySet | None = None,
     now: Callable[[], float] = time.time,
+    watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
 ) -> FastAPI:
     """The identity provider as an ASGI application.
 
@@ -72,6 +75,7 @@ def create_app(
         platform: the platform whose workload tokens are evidence of kind `jwt`; None: there is none.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         now: wall clock, seconds since the epoch.
+        watch: names the files that take effect while it serves (`ztpm_idp.watching`).
     """
     path = "/" + settings.issuer.split("/", 3)[3]
     decided_by = load_policies(settings) if policies is None else policies
@@ -82,8 +86,14 @@ def create_app(
         try:
             app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
-            async with store.listening(app.state.provider.hinted):
-                yield
+            beside = [asyncio.create_task(each.run()) for each in watch(app.state.provider)]
+            try:
+                async with store.listening(app.state.provider.hinted):
+                    yield
+            finally:
+                for task in beside:
+                    task.cancel()
+                await asyncio.gather(*beside, return_exceptions=True)
         finally:
             await store.close()
 

@@ -21,6 +21,7 @@ from capabilities.values.errors import Fault, FaultCode, StatementError
 
 if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
+    from capabilities.rotation.rotation import KeyRecord, KeyRing
     from capabilities.values.caps import Caps
 
 
@@ -36,6 +37,11 @@ class NewestBundle:
     version: int
     digest: bytes
 
+    @classmethod
+    def of(cls, bundle: TrustBundle) -> NewestBundle:
+        """Mark of this bundle."""
+        return cls(bundle.version, hashlib.sha256(bundle.to_json()).digest())
+
 
 def check_bundle(bundle: TrustBundle, seen: NewestBundle | None, *, at: float, caps: Caps) -> NewestBundle | Fault:
     """Mark of the bundle, to be remembered, when the bundle may be acted on now; or the first fault ([TRB-4]).
@@ -46,7 +52,7 @@ def check_bundle(bundle: TrustBundle, seen: NewestBundle | None, *, at: float, c
         at: seconds since the epoch.
         caps: the bounds.
     """
-    now = _seen(bundle)
+    now = NewestBundle.of(bundle)
     if seen is not None and (now.version < seen.version or (now.version == seen.version and now != seen)):
         return Fault(FaultCode.REPLAYED, "TRB-4", f"version {now.version}, but {seen.version} was seen")
     if not bundle.issued_at <= at + caps.skew_s:
@@ -73,7 +79,7 @@ def succeed(held: TrustBundle, text: str, *, at: float, caps: Caps) -> TrustBund
     if newer.issuer != held.issuer:
         return Fault(FaultCode.STATEMENT_UNTRUSTED, "TRB-5", "of another issuer")
     # 2 not older, not of the future, not over
-    now = check_bundle(newer, _seen(held), at=at, caps=caps)
+    now = check_bundle(newer, NewestBundle.of(held), at=at, caps=caps)
     if isinstance(now, Fault):
         return now
     if newer.issued_at < held.issued_at:
@@ -89,8 +95,26 @@ def succeed(held: TrustBundle, text: str, *, at: float, caps: Caps) -> TrustBund
     return newer
 
 
-def _seen(bundle: TrustBundle) -> NewestBundle:
-    return NewestBundle(bundle.version, hashlib.sha256(bundle.to_json()).digest())
+def ring_follows(held: KeyRing, newer: KeyRing) -> Fault | None:
+    """None when a ring is what steps of a rotation make of the held one; else the fault ([TRB-6]).
+
+    No key is missing or another, no step that was taken is undone or moved.
+    """
+    if newer.issuer != held.issuer:
+        return Fault(FaultCode.STATEMENT_UNTRUSTED, "TRB-6", "of another issuer")
+    if newer.version < held.version or (newer.version == held.version and newer != held):
+        return Fault(FaultCode.REPLAYED, "TRB-6", f"version {newer.version}, but {held.version} is acted on")
+    for before in held.records:
+        after = newer.find(before.id)
+        if after is None or after.key != before.key:
+            return Fault(FaultCode.KEY_WRONG_ROLE, "TRB-6", f"{before.id} is missing, or another key")
+        if any(was is not None and was != now for was, now in zip(_steps(before), _steps(after), strict=True)):
+            return Fault(FaultCode.REPLAYED, "TRB-6", f"a step of {before.id} is undone")
+    return None
+
+
+def _steps(record: KeyRecord) -> tuple[int | None, ...]:
+    return record.prepared_at, record.activated_at, record.retired_at, record.tainted_at, record.revoked_at
 
 
 def _registry(bundle: TrustBundle, signed_at: int, at: float) -> frozenset[str]:

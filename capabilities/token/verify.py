@@ -32,6 +32,8 @@ __all__ = ["Verifier", "inspect_token", "tightest", "token_from_text", "token_to
 REMEMBERED: Final = 1_024
 """Tokens and verdicts that one verifier remembers; the least recently used goes first."""
 
+FORMER: Final = 4
+"""Earlier bundles whose chains still go on: a rotation of a role takes four steps."""
 _AGREED: Final = object()
 _FORGOTTEN: Final = "the token is no longer remembered; verify it again"
 
@@ -63,7 +65,7 @@ class _Remembered(Generic[_K, _V]):
 
 
 class Verifier:
-    """Verifies tokens under one trust bundle.
+    """Verifies tokens under a trust bundle, one at a time.
 
     It remembers the results of steps 1 to 6 by token digest, revocation epoch and bundle version, and the agreement of
     step 12 by the form of the blocks' checks and the operation. Only valid results are remembered, and only
@@ -72,9 +74,19 @@ class Verifier:
 
     def __init__(self, trust: TrustBundle, caps: Caps, *, remembered: int = REMEMBERED) -> None:
         self._trust = trust
+        self._former: tuple[int, ...] = ()
         self._caps = caps
         self._read: _Remembered[tuple[bytes, int, int], StaticVerification] = _Remembered(remembered)
         self._agreed: _Remembered[tuple[str, str, str], object] = _Remembered(remembered)
+
+    def renew(self, trust: TrustBundle) -> None:
+        """Verifies under this bundle from now on, which takes the place of the one before ([TRB-5]). Any thread.
+
+        A chain of this verifier goes on where the newer bundle trusts its keys, too: it is read anew under that one.
+        """
+        if trust.version != self._trust.version:
+            self._former = (self._trust.version, *self._former)[:FORMER]
+        self._trust = trust
 
     def verify(self, token: bytes, *, at: float, audience: str, view: RevocationView, lease_ms: int) -> Chain | Fault:
         """The chain of a token that passes steps 1 to 9 now, here; or the first fault.
@@ -104,10 +116,11 @@ class Verifier:
             view: of revocations.
             lease_ms: oldest view that may be acted on.
         """
-        read = self._read.get((chain.digest, chain.epoch, self._trust.version))
-        if read is None:
-            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-7", _FORGOTTEN)
-        self._read.put((chain.digest, view.epoch, self._trust.version), read)
+        trust = self._trust
+        read = self._recalled(chain, trust, "TOK-7")
+        if isinstance(read, Fault):
+            return read
+        self._read.put((chain.digest, view.epoch, trust.version), read)
         return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
 
     def _now(
@@ -142,15 +155,33 @@ class Verifier:
     def _known(self, token: bytes, view: RevocationView) -> StaticVerification | Fault:
         """Result of steps 1 to 6 for a token, remembered when they pass."""
         digest = hashlib.sha256(token).digest()
-        key = digest, view.epoch, self._trust.version
+        trust = self._trust
+        key = digest, view.epoch, trust.version
         read = self._read.get(key)
         if read is None:
-            found = static_verification.read(token, self._trust, self._caps, digest=digest)
+            found = static_verification.read(token, trust, self._caps, digest=digest)
             if isinstance(found, Fault):
                 return found
             read = found
             self._read.put(key, read)
         return read
+
+    def _recalled(self, chain: Chain, trust: TrustBundle, clause: str) -> StaticVerification | Fault:
+        """Result of steps 1 to 6 for a chain of this verifier.
+
+        One of an earlier bundle is made anew, once.
+        """
+        read = self._read.get((chain.digest, chain.epoch, trust.version))
+        if read is not None:
+            return read
+        former = (self._read.get((chain.digest, chain.epoch, version)) for version in self._former)
+        before = next((known for known in former if known is not None), None)
+        if before is None:
+            return Fault(FaultCode.LIMIT_EXCEEDED, clause, _FORGOTTEN)
+        found = static_verification.read(before.opened.encode(), trust, self._caps, digest=chain.digest)
+        if not isinstance(found, Fault):
+            self._read.put((chain.digest, chain.epoch, trust.version), found)
+        return found
 
     def check_request(
         self,
@@ -183,9 +214,9 @@ class Verifier:
         return self._check_agreement(chain, object, operation)
 
     def _check_agreement(self, chain: Chain, thing: str, operation: str) -> Fault | None:
-        read = self._read.get((chain.digest, chain.epoch, self._trust.version))
-        if read is None:
-            return Fault(FaultCode.LIMIT_EXCEEDED, "TOK-12", _FORGOTTEN)
+        read = self._recalled(chain, self._trust, "TOK-12")
+        if isinstance(read, Fault):
+            return read
         known = read.form, thing, operation
         if self._agreed.get(known) is _AGREED:
             return None

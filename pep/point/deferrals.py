@@ -55,6 +55,7 @@ class Deferrals:
         asking = AskClient(
             asks, parts.http, asker=asker, trust=trust, caps=CAPS, clock=parts.clock, incident=parts.feed_incident
         )
+        parts.follower.trusts.followers.append(asking.renew)
         return cls(asks, asking)
 
 

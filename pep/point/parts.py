@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypedDict
 
 import httpx2
@@ -17,7 +18,7 @@ from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache
 from pep.point.config_text import read_key, read_policies, read_trust
 from pep.point.incidents import Incidents
-from pep.point.trust_mark import check_mark
+from pep.point.trust_mark import check_mark, keep, newest
 from pep.provider.feed import ProviderFollower
 from pep.provider.feed_mark import FeedMarkFile
 from pep.provider.journal_shipper import JournalShipper
@@ -34,6 +35,8 @@ if TYPE_CHECKING:
 
 FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
+TRUST_MARK: Final = "trust.json"
+"""Name of the mark of the newest trust bundle, in the state directory."""
 ACCEPTED: Final = frozenset({"decision", "ticket"})
 """Kinds of records that name a proof which had an effect."""
 
@@ -53,8 +56,9 @@ def opened(config: PartsConfig) -> EnforcementInputs:
     Raises:
         PepError: one of them cannot be had, or must not be believed.
     """
-    policies, trust, key = read_policies(config), read_trust(config), read_key(config)
-    check_mark(trust, config.state_dir / "trust.json", at=SystemClock().wall_s(), caps=CAPS)
+    policies, key, mark = read_policies(config), read_key(config), config.state_dir / TRUST_MARK
+    trust = newest(read_trust(config), mark)
+    check_mark(trust, mark, at=SystemClock().wall_s(), caps=CAPS)
     # Straight to the provider: no proxy or password of the environment, and its certificates.
     http = httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
     return EnforcementInputs(trust=trust, key=key, policies=policies, http=http)
@@ -103,8 +107,11 @@ class PointParts:
             incident=lambda error: self.incidents.tell("ledger", error),
         )
         self.replay = ReplayCache(self.clock)
+        verifier = Verifier(trust, CAPS)
+        self.follower.trusts.followers.append(verifier.renew)
+        self.follower.trusts.keep = partial(keep, mark=config.state_dir / TRUST_MARK)
         self.authority = Authority(
-            verifier=Verifier(trust, CAPS),
+            verifier=verifier,
             feed=self.follower,
             replay=self.replay,
             clock=self.clock,

@@ -79,6 +79,10 @@ class AskClient:
         self._asked = asyncio.Event()
         self._next_ms: dict[str, tuple[int, int]] = {}
 
+    def renew(self, trust: TrustBundle) -> None:
+        """Opens answers with the keys of this bundle from now on."""
+        self._trust = trust
+
     async def announce(self, ask: AskNotice) -> AskState:
         """State of the ask after one try to post it, or at once when it was tried before."""
         self._asked.set()

@@ -58,7 +58,7 @@ class ConductFeed:
     ) -> None:
         self._fetch = fetch
         self._issuer = issuer
-        self._trust = trust
+        self.trust = trust
         self._caps = caps
         self._clock = clock
         self._incident = incident
@@ -110,7 +110,7 @@ class ConductFeed:
 
     def _accept(self, text: str, *, since: int, nonce: str) -> Conduct:
         try:
-            said = conduct.open(text, self._trust.feed, self._caps)
+            said = conduct.open(text, self.trust.feed, self._caps)
         except CapabilityError as error:
             raise FeedError(PepFault.FEED_UNTRUSTED, str(error.code)) from error
         if said.issuer != self._issuer:

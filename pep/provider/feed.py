@@ -27,6 +27,7 @@ from pep.base.errors import FeedError, PepFault
 from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
 from pep.provider.feed_mark import FeedMark, KeptRevocations, signed_marks
+from pep.provider.trust_feed import HEADER, TrustFeed
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -103,6 +104,7 @@ class ProviderFollower:
 
     Attributes:
         standings: the word on conduct, pulled beside.
+        trusts: the trust bundle, followed beside.
     """
 
     def __init__(
@@ -133,6 +135,7 @@ class ProviderFollower:
         self._sensors: dict[str, RegisteredSensor] = {}
         self._told_ms: int | None = None
         self._moving = False
+        self._snapshot_trust = trust.version
         self._loop: asyncio.AbstractEventLoop | None = None
         self._wake = asyncio.Event()
         self._begun = 0
@@ -140,9 +143,14 @@ class ProviderFollower:
         self._over = asyncio.Event()
         self._approvers: dict[bytes, str] = {}
         self._peps: dict[str, bytes] = {}
+        self.trusts = TrustFeed(self._get, trust, caps=caps, clock=clock, incident=incident)
+        self.trusts.followers.append(self._trust_newer)
         self.standings = ConductFeed(
             self._get_proven, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident
         )
+
+    def _trust_newer(self, trust: TrustBundle) -> None:
+        self._trust = self.standings.trust = trust
 
     # -- ports
 
@@ -200,7 +208,7 @@ class ProviderFollower:
         """
         self._loop = asyncio.get_running_loop()
         self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
-        beside = [asyncio.create_task(part) for part in (self._listen(), self.standings.run())]
+        beside = [asyncio.create_task(part) for part in (self._listen(), self.standings.run(), self.trusts.run())]
         try:
             while True:
                 started = self._clock.monotonic_ms()
@@ -209,6 +217,8 @@ class ProviderFollower:
                 try:
                     await self.pull()
                 except FeedError as error:
+                    if error.code is PepFault.FEED_UNTRUSTED:
+                        self.trusts.doubt()
                     self._incident(error)
                 self._ended = self._begun
                 over, self._over = self._over, asyncio.Event()
@@ -297,9 +307,13 @@ class ProviderFollower:
         index = await self._ask_all(known)
         if index.line > before.line and before != FeedMark.none(self._issuer):
             await self._tell(before)
-        snapshot = known.snapshot if known is not None and known.line == index.line else None
+        # A snapshot counts under the bundle under which it was opened: its key may be withdrawn since.
+        under = self._trust.version
+        kept = known is not None and known.line == index.line and self._snapshot_trust == under
+        snapshot = known.snapshot if known is not None and kept else None
         if snapshot is None or snapshot.version != index.registry_version:
             snapshot = await self._registry(index)
+            self._snapshot_trust = under
         mark = FeedMark(self._issuer, index.epoch, snapshot.version, index.line, index.head)
         if mark != self._mark:
             try:
@@ -448,6 +462,7 @@ class ProviderFollower:
             )
         except httpx2.HTTPError as error:
             raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
+        self.trusts.hint(response.headers.get(HEADER))
         if response.status_code == 409:
             raise FeedError(PepFault.FEED_ROLLED_BACK, f"the provider knows less than was asked for: {PUT_BACK}")
         if response.status_code == 503 and _code_of(response) == RESTORING:

@@ -532,6 +532,7 @@ class FakeIssuer:
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.asked = []
         self.restoring, self.marks, self.mark_status = False, [], 200
+        self.bundles, self.trust_hint = [], None
 
     def revoke(self, kind, identity):
         self.epoch += 1
@@ -552,7 +553,10 @@ class FakeIssuer:
                 return httpx2.Response(503, json={"code": "RESTORING"})
             case "/revocations":
                 text = self.index(**query)
-                return httpx2.Response(409 if text is None else 200, text=text or "")
+                headers = {} if self.trust_hint is None else {"ztpm-trust": self.trust_hint}
+                return httpx2.Response(409 if text is None else 200, text=text or "", headers=headers)
+            case "/trust/signed":
+                return httpx2.Response(200, json={"statements": self.bundles})
             case "/revocations/wait":
                 return self.hint(**query)
             case "/registry":

@@ -129,6 +129,11 @@ class Layout:
         """File of the identity provider's keys, with the ones that sign."""
         return self.root / "idp" / "keys.json"
 
+    @property
+    def key_lock(self) -> Path:
+        """Lock of the step of a rotation that is being taken."""
+        return self.root / "idp" / "keys.lock"
+
     def idp_key(self, id_: str) -> Path:
         """A private key of the identity provider, by the name that the ring gives it: "root-2"."""
         return self.root / "idp" / f"{id_}.key"

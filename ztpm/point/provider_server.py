@@ -14,7 +14,7 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
@@ -22,13 +22,17 @@ from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
 from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 from ztpm_idp.store import Store, StoreNotOpenedError
+from ztpm_idp.watching import watching
 
 if TYPE_CHECKING:
     import socket
+    from collections.abc import Callable, Iterable
 
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.watched_file import WatchedFile
+    from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
 
 GRACE_S: Final = 5
@@ -36,7 +40,12 @@ GRACE_S: Final = 5
 
 
 def serve(
-    settings: Settings, keys: IdpKeys, platform: Platform | None = None, policies: PolicySet | None = None
+    settings: Settings,
+    keys: IdpKeys,
+    platform: Platform | None = None,
+    policies: PolicySet | None = None,
+    *,
+    watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
 
@@ -45,6 +54,7 @@ def serve(
         keys: the five private keys.
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
+        watch: names the files that take effect while it serves (`ztpm_idp.watching`).
 
     Raises:
         StoreNotOpenedError: the database cannot be had.
@@ -54,7 +64,7 @@ def serve(
     from ztpm_idp.app import create_app
 
     asyncio.run(_check_store(settings.database_url))
-    app = create_app(settings, keys, platform=platform, policies=policies)
+    app = create_app(settings, keys, platform=platform, policies=policies, watch=watch)
 
     class Announcing(EdgeServer):
         """Says on standard output, in one JSON line, that it listens; lets nobody wait once it is told to end."""
@@ -107,7 +117,8 @@ def main() -> int:
     try:
         settings = load_settings(config)
         # Taken out of the environment, so that no child and no dump of it has it.
-        keys = load_keys(settings, config.parent, os.environ.pop(PASSPHRASE_VARIABLE, ""))
+        passphrase = os.environ.pop(PASSPHRASE_VARIABLE, "")
+        keys = load_keys(settings, config.parent, passphrase)
         check_current(keys, at=time.time())
         platform = load_platform(settings, config.parent, keys)
         policies = load_policies(settings, config.parent)
@@ -116,7 +127,8 @@ def main() -> int:
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        serve(settings.settings(keys), keys, platform, policies)
+        watch = watching(settings, config.parent, passphrase)
+        serve(settings.settings(keys), keys, platform, policies, watch=watch)
     except (StoreNotOpenedError, UnavailableError) as error:
         return _told(error.code, error.sentence)
     return 0

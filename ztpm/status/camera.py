@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import httpx2
 
+from capabilities.keys.trust import TrustBundle
 from capabilities.statements import registry
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError
@@ -23,7 +24,6 @@ from ztpm_idp.client import ProofAuth, direct_http
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capabilities.keys.trust import TrustBundle
     from ztpm.base.processes import Child
     from ztpm.cell.cell import Cell
     from ztpm.cell.supervision import Supervision
@@ -40,7 +40,6 @@ class SnapshotCollector:
     Args:
         cell: running.
         supervision: knows the restarts.
-        trust: the provider's public keys.
         wall_s: wall clock, seconds since the epoch.
         clock: monotonic, seconds.
         transport: of `httpx2`, for tests.
@@ -51,14 +50,12 @@ class SnapshotCollector:
         cell: Cell,
         supervision: Supervision,
         *,
-        trust: TrustBundle,
         wall_s: Callable[[], float],
         clock: Callable[[], float],
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         self._cell = cell
         self._supervision = supervision
-        self._trust = trust
         self._wall_s = wall_s
         self._clock = clock
         self._http = direct_http.client(ANSWER_S, transport)
@@ -131,10 +128,14 @@ class SnapshotCollector:
                 params={"audience": self._cell.addresses.audience},
                 auth=self._auth,
             )
-            snapshot = registry.open(answer.text, self._trust.registry, CAPS)
-        except (httpx2.HTTPError, CapabilityError):
+            snapshot = registry.open(answer.text, self._registry_keys(), CAPS)
+        except (httpx2.HTTPError, CapabilityError, OSError):
             return None
         return tuple(Known(entry.agent, entry.permille) for entry in snapshot.trust)
+
+    def _registry_keys(self) -> frozenset[bytes]:
+        """Keys of the registry by the cell's own bundle, which a rotation writes anew."""
+        return TrustBundle.from_json(self._cell.layout.trust.read_bytes()).registry
 
 
 def _part(report: dict[str, Any] | None, name: str) -> dict[str, Any] | None:

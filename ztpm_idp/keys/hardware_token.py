@@ -28,10 +28,7 @@ _ED25519_OID: Final = "1.3.101.112"
 _POINT_BYTES: Final = {32: Algorithm.ED25519, 65: Algorithm.P256}
 """Bytes of a public point: Ed25519 (RFC 8032 section 5.1.2), P-256 uncompressed (SEC 1 section 2.3.3)."""
 _OCTETS: Final = 0x04
-"""Tag of the DER octet string in which PKCS #11 wraps a point.
-
-Also the first byte of an uncompressed point.
-"""
+"""Tag of the DER octet string around a point; also the first byte of an uncompressed one."""
 
 _T = TypeVar("_T")
 
@@ -188,10 +185,7 @@ class HardwareKey(SigningKey):
 
 @functools.cache
 def _opened(library: str, label: str, pin: str) -> HardwareToken:
-    """One session for each token of the process.
-
-    A module counts logins, and a key ring is read again and again.
-    """
+    """The one session of this process with a token: a module counts logins, and a ring is read again and again."""
     return HardwareToken(library, label, pin)
 
 

@@ -13,6 +13,7 @@ from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from capabilities.keys.keys import Algorithm, algorithm_of, from_pem, public_raw
 from capabilities.keys.signing_key import SigningKey
 from capabilities.keys.trust import TrustBundle
+from capabilities.keys.windows import Role
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError
 
@@ -75,6 +76,15 @@ class IdpKeys:
         """The raw public keys that this provider has or had: nobody else may have one of them."""
         now = frozenset(map(public_raw, (self.root, self.attester, self.feed, self.registry, self.ledger)))
         return now if self.ring is None else now | self.ring.all_keys
+
+    @property
+    def bundle_version(self) -> int:
+        """Version of the trust bundle of these keys."""
+        return 1 if self.ring is None else self.ring.version
+
+    def root_key_id(self, stated: int) -> int:
+        """Number of the root key that signs, by the ring; `stated` where there is none."""
+        return stated if self.ring is None else self.ring.active(Role.ROOT).number
 
     def trust(self, *, issuer: str, root_key_id: int, version: int = 1) -> TrustBundle:
         """Trust bundle of these keys: that of the key ring, or one of these five, for ever.

@@ -235,7 +235,7 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
     as_of_ms, kept = provider.now_ms(), provider.snapshots
     async with provider.store.read() as view:
         counters = await _serving(view)
-        version = counters.revocation_line, counters.registry_version
+        version = counters.revocation_line, counters.registry_version, provider.keys.bundle_version
         if (known := kept.get(audience)) is not None and known[0] == version:
             return known[1]
         text = await _registry(provider, view, audience=audience, as_of_ms=as_of_ms)

@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import public_raw
+from capabilities.rotation.succession import ring_follows
+from capabilities.statements import trust as trust_statement
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.token.verify import token_to_text
@@ -24,6 +26,8 @@ from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.domain.wanted import wanted
+from ztpm_idp.keys import key_ring
+from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import read_back
 from ztpm_idp.provider.problems import Problem
@@ -98,7 +102,9 @@ class Provider:
 
     Attributes:
         epochs: requests that wait for the next revocation.
-        snapshots: signed registries by audience, each with its line and version (`provider.feed`).
+        snapshots: signed registries by audience, each with its line and the versions of registry and trust bundle
+            (`provider.feed`).
+        faults: by setting, the reason for which a file that changed is not acted on; the one before still is.
     """
 
     def __init__(
@@ -117,7 +123,38 @@ class Provider:
         self.store = store
         self._now = now
         self.epochs = EpochWait(self._epoch)
-        self.snapshots: dict[str, tuple[tuple[int, int], str]] = {}
+        self.snapshots: dict[str, tuple[tuple[int, int, int], str]] = {}
+        self.faults: dict[str, str] = {}
+        self._signed_trust: tuple[int, tuple[str, ...]] = (-1, ())
+
+    def adopt(self, keys: IdpKeys) -> None:
+        """Signs with these keys from now on, between two requests: all of them change, or none does.
+
+        Raises:
+            SettingsError: `key_ring_file`, for a ring that no steps of a rotation made of the present one, whose bundle
+                does not hold now, or which has a key of a platform. Nothing changes then.
+        """
+        if keys.ring is None or self.keys.ring is None:
+            raise SettingsError(key_ring.SETTING, "keys without a ring are read once")
+        if (fault := ring_follows(self.keys.ring, keys.ring)) is not None:
+            raise SettingsError(key_ring.SETTING, f"{fault.code}: {fault.detail}")
+        key_ring.check_current(keys, at=self._now())
+        rules = rules_of(self.settings, keys, self.rules.platform, self.rules.policies)
+        if self.rules.platform is not None and self.rules.platform.all_keys & keys.every_public:
+            raise SettingsError(key_ring.SETTING, "a key of the platform: one key has one role")
+        self.keys, self.rules = keys, rules
+
+    def signed_trust(self) -> tuple[str, ...]:
+        """The trust bundle, signed by each trusted registry key: once for each bundle, however often it is asked for.
+
+        Raises:
+            SignerUnavailableError: a registry key does not sign now.
+        """
+        if self._signed_trust[0] != self.rules.trust.version:
+            signers = self.keys.registry, *self.keys.former_registry
+            texts = tuple(trust_statement.sign(self.rules.trust, key) for key in signers)
+            self._signed_trust = self.rules.trust.version, texts
+        return self._signed_trust[1]
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
@@ -241,7 +278,7 @@ class Provider:
                 case TokenIssued():
                     made = mint(
                         root=self.keys.root,
-                        root_key_id=self.settings.root_key_id,
+                        root_key_id=self.keys.root_key_id(self.settings.root_key_id),
                         token_id=event.token_id,
                         sponsor=event.sponsor,
                         hop=event.hop,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
-from capabilities.statements import trust as signed
 from ztpm_idp.routes.caller import heartbeat_of, provider_of
 
 router = APIRouter()
@@ -18,10 +19,14 @@ async def healthz() -> dict[str, bool]:
 
 
 @router.get("/readyz")
-async def readyz(request: Request) -> dict[str, bool]:
-    """The store can commit, now."""
+async def readyz(request: Request) -> dict[str, Any]:
+    """The store can commit, now.
+
+    `faults` names each setting whose file changed and cannot be acted on, with the reason; what was read before counts.
+    """
     await heartbeat_of(request).beat()
-    return {"ready": True}
+    faults = provider_of(request).faults
+    return {"ready": True, **({"faults": dict(faults)} if faults else {})}
 
 
 @router.get("/trust")
@@ -36,6 +41,4 @@ async def trust(request: Request) -> Response:
 @router.get("/trust/signed")
 async def signed_trust(request: Request) -> dict[str, list[str]]:
     """Trust bundle, signed by each trusted registry key, for callers who trust an earlier bundle."""
-    provider = provider_of(request)
-    keys = provider.keys
-    return {"statements": [signed.sign(provider.rules.trust, key) for key in (keys.registry, *keys.former_registry)]}
+    return {"statements": list(provider_of(request).signed_trust())}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import secrets
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import rfc8785
 from fastapi import APIRouter, Depends, Request
@@ -36,6 +36,8 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.provider import Done, Provider
 
 router = APIRouter()
+TRUST_HINT: Final = "ztpm-trust"
+"""Header with the version of the trust bundle."""
 Caller = Annotated[Call, Depends(authenticated)]
 Lender = Annotated[Call, Depends(authenticated_within(SCOPE_BYTES))]
 
@@ -120,8 +122,11 @@ async def revocations(request: Request) -> PlainTextResponse:
     """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers."""
     since, nonce = query_of(request, "since", "nonce")
     known, echoed = since_of(since), nonce_of(nonce)
-    text = await revocation_index(provider_of(request), heartbeat_of(request), since=known, nonce=echoed)
-    return PlainTextResponse(text, headers={"Cache-Control": "no-store"})
+    provider = provider_of(request)
+    text = await revocation_index(provider, heartbeat_of(request), since=known, nonce=echoed)
+    # The version of the trust bundle is a hint: whoever has an older one asks for it, and verifies it.
+    hint = {TRUST_HINT: str(provider.rules.trust.version)}
+    return PlainTextResponse(text, headers={"Cache-Control": "no-store", **hint})
 
 
 @router.get("/revocations/wait")

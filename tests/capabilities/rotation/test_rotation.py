@@ -10,7 +10,7 @@ from capabilities.keys.trust import TrustBundle
 from capabilities.keys.windows import KEYS_OF_A_ROLE, Role
 from capabilities.rotation.rotation import KeyRecord, KeyRing, KeyState, RotationFault, RotationRefused
 from capabilities.rotation.rotation_json import ring_from_json, ring_to_json
-from capabilities.rotation.succession import check_bundle, succeed
+from capabilities.rotation.succession import check_bundle, ring_follows, succeed
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.values.caps import DEFAULT
@@ -384,3 +384,21 @@ def test_verifiers_follow_step_by_step_and_never_back():
         assert check_bundle(old, seen, at=at, caps=DEFAULT).code is FaultCode.REPLAYED
     thief = trust_bundle.sign(replace(held, version=99, issued_at=NOW + 9), signer[FIRST[Role.REGISTRY]])
     assert succeed(held, thief, at=at, caps=DEFAULT).code is FaultCode.STATEMENT_UNTRUSTED
+
+
+def test_a_ring_follows_by_steps_alone():
+    ring = rotation.prepare(RING, Role.ROOT, raw_of("second"), at=NOW + 1)
+    longer = rotation.activate(ring, "root-2", at=NOW + 2)
+    for held, newer in (
+        (RING, RING),
+        (RING, ring),
+        (RING, longer),
+        (ring, rotation.revoke(longer, "root-1", at=NOW + 3)),
+    ):
+        assert ring_follows(held, newer) is None
+    assert ring_follows(longer, ring).code is FaultCode.REPLAYED
+    assert ring_follows(ring, replace(ring, issued_at=NOW + 9)).code is FaultCode.REPLAYED
+    assert ring_follows(ring, replace(RING, version=9)).code is FaultCode.KEY_WRONG_ROLE
+    assert ring_follows(ring, replace(ring, version=9, issuer=ISSUER + "/x")).code is FaultCode.STATEMENT_UNTRUSTED
+    undone = tuple(replace(r, prepared_at=r.prepared_at - 1) for r in ring.records)
+    assert ring_follows(ring, replace(ring, version=9, records=undone)).code is FaultCode.REPLAYED

@@ -64,7 +64,6 @@ MISTAKES = {
     ]),
     "a cell that runs": (1, "RUNNING_ALREADY", "{cell}", [
         ("up", "--data", "{cell}"),
-        ("keys", "renew", "--data", "{cell}"),
     ]),
     "a provider that does not answer": (1, "UNREACHABLE", "127.77.0.9", [
         ("agent", "list", "--data", "{cell}", "--as", "alice"),

@@ -93,7 +93,7 @@ def test_a_rotation_by_hand(run, copy, role, of):
     assert raw in bundle_of(copy).of_role(of)
     assert keys.public_raw(getattr(loaded(copy)[1], role)) != raw, "prepared, it signs nothing"
 
-    assert did(run, copy, "activate", f"{role}-2")["key"]["state"] == "active"
+    assert did(run, copy, "activate", f"{role}-2", "--at-once")["key"]["state"] == "active"
     settings, own = loaded(copy)
     assert keys.public_raw(getattr(own, role)) == raw
     assert settings.settings(own).root_key_id == (2 if role == "root" else 1)
@@ -126,8 +126,9 @@ def test_what_is_refused(run, copy):
     assert refused(run, copy, "prepare", "root") == (3, "ALREADY_PREPARED")
     assert refused(run, copy, "prepare", "attester", "--algorithm", "p256") == (2, "ALGORITHM")
     assert set(copy.key_ring.parent.iterdir()) == files, "a refusal makes no file"
-    with DirectoryLock.take(copy.lock):
-        assert refused(run, copy, "activate", "root-2") == (1, "RUNNING_ALREADY")
+    assert refused(run, copy, "activate", "root-2") == (3, "TOO_SOON")
+    with DirectoryLock.take(copy.key_lock):
+        assert refused(run, copy, "activate", "root-2", "--at-once") == (1, "STEP_UNDER_WAY")
     assert key_ring.read(copy).find("root-2").state is KeyState.PREPARED
     copy.key_ring.chmod(0o622)
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
@@ -136,6 +137,21 @@ def test_what_is_refused(run, copy):
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
     copy.key_ring.unlink()
     assert refused(run, copy, "list") == (2, "KEYS_UNREADABLE")
+
+
+def test_a_step_is_taken_while_the_cell_runs(run, copy):
+    with DirectoryLock.take(copy.lock):
+        assert did(run, copy, "renew")["version"] == 2
+
+
+def test_a_key_may_be_made_in_a_module(run, copy, monkeypatch):
+    """The configuration names a module that is not there: nothing is made, and no ring names a key without one."""
+    monkeypatch.setenv("ZTPM_PKCS11_PIN", "1")
+    lines = '[pkcs11]\nmodule = "/nowhere.so"\ntoken = "t"\nroles = ["root"]\n'
+    copy.idp_config.write_text(f"{copy.idp_config.read_text()}\n{lines}")
+    assert refused(run, copy, "prepare", "root") == (2, "CONFIG_INVALID")
+    assert did(run, copy, "prepare", "feed")["key"]["id"] == "feed-2"
+    assert bundle_of(copy).version == 2
 
 
 def test_another_passphrase_makes_no_key(run, copy, monkeypatch):
@@ -150,7 +166,7 @@ def test_a_step_that_was_cut_off_is_taken_again(run, copy):
     copy.key_ring.with_name("keys.json.new").write_text("half a ring")
     made = did(run, copy, "prepare", "feed", "--algorithm", "p256")
     assert made["key"]["algorithm"] == "P-256"
-    did(run, copy, "activate", "feed-2")
+    did(run, copy, "activate", "feed-2", "--at-once")
     assert len(keys.public_raw(loaded(copy)[1].feed)) == 33
 
 

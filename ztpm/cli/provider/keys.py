@@ -1,7 +1,7 @@
 """`ztpm keys`: the identity provider's own keys over time, on the files of a cell's directory.
 
-Every step writes a new version of the trust bundle. It takes effect when the services of the cell are started again,
-so a step is refused while `ztpm up` runs it. Exit status: 0 done, 1 failure, 2 usage, 3 refused.
+Every step writes a new version of the trust bundle. A provider that serves acts on it within a second, and every
+enforcement point that hears it a few seconds later. Exit status: 0 done, 1 failure, 2 usage, 3 refused.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import time
 from contextlib import contextmanager
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from ztpm.cell.key_ring import RotationStep
 
 app = typer.Typer(no_args_is_help=True, help="The identity provider's keys: list, prepare, activate, taint, revoke.")
+
+FOLLOWED_S: Final = 15
+"""Seconds in which every enforcement point that hears the provider has a new bundle: it asks every 10 s, unhinted."""
 
 KeyId = Annotated[str, typer.Argument(metavar="KEY", help="As `ztpm keys list` shows it, e.g. root-2.")]
 
@@ -80,7 +83,10 @@ def prepare(
     directory: CellDirectory = None,
     as_json: Json = False,
 ) -> None:
-    """Make a further key of a role: verifiers trust it from the next start on, and it signs nothing yet."""
+    """Make a further key of a role, which verifiers trust from now on; it signs nothing yet.
+
+    It is made in the PKCS #11 token, where the provider's configuration says so of the role.
+    """
     from capabilities.keys import keys
     from capabilities.keys.windows import Role
     from ztpm.cell import key_ring
@@ -92,18 +98,33 @@ def prepare(
         fail("ALGORITHM", "what signs tokens is an Ed25519 key in this version")
     passphrase = ask_passphrase(new=False)
     with _failures(), _alone(layout):
-        answer = key_ring.prepare(layout, Role[role.name], chosen, passphrase=passphrase, at=int(time.time()))
+        token = key_ring.token_of(layout, role.value)
+        at = int(time.time())
+        answer = key_ring.prepare(layout, Role[role.name], chosen, passphrase=passphrase, at=at, token=token)
         _tell(answer, None, layout.trust, as_json=as_json)
 
 
 @app.command("activate")
-def activate(key: KeyId, *, directory: CellDirectory = None, as_json: Json = False) -> None:
-    """Let the prepared key sign from the next start on.
+def activate(
+    key: KeyId,
+    *,
+    at_once: Annotated[bool, typer.Option(help="Also where verifiers may not have its bundle yet.")] = False,
+    directory: CellDirectory = None,
+    as_json: Json = False,
+) -> None:
+    """Let the prepared key sign from now on, 15 s after it was prepared or later.
 
     The key that signed is trusted until the last of its signatures is over.
     """
     from capabilities.rotation import rotation
+    from ztpm.cell import key_ring
 
+    if not at_once:
+        with _failures():
+            found = key_ring.read(layout_of(directory)).find(key)
+        left_s = 0 if found is None else found.prepared_at + FOLLOWED_S - int(time.time())
+        if found is not None and found.activated_at is None and left_s > 0:
+            fail("TOO_SOON", f"{key}: {left_s} s more")
     _step(rotation.activate, key, layout_of(directory), as_json=as_json)
 
 
@@ -156,8 +177,8 @@ def _tell(answer: KeyRing | RotationRefused, id_: str | None, trust: Path, *, as
         return
     done = "" if record is None else f"{record.id} is {record.state}. "
     typer.echo(
-        f"{done}Trust bundle {described['version']} in {trust}, until {described['valid_until']}: bring it to every "
-        "verifier, and start the services again."
+        f"{done}Trust bundle {described['version']} in {trust}, until {described['valid_until']}. A provider that "
+        "serves and the enforcement points that hear it follow by themselves; bring it to every other verifier."
     )
 
 
@@ -183,14 +204,17 @@ def _shown(record: KeyRecord) -> dict[str, object]:
 
 @contextmanager
 def _alone(layout: Layout) -> Iterator[None]:
-    """Holds the directory: no `ztpm up` runs the cell, and no other step is taken meanwhile."""
+    """Holds the ring: no other step is taken meanwhile."""
+    from ztpm.base.layout import LayoutError
     from ztpm.base.lock import DirectoryLock, LockedError
 
     try:
-        with DirectoryLock.take(layout.lock):
+        if not layout.key_lock.parent.is_dir():
+            raise LayoutError(f"{layout.key_ring} is missing")
+        with DirectoryLock.take(layout.key_lock):
             yield
     except LockedError as error:
-        fail("RUNNING_ALREADY", f"{layout.root}: process {error.pid or '?'}")
+        fail("STEP_UNDER_WAY", f"{layout.key_ring}: process {error.pid or '?'}")
 
 
 @contextmanager
@@ -198,6 +222,7 @@ def _failures() -> Iterator[None]:
     """Ends the command at a file that cannot be read, opened or written."""
     from capabilities.values.errors import BadKeyError
     from ztpm.base.layout import LayoutError
+    from ztpm_idp.keys.key_files import SettingsError
 
     try:
         yield
@@ -205,5 +230,7 @@ def _failures() -> Iterator[None]:
         fail("KEYS_UNREADABLE", str(error))
     except LayoutError as error:
         fail("KEYS_UNREADABLE", str(error))
+    except SettingsError as error:
+        fail("CONFIG_INVALID", f"{error.setting}: {error.why}")
     except OSError as error:
         fail_at("", error, "UNWRITABLE")
