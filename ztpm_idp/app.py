@@ -16,11 +16,13 @@ from starlette.exceptions import HTTPException
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.pages import PageProblem, problem_page
+from ztpm_idp.provider.audit import LedgerFollower
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.routes import (
     approvals,
+    audit,
     conduct,
     ledger,
     login,
@@ -37,7 +39,7 @@ from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Iterable
+    from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
 
     from fastapi import Request
     from fastapi.responses import Response
@@ -50,7 +52,20 @@ if TYPE_CHECKING:
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
-_PARTS: Final = (service, registry, people, tokens, mandates, ledger, approvals, conduct, restoring, upkeep, login)
+_PARTS: Final = (
+    service,
+    registry,
+    people,
+    tokens,
+    mandates,
+    ledger,
+    approvals,
+    conduct,
+    restoring,
+    upkeep,
+    login,
+    audit,
+)
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
@@ -86,14 +101,10 @@ def create_app(
         try:
             app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
-            beside = [asyncio.create_task(each.run()) for each in watch(app.state.provider)]
-            try:
-                async with store.listening(app.state.provider.hinted):
-                    yield
-            finally:
-                for task in beside:
-                    task.cancel()
-                await asyncio.gather(*beside, return_exceptions=True)
+            app.state.ledger_follower = LedgerFollower(store)
+            watched = (each.run() for each in watch(app.state.provider))
+            async with _beside(app.state.ledger_follower.run(), *watched), store.listening(app.state.provider.hinted):
+                yield
         finally:
             await store.close()
 
@@ -124,6 +135,18 @@ def create_app(
     app.add_exception_handler(HTTPException, _http)
     app.add_middleware(_Shield)
     return app
+
+
+@asynccontextmanager
+async def _beside(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
+    """Work that goes on beside the service and ends with it."""
+    tasks = [asyncio.create_task(each) for each in work]
+    try:
+        yield
+    finally:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def _problem(_: Request, error: Exception) -> Response:

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.log import merkle
 from capabilities.statements import checkpoint
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import StatementError
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from capabilities.keys.trust import TrustBundle
+    from capabilities.log.tree_head import TreeHead
 
 ENTRY_FIELDS: Final = frozenset({"v", "seq", "prev", "at_ms", "actor", "kind", "body"})
 LINE_BYTES: Final = 1_048_576
@@ -53,6 +55,7 @@ class DefectCode(StrEnum):
     CHECKPOINT_OF_ANOTHER = "CHECKPOINT_OF_ANOTHER"
     CUT = "CUT"
     AFTER_CHECKPOINT = "AFTER_CHECKPOINT"
+    LEDGER_FORKED = "LEDGER_FORKED"
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +140,9 @@ def verify_journal(lines: Iterable[bytes]) -> VerifiedJournal | Defect:
     return VerifiedJournal(pep, size, head, unfinished)
 
 
-def verify(lines: Iterable[bytes | str], trust: TrustBundle, *, first: int = 1) -> Verified | Defect:
+def verify(
+    lines: Iterable[bytes | str], trust: TrustBundle, *, first: int = 1, held: TreeHead | None = None
+) -> Verified | Defect:
     """Result of checking that these lines are the whole, unchanged ledger that the identity provider signed.
 
     Args:
@@ -145,8 +150,10 @@ def verify(lines: Iterable[bytes | str], trust: TrustBundle, *, first: int = 1) 
         trust: names the issuer and the ledger's keys.
         first: number of the first entry that is wanted. Of what is before it nothing is said; each entry from it on
             is bound to the checkpoint.
+        held: an earlier tree head of this ledger, with which a ledger that is whole must begin; where it does not,
+            the defect is of the last entry that it covers.
     """
-    walk = _Walk(trust, first)
+    walk = _Walk(trust, first, held)
     try:
         for line in lines:
             walk.take(line.encode() if isinstance(line, str) else line)
@@ -201,8 +208,10 @@ class _Journals:
 class _Walk:
     """State of one verification."""
 
-    def __init__(self, trust: TrustBundle, first: int) -> None:
+    def __init__(self, trust: TrustBundle, first: int, held: TreeHead | None) -> None:
         self._trust = trust
+        self._held = held
+        self._tree = merkle.GrowingTree()
         self._size = first - 1
         self._head: str | None = FIRST_PREV if first == 1 else None
         self._journals = _Journals(whole=first == 1)
@@ -219,6 +228,7 @@ class _Walk:
         else:
             self._entry(value, seq, line)
             self._size, self._head = seq, hashlib.sha256(line).hexdigest()
+            self._meet(line)
 
     def end(self) -> Verified:
         """Ends the walk after the last line."""
@@ -233,7 +243,17 @@ class _Walk:
             raise _Found(self._size + 1, DefectCode.CUT)  # nothing of what was asked for is there
         if signed.head != self._head:
             raise _Found(self._size, DefectCode.CHAIN_BROKEN)
+        if self._held is not None and self._size < self._held.size:
+            raise _Found(self._size, DefectCode.CUT)
         return Verified(self._size, self._head, signed.as_of_ms)
+
+    def _meet(self, line: bytes) -> None:
+        """Compares the tree with the held one, once it has as many entries."""
+        if self._held is None or self._size > self._held.size:
+            return
+        self._tree.append(merkle.leaf_hash(line))
+        if self._size == self._held.size and self._tree.root() != self._held.root:
+            raise _Found(self._size, DefectCode.LEDGER_FORKED)
 
     def _entry(self, value: dict[str, Any], seq: int, line: bytes) -> None:
         whole = value.keys() == ENTRY_FIELDS and all(type(value[name]) is int for name in ("v", "seq", "at_ms"))

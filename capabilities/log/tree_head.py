@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
 
 PROOF_FORM: Final = "c2sp.org/tlog-proof@v1"
+PROOF_BYTES: Final = 2_097_152
+"""Longest file of a proof: an entry of a megabyte in base64, and the rest."""
+_EXTRA: Final = "extra "
 _NUMBER: Final = re.compile(r"0|[1-9][0-9]{0,15}")
 _LINES: Final = 3
 
@@ -90,17 +93,20 @@ class EntryProof:
         index: of the entry, from 0: one less than its number.
         path: hashes from the leaf's sibling up.
         checkpoint: the signed note.
+        entry: the entry itself, where the file holds it.
     """
 
     index: int
     path: tuple[bytes, ...]
     checkpoint: str
+    entry: bytes | None = None
 
     @property
     def text(self) -> str:
         """The file's text."""
+        extra = "" if self.entry is None else f"{_EXTRA}{base64.b64encode(self.entry).decode()}\n"
         path = "".join(f"{base64.b64encode(each).decode()}\n" for each in self.path)
-        return f"{PROOF_FORM}\nindex {self.index}\n{path}\n{self.checkpoint}"
+        return f"{PROOF_FORM}\n{extra}index {self.index}\n{path}\n{self.checkpoint}"
 
 
 def read_proof(text: str) -> EntryProof:
@@ -109,18 +115,19 @@ def read_proof(text: str) -> EntryProof:
     Raises:
         StatementError: `STATEMENT_MALFORMED`.
     """
-    if len(text) > 2 * note.NOTE_BYTES:
+    if len(text) > PROOF_BYTES:
         raise _malformed("too long for a proof")
     stated, blank, checkpoint = text.partition("\n\n")
     form, *lines = stated.split("\n")
-    if lines and lines[0].startswith("extra "):  # opaque, and nobody vouches for it
-        lines = lines[1:]
+    entry = None
+    if lines and lines[0].startswith(_EXTRA):
+        entry, lines = note.unbase64(lines[0].removeprefix(_EXTRA)), lines[1:]
     number = lines[0].removeprefix("index ") if lines else ""
     if not blank or form != PROOF_FORM or not lines[0].startswith("index ") or not _NUMBER.fullmatch(number):
         raise _malformed("not of the form " + PROOF_FORM)
     if len(lines) - 1 > merkle.LONGEST_PATH:
         raise _malformed("a path longer than any tree is high")
-    return EntryProof(int(number), tuple(map(note.unbase64, lines[1:])), checkpoint)
+    return EntryProof(int(number), tuple(map(note.unbase64, lines[1:])), checkpoint, entry)
 
 
 def check_entry(entry: bytes, proof: EntryProof, origin: str, keys: Collection[bytes]) -> TreeHead:

@@ -101,6 +101,9 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "ledger_tiles",
+    "ledger_index",
+    "ledger_followed",
     "heartbeat",
     "mandates",
     "former_keys",

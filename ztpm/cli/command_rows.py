@@ -128,7 +128,13 @@ ROWS: Final = (
         "Explain a code: its cause, the next step, the primitives that find it, and the exit status.",
     ),
     CommandRow("version", LOOK, "ztpm.cli.setup:version", "Print the version."),
-    CommandRow("audit", LOOK, "ztpm.cli.provider.audit:app", "The ledger and journals: export, verify and show them."),
+    CommandRow(
+        "audit",
+        LOOK,
+        "ztpm.cli.provider.audit:app",
+        "The ledger and journals: export, verify and show them.",
+        tuple((name, f"ztpm.cli.provider.ledger:{name}") for name in ("search", "prove", "hold")),
+    ),
     CommandRow("pit", LOOK, "ztpm.cli.pit:app", "Physical impact of one motion in one scene, out of files."),
     CommandRow(
         "policy",

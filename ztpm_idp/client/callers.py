@@ -28,6 +28,7 @@ from capabilities.values.scope import Scope, Tier
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.client import person_answers
+from ztpm_idp.client.auditing import AuditingCaller
 from ztpm_idp.client.caller import Caller, ClientError, Issued
 from ztpm_idp.client.registering import RegistryCaller
 from ztpm_idp.client.renewal import Renewal
@@ -202,7 +203,7 @@ class Agent(Caller):
         return attestation.sign(stated, self._key)
 
 
-class Operator(RegistryCaller):
+class Operator(RegistryCaller, AuditingCaller):
     """A person's side: registering, lending, ending, reading the ledger.
 
     Args:

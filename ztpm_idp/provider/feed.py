@@ -83,7 +83,7 @@ class Deployment(Protocol):
     settings: Settings
     keys: IdpKeys
     store: Store
-    snapshots: dict[str, tuple[tuple[int, int], str]]
+    snapshots: dict[str, tuple[tuple[int, int, int], str]]
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""

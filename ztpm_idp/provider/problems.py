@@ -58,6 +58,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.CHANGE_YOURS: (403, "Another person answers this change."),
     IdpCode.TOO_MANY_CHANGES: (429, "Too many changes wait for an answer."),
     # records of enforcement points
+    IdpCode.ENTRY_UNKNOWN: (404, "The ledger has no such entry."),
     IdpCode.RECORD_GAP: (409, "Records are missing before this one."),
     IdpCode.RECORD_FORKED: (409, "Another record has this number."),
     IdpCode.RECORD_CHAIN_BROKEN: (409, "The record does not follow the one before."),

@@ -9,8 +9,8 @@ from fastapi.responses import StreamingResponse
 
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain import commands
+from ztpm_idp.domain.audit import may_audit
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.body_json import BODY_BYTES
 from ztpm_idp.provider.feed import ledger_export
@@ -36,11 +36,8 @@ async def export(request: Request, call: Caller) -> StreamingResponse:
 
     With `first` and `last`, which are given together, the entries of that range.
     """
-    match call.party:
-        case RegisteredPerson(roles=roles) if roles & {PersonRole.ADMIN, PersonRole.APPROVER}:
-            pass
-        case _:
-            raise Problem(IdpCode.NOT_PERMITTED)
+    if not may_audit(call.party):
+        raise Problem(IdpCode.NOT_PERMITTED)
     first, last = map(since_of, query_of(request, "first", "last")) if request.query_params else (1, INT_LIMIT)
     if not 1 <= first <= last:
         raise Problem(IdpCode.QUERY_MALFORMED, "first and last")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, Self
 
 import sqlalchemy as sa
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
-from sqlalchemy.ext.asyncio import AsyncEngine, create_async_engine
+from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from ztpm_idp.domain.locks import EVERYTHING, REVOCATIONS
 from ztpm_idp.store import postgres
@@ -185,6 +185,19 @@ class Store:
         """
         async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
             await connection.execute(_BEAT)
+
+    @asynccontextmanager
+    async def beside(self) -> AsyncIterator[AsyncConnection]:
+        """A transaction that writes what no command reads, and locks no row that a command waits for.
+
+        On SQLite, which has one writer, it still has its turn.
+
+        Raises:
+            ConflictError: a unique constraint was hit, or the block says so; nothing holds.
+            StoreUnavailableError: nothing may be taken to hold.
+        """
+        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+            yield connection
 
     @asynccontextmanager
     async def _write_connection(self, place: AbstractAsyncContextManager[Any]) -> AsyncIterator[AsyncConnection]:

@@ -332,3 +332,41 @@ heartbeat = sa.Table(
     sa.CheckConstraint("singleton = 1", name="one_row"),
 )
 """One row, which is changed to see that the store can commit; it stands in nobody's way."""
+ledger_tiles = sa.Table(
+    "ledger_tiles",
+    metadata,
+    sa.Column("level", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("place", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("hashes", sa.LargeBinary, nullable=False),
+)
+"""Hashes of the tree over the ledger, at most 256 side by side in a row.
+
+Level 0 has those of entries, level 1 those of 256 entries each, and so on. The last row of a level may be shorter.
+"""
+
+ledger_index = sa.Table(
+    "ledger_index",
+    metadata,
+    sa.Column("seq", sa.BigInteger, primary_key=True, autoincrement=False),
+    sa.Column("at_ms", sa.BigInteger, nullable=False),
+    sa.Column("kind", sa.String(32), nullable=False),
+    sa.Column("actor", sa.String(256), nullable=False),
+    sa.Column("agent", sa.String(256), nullable=True),
+    sa.Column("token", sa.String(256), nullable=True),
+    sa.Column("object", sa.String(256), nullable=True),
+    sa.Column("request", sa.String(256), nullable=True),
+    sa.Column("trace", sa.String(256), nullable=True),
+    sa.Column("effect", sa.String(256), nullable=True),
+)
+"""The ledger by what its entries are about; made of the entries alone, and never signed."""
+for _column in ("at_ms", "kind", "actor", "agent", "token", "object", "request", "trace"):
+    sa.Index(f"ix_ledger_index_{_column}_seq", ledger_index.c[_column], ledger_index.c.seq)
+
+ledger_followed = sa.Table(
+    "ledger_followed",
+    metadata,
+    sa.Column("singleton", sa.Integer, primary_key=True, autoincrement=False),
+    sa.Column("size", sa.BigInteger, nullable=False),
+    sa.CheckConstraint("singleton = 1", name="one_row"),
+)
+"""One row: number of entries that are in the tree and in the index. No command reads or locks it."""

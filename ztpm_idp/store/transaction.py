@@ -63,6 +63,7 @@ from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, postgres, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
+from ztpm_idp.store.audit import Audit
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
@@ -99,6 +100,7 @@ class Transaction:
         self._counting = Counting(connection, waits=locks is not None)
         self.approvals = Approvals(connection)
         self.conduct = Conduct(connection, self._counting)
+        self.audit = Audit(connection)
         self.lending = Lending(connection)
         self.people = People(connection)
         self.revocations = Revocations(connection, self._counting)

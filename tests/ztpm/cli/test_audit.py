@@ -2,25 +2,38 @@
 
 import hashlib
 import json
+import sqlite3
 from types import SimpleNamespace
 
 import pytest
+import rfc8785
+from capabilities.statements import checkpoint
 from tests.ztpm_idp.test_ledger import full, written
 from tests.ztpm_idp.world import World
-from ztpm_idp.client import ClientError
+from ztpm_idp.client import ClientError, Operator
 
 from ztpm.cli.provider import person
 
 
-@pytest.fixture
-def cell(tmp_path, monkeypatch):
-    """A provider with a ledger, and carol, who may read it."""
-    with World(tmp_path) as world:
+@pytest.fixture(scope="module")
+def furnished(tmp_path_factory):
+    """A provider with a ledger that the tests of this module read."""
+    with World(tmp_path_factory.mktemp("furnished")) as world:
         full(world)
-        monkeypatch.setattr(person, "operator", lambda **asked: world.people[asked["name"]])
-        trust = tmp_path / "trust.json"
-        trust.write_bytes(world.trust.to_json())
-        yield SimpleNamespace(world=world, trust=trust, out=tmp_path / "ledger.ndjson", tmp=tmp_path)
+        yield world
+
+
+@pytest.fixture
+def cell(tmp_path, monkeypatch, furnished):
+    """That provider, and carol, who may read its ledger."""
+    return on(furnished, tmp_path, monkeypatch)
+
+
+def on(world, tmp_path, monkeypatch):
+    monkeypatch.setattr(person, "operator", lambda **asked: world.caller(Operator, asked["name"]))
+    trust = tmp_path / "trust.json"
+    trust.write_bytes(world.trust.to_json())
+    return SimpleNamespace(world=world, trust=trust, out=tmp_path / "ledger.ndjson", tmp=tmp_path)
 
 
 def test_an_exported_ledger_verifies_and_is_told_as_one(run, cell):
@@ -105,10 +118,125 @@ def test_an_export_that_is_refused_leaves_no_file(run, cell):
 
 
 def test_an_export_that_breaks_off_leaves_no_file(run, cell, monkeypatch):
-    def pages(**asked):
+    def pages(_, **asked):
         yield b'{"seq":1}\n'
         raise ClientError("UNREACHABLE", 0)
 
-    monkeypatch.setattr(cell.world.people["carol"], "ledger_pages", pages)
+    monkeypatch.setattr(Operator, "ledger_pages", pages)
     assert run("audit", "export", "--as", "carol", "--out", cell.out).status == 1
     assert not cell.out.exists()
+
+
+def test_what_is_found_is_shown_and_goes_to_a_siem_in_pieces(run, cell):
+    told = run("audit", "search", "--as", "carol", "--agent", "planner", "--kind", "token-issued")
+    assert (told.status, "token-issued" in told.out, "alice" in told.out) == (0, True, True)
+    told = run("audit", "search", "--as", "carol", "--limit", 3)
+    assert (told.status, "--after 3" in told.out) == (0, True)
+    told = run("audit", "search", "--as", "carol", "--kind", "revoked", "--since", "2027-01-15T08:00:00Z", "--json")
+    assert [row["kind"] for row in told.lines] == ["revoked"]
+    assert run("audit", "search", "--as", "carol", "--kind", "revoked", "--until", "2027-01-15", "--json").out == ""
+    for form, size in (("lines", 2), ("cef", 3)):
+        out = cell.tmp / f"out.{form}"
+        asked = ("audit", "search", "--as", "carol", "--form", form, "--out", out)
+        assert run(*asked).status == 0
+        whole = out.read_bytes()
+        out.write_bytes(b"\n".join(whole.split(b"\n")[:size]) + b"\n{half of a line")
+        assert run(*asked, "--json").json["code"] == "EXISTS"
+        told = run(*asked, "--resume", "--json")
+        assert (told.status, told.json["entries"]) == (0, whole.count(b"\n") - size)
+        assert out.read_bytes() == whole, "nothing twice, nothing lost, and no half line"
+        assert run(*asked, "--resume", "--json").json["entries"] == 0
+    assert run("audit", "search", "--as", "carol", "--form", "cef").out.startswith("CEF:0|ZTPM|ztpm_idp|1|")
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [("--form", "xml"), ("--out", "x"), ("--resume",), ("--form", "cef", "--resume"), ("--since", "yesterday"), ("--since", "1960-01-01")],
+)  # fmt: skip
+def test_questions_that_are_none(run, wrong):
+    assert run("audit", "search", "--as", "carol", *wrong).status == 2
+
+
+def test_one_entry_is_proven_to_whoever_has_the_trust_bundle(run, cell):
+    out = cell.tmp / "entry.tlog-proof"
+    told = run("audit", "prove", 4, "--as", "carol", "--trust", cell.trust, "--out", out, "--json")
+    assert (told.status, told.json["entry"]) == (0, 4)
+    told = run("audit", "verify", out, "--trust", cell.trust, "--json")
+    assert (told.status, told.json["read"], told.json["entry"]) == (0, "proof", 4)
+    assert run("audit", "verify", out).status == 2
+    text = out.read_text()
+    for wrong in (
+        text.replace("index 3", "index 2"),
+        text.replace("extra e", "extra f"),
+        text[:-5],
+        text.replace("@v1", "@v1\nx"),
+    ):
+        out.write_text(wrong)
+        assert run("audit", "verify", out, "--trust", cell.trust, "--json").json["code"] in {
+            "PROOF_WRONG",
+            "LINE_MALFORMED",
+        }
+    assert (
+        run("audit", "prove", 4, "--as", "carol", "--trust", cell.trust, "--out", out, "--json").json["code"]
+        == "EXISTS"
+    )
+    told = run("audit", "prove", 4_000, "--as", "carol", "--trust", cell.trust, "--out", cell.tmp / "x", "--json")
+    assert told.json["code"] == "ENTRY_UNKNOWN"
+
+
+def test_a_checkpoint_that_is_held_goes_on_and_shows_a_rewritten_ledger(run, cell):
+    held = cell.tmp / "held"
+    asked = ("audit", "hold", held, "--as", "bob", "--trust", cell.trust)
+    first = run(*asked, "--json")
+    assert (first.status, first.json["held"]) == (0, 0)
+    cell.world.person("frank", "sponsor")
+    run("audit", "export", "--as", "carol", "--out", cell.out)
+    told = run("audit", "verify", cell.out, "--trust", cell.trust, "--held", held, "--json")
+    assert (told.status, told.json["held"]) == (0, first.json["size"])
+    assert run("audit", "verify", cell.out, "--trust", cell.trust, "--held", held, "--from", 2).status == 2
+    assert "1 of them since" in run(*asked).out
+    other = rewritten(cell, "frank")
+    cell.out.write_bytes(b"".join(line + b"\n" for line in other))
+    told = run("audit", "verify", cell.out, "--trust", cell.trust, "--json")
+    assert told.status == 0, "its own key signed the rewritten ledger, and nothing in it is wrong"
+    told = run("audit", "verify", cell.out, "--trust", cell.trust, "--held", held, "--json")
+    assert (told.status, told.json["code"]) == (3, "LEDGER_FORKED")
+    cell.out.write_bytes(b"".join(line + b"\n" for line in rewritten(cell, None)))
+    assert run("audit", "verify", cell.out, "--trust", cell.trust, "--held", held, "--json").json["code"] == "CUT"
+    held.write_text(held.read_text().replace("\n", " ", 1))
+    assert run(*asked, "--json").json["code"] == "CHECKPOINT_UNTRUSTED"
+
+
+def test_a_provider_that_lost_entries_is_found_by_who_holds_a_checkpoint(run, tmp_path, monkeypatch, world_of_its_own):
+    cell = on(world_of_its_own, tmp_path, monkeypatch)
+    held = cell.tmp / "held"
+    asked = ("audit", "hold", held, "--as", "bob", "--trust", cell.trust, "--json")
+    run(*asked)
+    text = held.read_text()
+    with sqlite3.connect(cell.world.folder / "idp.sqlite") as base:
+        base.execute("UPDATE ledger_tiles SET hashes = zeroblob(length(hashes))")
+    cell.world.person("frank", "sponsor")
+    assert run(*asked).json["code"] == "LEDGER_FORKED"
+    assert held.read_text() == text, "the held one stays"
+
+
+@pytest.fixture
+def world_of_its_own(tmp_path):
+    with World(tmp_path) as world:
+        yield world
+
+
+def rewritten(cell, name):
+    """The ledger with the last entry changed, or gone, chained anew and signed by its very key."""
+    lines = [json.loads(line) for line in cell.world.people["carol"].export_ledger().splitlines()[:-1]]
+    made, prev = [], "0" * 64
+    for entry in lines:
+        if name is None and entry is lines[-1]:
+            break
+        if name is not None and entry["body"].get("id") == name:
+            entry["body"]["name"] = "Another"
+        entry["prev"] = prev
+        made.append(rfc8785.dumps(entry))
+        prev = hashlib.sha256(made[-1]).hexdigest()
+    point = checkpoint.Checkpoint(cell.world.trust.issuer, len(made), prev, 1)
+    return [*made, rfc8785.dumps({"checkpoint": checkpoint.sign(point, cell.world.idp_keys.ledger)})]

@@ -217,6 +217,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/peps", "/sensors", "/tools",
+        "/ledger/checkpoint", "/ledger/proofs/inclusion", "/ledger/proofs/consistency", "/ledger/entries/{number}", "/ledger/search",
     }  # fmt: skip
 
 

@@ -84,7 +84,7 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
         world.start()
         assert on_connection(world, lambda c: compare_metadata(MigrationContext.configure(c), metadata)) == []
         assert {
-            n: [row[: len(old[0])] for row in rows] for n, rows in first_rows(file).items() if (old := before[n])
+            n: [row[: len(old[0])] for row in rows] for n, rows in first_rows(file).items() if (old := before.get(n))
         } == {n: rows for n, rows in before.items() if rows}
         cell = Cell(world)
         ask_id, _ = cell.taken()

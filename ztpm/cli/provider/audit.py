@@ -14,6 +14,8 @@ import typer
 from rich.table import Table
 from rich.text import Text
 
+from capabilities.keys.trust import TrustBundle
+from capabilities.log import tree_head
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, instant, plain, say_json
@@ -48,10 +50,15 @@ KIND_HELP: Final = (
 )
 
 RecordFile = Annotated[
-    Path, typer.Argument(help="An exported ledger, or a journal (JSON lines).", exists=True, dir_okay=False)
+    Path, typer.Argument(help="An exported ledger, a journal (JSON lines), or a proof.", exists=True, dir_okay=False)
 ]
 TrustFile = Annotated[
     Path | None, typer.Option("--trust", help="The trust bundle; a ledger needs it.", exists=True, dir_okay=False)
+]
+
+HeldFile = Annotated[
+    Path | None,
+    typer.Option("--held", help="A checkpoint of earlier, as `ztpm audit hold` keeps it.", exists=True, dir_okay=False),
 ]
 
 
@@ -122,13 +129,21 @@ def verify(
     first: Annotated[
         int, typer.Option("--from", min=1, max=INT_LIMIT, help="First entry of a ledger that was exported in part.")
     ] = 1,
+    held: HeldFile = None,
     as_json: Json = False,
 ) -> None:
-    """Check every link of a ledger or journal, and a ledger's signed checkpoint; name the first entry that is wrong."""
+    """Check every link of a ledger or journal, and a ledger's signed checkpoint; name the first entry that is wrong.
+
+    Of a proof that `ztpm audit prove` wrote, check that its entry stands in the ledger.
+    """
     from ztpm_idp.ledger_file import is_journal
 
     with file.open("rb") as lines:
-        journal = is_journal(lines.readline().removesuffix(b"\n"))
+        begin = lines.readline().removesuffix(b"\n")
+        if begin.decode(errors="replace") == tree_head.PROOF_FORM:
+            _proof(file, trust, as_json=as_json)
+            return
+        journal = is_journal(begin)
         lines.seek(0)
         if journal and first > 1:
             fail("USAGE", "a journal is read from its first record on")
@@ -136,8 +151,10 @@ def verify(
             _journal(lines, as_json=as_json)
         elif trust is None:
             fail("USAGE", "a ledger needs --trust")
+        elif held is not None and first > 1:
+            fail("USAGE", "--held is compared with a whole ledger")
         else:
-            _ledger(lines, trust, first, as_json=as_json)
+            _ledger(lines, trust, first, held, as_json=as_json)
 
 
 def _journal(lines: BinaryIO, *, as_json: bool) -> None:
@@ -156,25 +173,64 @@ def _journal(lines: BinaryIO, *, as_json: bool) -> None:
     )
 
 
-def _ledger(lines: BinaryIO, trust: Path, first: int, *, as_json: bool) -> None:
-    from capabilities.keys.trust import TrustBundle
+def trusted(trust: Path) -> TrustBundle:
+    """The trust bundle in a file, or the command ends."""
+    try:
+        return TrustBundle.from_json(trust.read_bytes())
+    except CapabilityError as error:
+        fail("TRUST_MALFORMED", f"{trust}: {error}")
+    except OSError as error:
+        fail_at(trust, error, "UNREADABLE")
+
+
+def held_in(path: Path, bundle: TrustBundle) -> tree_head.TreeHead:
+    """The tree head of the checkpoint in a file, or the command ends."""
+    try:
+        return tree_head.open(path.read_text(), tree_head.origin_of(bundle.issuer), bundle.ledger)
+    except (CapabilityError, UnicodeDecodeError) as error:
+        fail("CHECKPOINT_UNTRUSTED", f"{path}: {error}")
+    except OSError as error:
+        fail_at(path, error, "UNREADABLE")
+
+
+def _proof(file: Path, trust: Path | None, *, as_json: bool) -> None:
+    if trust is None:
+        fail("USAGE", "a proof needs --trust")
+    bundle = trusted(trust)
+    try:
+        proof = tree_head.read_proof(file.read_text())
+        if proof.entry is None:
+            fail("PROOF_WRONG", f"{file} does not hold the entry that it is about")
+        head = tree_head.check_entry(proof.entry, proof, tree_head.origin_of(bundle.issuer), bundle.ledger)
+    except (CapabilityError, UnicodeDecodeError) as error:
+        fail("PROOF_WRONG", f"{file}: {error}")
+    number = proof.index + 1
+    if as_json:
+        say_json({"ok": True, "read": "proof", "entry": number, "size": head.size, "root": head.root.hex()})
+        return
+    typer.echo(
+        f"Entry {number} stands in the ledger of {head.size} entries, root {head.root.hex()}, signed by its key."
+    )
+
+
+def _ledger(lines: BinaryIO, trust: Path, first: int, held: Path | None, *, as_json: bool) -> None:
     from ztpm_idp.ledger_file import Defect
     from ztpm_idp.ledger_file import verify as verify_ledger
 
-    try:
-        bundle = TrustBundle.from_json(trust.read_bytes())
-    except CapabilityError as error:
-        fail("TRUST_MALFORMED", f"{trust}: {error}")
-    found = verify_ledger((line.rstrip(b"\r\n") for line in lines), bundle, first=first)
+    bundle = trusted(trust)
+    before = None if held is None else held_in(held, bundle)
+    found = verify_ledger((line.rstrip(b"\r\n") for line in lines), bundle, first=first, held=before)
     if isinstance(found, Defect):
         fail(str(found.code), f"a ledger: entry {found.seq}", more={"read": "ledger"})
     if as_json:
-        say_json({"ok": True, "read": "ledger", "first": first, **asdict(found)})
+        more = {} if before is None else {"held": before.size}
+        say_json({"ok": True, "read": "ledger", "first": first, **asdict(found), **more})
         return
     which = f"{found.size} entries" if first == 1 else f"entries {first} to {found.size}, a part"
     typer.echo(
         f"A ledger: {which}, unbroken, head {found.head}, checkpoint signed by the ledger's key as of "
         f"{instant(found.as_of_ms // MILLI)}."
+        + ("" if before is None else f" It begins with the {before.size} entries of the checkpoint that you hold.")
     )
 
 
