@@ -15,6 +15,7 @@ from starlette.exceptions import HTTPException
 
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
+from ztpm_idp.login.oidc import OpenIdProvider
 from ztpm_idp.login.pages import PageProblem, problem_page
 from ztpm_idp.provider.audit import LedgerFollower
 from ztpm_idp.provider.feed import Heartbeat
@@ -27,6 +28,7 @@ from ztpm_idp.routes import (
     ledger,
     login,
     mandates,
+    openid,
     people,
     registry,
     restoring,
@@ -49,6 +51,7 @@ if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.watched_file import WatchedFile
+    from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
 
 logger = logging.getLogger(__name__)
@@ -65,6 +68,7 @@ _PARTS: Final = (
     upkeep,
     login,
     audit,
+    openid,
 )
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
@@ -77,6 +81,7 @@ def create_app(
     *,
     platform: Platform | None = None,
     policies: PolicySet | None = None,
+    login_providers: Iterable[LoginProvider] = (),
     now: Callable[[], float] = time.time,
     watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
 ) -> FastAPI:
@@ -89,6 +94,7 @@ def create_app(
         keys: the five private keys.
         platform: the platform whose workload tokens are evidence of kind `jwt`; None: there is none.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
+        login_providers: OpenID providers at which people may log in.
         now: wall clock, seconds since the epoch.
         watch: names the files that take effect while it serves (`ztpm_idp.watching`).
     """
@@ -102,6 +108,12 @@ def create_app(
             app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
             app.state.ledger_follower = LedgerFollower(store)
+            app.state.login_providers = {
+                each.stated.name: OpenIdProvider(
+                    each, redirect_uri=f"{settings.issuer}/login/providers/{each.stated.name}/callback", now=now
+                )
+                for each in login_providers
+            }
             watched = (each.run() for each in watch(app.state.provider))
             async with _beside(app.state.ledger_follower.run(), *watched), store.listening(app.state.provider.hinted):
                 yield

@@ -28,6 +28,7 @@ from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.hardware_token import open_token
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
+from ztpm_idp.login_settings import LoginProviderSettings, check_login_providers
 
 if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
@@ -65,6 +66,7 @@ class Stated(BaseModel):
         open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
             seconds of reading each they take one person four minutes, inside the life of an ask; a queue too long
             to be read in time is approved unread.
+        login_providers: OpenID providers at which people may log in.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -79,12 +81,15 @@ class Stated(BaseModel):
     policy: Annotated[str, Field(min_length=1)] = "paper-default"
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
+    login_providers: list[LoginProviderSettings] = []
 
     @model_validator(mode="after")
     def _safe(self) -> Self:
         _check_issuer(self.issuer)
         _check_listener(self)
         _check_database(self.database_url)
+        if fault := check_login_providers(self.login_providers):
+            raise _UnsafeError("login_providers", fault)
         return self
 
 

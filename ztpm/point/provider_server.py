@@ -20,6 +20,7 @@ from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
 from ztpm_idp.keys.key_ring import check_current
+from ztpm_idp.login_settings import load_login_providers
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 from ztpm_idp.store import Store, StoreNotOpenedError
 from ztpm_idp.watching import watching
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.watched_file import WatchedFile
+    from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
 
@@ -44,6 +46,7 @@ def serve(
     keys: IdpKeys,
     platform: Platform | None = None,
     policies: PolicySet | None = None,
+    login_providers: tuple[LoginProvider, ...] = (),
     *,
     watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
 ) -> None:
@@ -55,6 +58,7 @@ def serve(
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         watch: names the files that take effect while it serves (`ztpm_idp.watching`).
+        login_providers: OpenID providers at which people may log in.
 
     Raises:
         StoreNotOpenedError: the database cannot be had.
@@ -64,7 +68,7 @@ def serve(
     from ztpm_idp.app import create_app
 
     asyncio.run(_check_store(settings.database_url))
-    app = create_app(settings, keys, platform=platform, policies=policies, watch=watch)
+    app = create_app(settings, keys, platform=platform, policies=policies, login_providers=login_providers, watch=watch)
 
     class Announcing(EdgeServer):
         """Says on standard output, in one JSON line, that it listens; lets nobody wait once it is told to end."""
@@ -122,13 +126,14 @@ def main() -> int:
         check_current(keys, at=time.time())
         platform = load_platform(settings, config.parent, keys)
         policies = load_policies(settings, config.parent)
+        login_providers = load_login_providers(settings.login_providers, config.parent)
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
         watch = watching(settings, config.parent, passphrase)
-        serve(settings.settings(keys), keys, platform, policies, watch=watch)
+        serve(settings.settings(keys), keys, platform, policies, login_providers, watch=watch)
     except (StoreNotOpenedError, UnavailableError) as error:
         return _told(error.code, error.sentence)
     return 0

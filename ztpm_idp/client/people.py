@@ -33,7 +33,7 @@ class PeopleCaller(Caller):
         return int(self._post(f"/people/{id}/disable", {"reason": reason})["epoch"])
 
     def persons(self) -> list[dict[str, Any]]:
-        """Every person: id, name, roles, status, `keys` (thumbprints of all that sign for it now)."""
+        """Every person: id, name, roles, status, `keys` (thumbprints of all that sign for it now), `logins`."""
         found: list[dict[str, Any]] = self._json(self._send("GET", "/people", b"", None))
         return found
 
@@ -46,6 +46,21 @@ class PeopleCaller(Caller):
         """A further key of this person's own waits; the change's id. It gives no second vote."""
         return str(self._post("/changes/key", {"key": b64u(key)})["change_id"])
 
+    def propose_login(self, person: str, issuer: str, subject: str) -> str:
+        """A person waits to be let log in with a login at another provider; the change's id.
+
+        Args:
+            person: this one, or any for an administrator.
+            issuer: of the provider, exactly as its identity tokens spell it.
+            subject: of the person there, likewise.
+        """
+        body = {"person": person, "issuer": issuer, "subject": subject}
+        return str(self._post("/changes/login", body)["change_id"])
+
+    def end_login(self, issuer: str, subject: str) -> None:
+        """A login at another provider, this person's or any for an administrator, is over, and its sessions with it."""
+        self._post("/logins/end", {"issuer": issuer, "subject": subject})
+
     def propose_end(self, person: str, reason: str) -> str:
         """A person waits to be ended; the change's id."""
         return str(self._post("/changes/end", {"person": person, "reason": reason})["change_id"])
@@ -53,8 +68,8 @@ class PeopleCaller(Caller):
     def changes(self) -> list[dict[str, Any]]:
         """The changes of people that wait, oldest first.
 
-        Each has change_id, kind ("person", "key", "end", "recovery"), person, name, roles, key (thumbprint), reason,
-        by, state, until (seconds since the epoch), confirmed, declined.
+        Each has change_id, kind ("person", "key", "login", "end", "recovery"), person, name, roles, key (thumbprint),
+        login, reason, by, state, until (seconds since the epoch), confirmed, declined.
         """
         found: list[dict[str, Any]] = self._json(self._send("GET", "/changes", b"", None))
         return found

@@ -32,6 +32,8 @@ class ChangeKind(StrEnum):
     """A person is registered as an approver or administrator."""
     KEY = "key"
     """A person gets a further key."""
+    LOGIN = "login"
+    """A person may log in with this login at another provider."""
     END = "end"
     """A person ends, with its trees of authority."""
     RECOVERY = "recovery"
@@ -69,6 +71,7 @@ class Change:
         name, roles: of a person to register.
         key: raw public key of a person to register, of a further one, or of a recovery.
         reason: of an end.
+        login: issuer and subject at a login provider, with a space between.
         end: state in which it ended, or None.
         confirmed, declined: administrators who said so.
     """
@@ -85,6 +88,7 @@ class Change:
     end: ChangeState | None = None
     confirmed: frozenset[str] = frozenset()
     declined: frozenset[str] = frozenset()
+    login: str = ""
 
     @property
     def until_ms(self) -> int:

@@ -41,7 +41,7 @@ from ztpm_idp.domain.commands import (
 )
 from ztpm_idp.domain.lending import attestation, issuance, mandates
 from ztpm_idp.domain.login import sessions
-from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
 from ztpm_idp.domain.parties import RegisteredPep, RegisteredSensor, Standing
 from ztpm_idp.domain.upkeep import upkeep
 from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
@@ -156,7 +156,7 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return mandates.draw(rules, state, command, at_ms)
         case SuspendPart() | RestorePart() | RetirePart() | ReplaceKey() | ChangeTool():
             return upkeep.decide(rules, state, command)
-        case OfferLogin() | LogIn() | LogOut():
+        case OfferLogin() | LogIn() | LogOut() | EndLogin():
             return sessions.login(state, command, at_ms)
         case _:
             assert_never(command)

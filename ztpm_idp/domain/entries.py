@@ -48,7 +48,14 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.login.entries import login_entry
-from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.events import (
+    AccessEnded,
+    LoginAdded,
+    LoginEnded,
+    LoginOffered,
+    SessionBegun,
+    SessionEnded,
+)
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolAct, ToolChanged
 
@@ -76,6 +83,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "change_id": change.change_id,
                 "kind": change.kind.value,
                 "person": change.person,
+                **({"login": change.login} if change.login else {}),
                 "by": change.by,
                 "until_ms": change.until_ms,
                 "told": list(told),
@@ -214,7 +222,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "agents-held", {"agents": list(agents)}
         case StoreResumed(unheard=unheard, signed=signed):
             return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
-        case LoginOffered() | SessionBegun() | SessionEnded():
+        case LoginOffered() | SessionBegun() | SessionEnded() | LoginAdded() | LoginEnded() | AccessEnded():
             return login_entry(event)
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}

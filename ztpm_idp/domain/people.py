@@ -21,6 +21,7 @@ from ztpm_idp.domain.events import (
     RevocationKind,
     Revoked,
 )
+from ztpm_idp.domain.login.events import AccessEnded, LoginAdded
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person, full, new_party
 
@@ -60,9 +61,14 @@ def propose(rules: Rules, state: State, command: ProposeChange, at_ms: int) -> O
     if change.kind is ChangeKind.KEY:
         if not isinstance(state.parties.get(change.by), RegisteredPerson) or change.by != change.person:
             return Refusal(IdpCode.NOT_PERMITTED, "a person asks for a further key of its own")
-    elif active_person(state, change.by, PersonRole.ADMIN) is None:
+    elif active_person(state, change.by, PersonRole.ADMIN) is None and not _own_login(state, change):
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator proposes changes of people")
     return _proposed(rules, state, command, at_ms)
+
+
+def _own_login(state: State, change: Change) -> bool:
+    own = change.kind is ChangeKind.LOGIN and change.by == change.person
+    return own and isinstance(state.parties.get(change.by), RegisteredPerson)
 
 
 def recover(rules: Rules, state: State, command: Recover, at_ms: int) -> Outcome:
@@ -134,6 +140,12 @@ def _effects(rules: Rules, state: State, change: Change, at_ms: int) -> Outcome:
             if not isinstance(person, RegisteredPerson) or person.standing is Standing.REVOKED:
                 return Refusal(IdpCode.NOT_FOUND, "no such person")
             return _no_room(state, person.roles) or _taken(rules, state, key) or (KeyAdded(person.id, key), done)
+        case ChangeKind.LOGIN, None:
+            if not isinstance(person, RegisteredPerson) or person.standing is Standing.REVOKED:
+                return Refusal(IdpCode.NOT_FOUND, "no such person")
+            if state.login_owner is not None:
+                return Refusal(IdpCode.LOGIN_IN_USE, "the login is a person's")
+            return (LoginAdded(person.id, change.login), done)
         case ChangeKind.END, None:
             if not isinstance(person, RegisteredPerson):
                 return Refusal(IdpCode.NOT_FOUND, "no such person")
@@ -143,12 +155,18 @@ def _effects(rules: Rules, state: State, change: Change, at_ms: int) -> Outcome:
             made = _recovered(rules, state, change, key)
             if isinstance(made, Refusal):
                 return made
-            # People have no sessions: what they had begun and left open is all there is to end.
+            # All that was begun and left open ends, and with it every other way in.
             others = (other.change_id for other in _open(state, at_ms) if other.change_id != change.change_id)
             opened = (
                 OpeningClosed(opening.opening_id, RECOVERED) for opening in state.openings if not opening.over(at_ms)
             )
-            return (*made, done, *(ChangeEnded(other, ChangeState.ENDED) for other in others), *opened)
+            return (
+                *made,
+                *(() if person is None else (AccessEnded(change.person),)),
+                done,
+                *(ChangeEnded(other, ChangeState.ENDED) for other in others),
+                *opened,
+            )
         case _:
             raise AssertionError(change.kind)
 
@@ -198,7 +216,7 @@ def _last(state: State, person: RegisteredPerson) -> Refusal | None:
 
 def _stands(state: State, change: Change) -> bool:
     """True where its proposer may still propose it."""
-    if change.kind is not ChangeKind.KEY:
+    if change.kind is not ChangeKind.KEY and not _own_login(state, change):
         return active_person(state, change.by, PersonRole.ADMIN) is not None
     proposer = state.parties.get(change.by)
     return isinstance(proposer, RegisteredPerson) and proposer.standing is Standing.ACTIVE

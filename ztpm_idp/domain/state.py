@@ -226,6 +226,8 @@ class Wanted:
     """A person: its sessions that may last."""
     offer: bytes | None = None
     """A login link, by the digest of its secret."""
+    login: str | None = None
+    """A login at another provider: its owner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -268,6 +270,7 @@ class State:
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
         sessions: of the wanted person, those that may last, oldest first.
         offer: the wanted login link.
+        login_owner: the person whose login the wanted one is, if any.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -303,3 +306,4 @@ class State:
     tool: Standing | None = None
     sessions: tuple[Session, ...] = ()
     offer: Offer | None = None
+    login_owner: str | None = None

@@ -44,7 +44,7 @@ from ztpm_idp.domain.commands import (
 )
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
 from ztpm_idp.domain.state import (
     AgentsOf,
     Approvers,
@@ -165,8 +165,11 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), tool=(audience, name))
         case OfferLogin(by=by):
             return Wanted(parties=frozenset({by}))
-        case LogIn(by=by, offer=offer):
-            return Wanted(parties=frozenset({by}), sessions_of=by, offer=offer)
+        case LogIn(by=by, offer=offer, how=how):
+            login = how.login if how is not None and how.login else None
+            return Wanted(parties=frozenset({by}), sessions_of=by, offer=offer, login=login)
+        case EndLogin(by=by, login=login):
+            return Wanted(parties=frozenset({by}), login=login)
         case LogOut(by=by):
             return Wanted(parties=frozenset({by}), sessions_of=by)
         case _:
@@ -185,6 +188,7 @@ def wanted_by_change(change: Change) -> Wanted:
         agents_of=change.person if ends else None,
         every_opening=change.kind is ChangeKind.RECOVERY,
         mandates_from=change.person if change.kind is ChangeKind.RECOVERY else None,
+        login=change.login or None,
     )
 
 

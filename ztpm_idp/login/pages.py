@@ -5,16 +5,13 @@ from __future__ import annotations
 import hashlib
 from base64 import b64encode
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import jinja2
 from fastapi.responses import HTMLResponse
 
 from capabilities.values.characters import shown
 from ztpm_idp.provider.problems import STATUS, Problem
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
 
 _FOLDER: Final = Path(__file__).parent / "templates"
 _STYLE: Final = (_FOLDER / "login.css").read_text("utf-8")
@@ -33,19 +30,15 @@ class PageProblem(Problem):
     """A refusal on its way to a person in a browser, as a page."""
 
 
-def page(
-    template: str, *, status: int = 200, targets: Iterable[str] = (), script: str | None = None, **values: Any
-) -> HTMLResponse:
+def page(template: str, *, status: int = 200, script: str | None = None, **values: Any) -> HTMLResponse:
     """A page that a browser keeps nowhere and shows in no frame.
 
     Args:
         template: its file.
         status: of the answer.
-        targets: origins beside our own to which its forms may lead by redirection.
         script: text of its one script, which its policy names by its hash; None: it has none.
         values: of the template; escaped.
     """
-    forms = " ".join(["'self'", *targets])
     scripts = ""
     if script is not None:
         scripts = (
@@ -53,7 +46,7 @@ def page(
         )
     headers = {
         "Cache-Control": "no-store",
-        "Content-Security-Policy": f"default-src 'none'; base-uri 'none'; form-action {forms}; "
+        "Content-Security-Policy": f"default-src 'none'; base-uri 'none'; form-action 'self'; "
         f"frame-ancestors 'none'; {scripts}style-src 'sha256-{_STYLE_HASH}'",
         "Cross-Origin-Opener-Policy": "same-origin",
         "Cross-Origin-Resource-Policy": "same-origin",

@@ -7,6 +7,7 @@ and a stolen database opens none. It is over with its time, with the person, and
 from __future__ import annotations
 
 import hashlib
+import hmac
 import re
 import secrets
 from dataclasses import dataclass, replace
@@ -199,6 +200,31 @@ def cookie(request: Request, name: str) -> str | None:
 def digest(held: str) -> bytes:
     """The SHA-256 of a secret that a browser holds, which is all that is stored of it."""
     return hashlib.sha256(held.encode()).digest()
+
+
+def seal(secret: bytes, purpose: str, kept: str) -> str:
+    """The text for a browser to keep, signed, so that it comes back as it was or counts for nothing.
+
+    Args:
+        secret: shared by all workers.
+        purpose: name of the cookie; a text sealed for one counts in no other.
+        kept: the text.
+    """
+    body = b64u(kept.encode())
+    return f"{body}.{b64u(_mac(secret, purpose, body))}"
+
+
+def unseal(secret: bytes, purpose: str, held: str) -> str | None:
+    """The text that was sealed for this purpose, or None."""
+    body, _, said = held.partition(".")
+    try:
+        return unb64u(body).decode() if hmac.compare_digest(unb64u(said), _mac(secret, purpose, body)) else None
+    except (BadKeyError, UnicodeDecodeError):
+        return None
+
+
+def _mac(secret: bytes, purpose: str, body: str) -> bytes:
+    return hmac.new(secret, f"{purpose} {body}".encode(), hashlib.sha256).digest()
 
 
 def prefix_of(provider: Provider) -> str:

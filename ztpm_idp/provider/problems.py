@@ -99,6 +99,10 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.NOT_LOGGED_IN: (403, "A person must be logged in in this browser."),
     IdpCode.LOGIN_OVER: (409, "The login was used before, or is too old."),
     IdpCode.LOGIN_OLD: (403, "The person must log in again."),
+    IdpCode.LOGIN_UNKNOWN: (403, "Nobody here has this login."),
+    IdpCode.LOGIN_IN_USE: (409, "The login is a person's already."),
+    IdpCode.LOGIN_FAILED: (403, "The login at the other provider did not come to its end."),
+    IdpCode.LOGIN_PROVIDER_SILENT: (424, "The other provider does not answer as a provider should."),
     IdpCode.FORM_FORGED: (403, "The form was not sent by a page of this provider."),
     IdpCode.FORM_MALFORMED: (400, "The form is not what this page takes."),
     # engines and keys

@@ -60,11 +60,21 @@ def _url(value: str) -> str:
     return value
 
 
+def _issuer(value: str) -> str:
+    if not value.startswith(("https://", "http://")):
+        raise ValueError("not an HTTP URL")
+    return value
+
+
 Name = Annotated[str, StringConstraints(pattern=text.REGISTERED)]
 ToolName = Annotated[str, StringConstraints(pattern=text.OPERATION)]
 Text = Annotated[str, Field(min_length=1, max_length=TEXT_BYTES), AfterValidator(_clean)]
 ShortText = Annotated[str, Field(min_length=1, max_length=128), AfterValidator(_clean)]
 KeyText = Annotated[str, Field(min_length=43, max_length=44), AfterValidator(_key)]
+LoginIssuer = Annotated[str, StringConstraints(pattern=r"^[!-~]{1,256}$"), AfterValidator(_issuer)]
+"""Issuer of an OpenID provider, exactly as it spells itself."""
+LoginSubject = Annotated[str, StringConstraints(pattern=r"^[!-~]{1,255}$")]
+"""Subject of an identity token (OpenID Connect Core section 2), of visible characters alone."""
 Digest = Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{64}$")]
 Workload = Annotated[str, Field(max_length=text.WORKLOAD_BYTES), AfterValidator(_workload)]
 Url = Annotated[str, Field(max_length=URL_BYTES), AfterValidator(_url)]
@@ -107,6 +117,21 @@ class KeyBody(Body):
     """A further key of the caller's own."""
 
     key: KeyText
+
+
+class LoginBody(Body):
+    """A login at another provider for a person."""
+
+    person: Name
+    issuer: LoginIssuer
+    subject: LoginSubject
+
+
+class EndLoginBody(Body):
+    """A login at another provider that ends."""
+
+    issuer: LoginIssuer
+    subject: LoginSubject
 
 
 class EndBody(Body):

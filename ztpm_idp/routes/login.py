@@ -62,7 +62,11 @@ async def show_login(request: Request) -> Response:
         prefix=prefix,
         token=browser.form_token,
         who="" if found is None else found.person.id,
-        providers=(),
+        providers=[
+            {"name": each.name, "title": each.configured.stated.title, "host": urlsplit(each.origin).netloc}
+            for each in request.app.state.login_providers.values()
+        ],
+        fresh_s="" if fresh_s is None else fresh_s,
     )
     browser.keep(shown)
     session.remember_back(shown, back_to)

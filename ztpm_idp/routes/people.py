@@ -12,6 +12,7 @@ from ztpm_idp.domain import commands
 from ztpm_idp.domain.changes import ROOT, Change, ChangeKind, ChangeState, Word
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import ChangeEnded, RevocationKind
+from ztpm_idp.domain.login.commands import EndLogin
 from ztpm_idp.domain.parties import RegisteredPerson
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.problems import Problem
@@ -34,10 +35,10 @@ async def register_person(request: Request, call: Caller) -> dict[str, str]:
 
 @router.get("/people")
 async def list_people(request: Request, call: Caller) -> list[dict[str, Any]]:
-    """Every person, for people, with all keys that sign for it now."""
+    """Every person, for people, with all keys that sign for it now, and its logins at other providers."""
     of_people(call)
     async with provider_of(request).store.read() as view:
-        found = await view.all_parties("person")
+        found, logins = await view.all_parties("person"), await view.sessions.logins()
     return [
         {
             "id": person.id,
@@ -45,6 +46,7 @@ async def list_people(request: Request, call: Caller) -> list[dict[str, Any]]:
             "roles": sorted(role.value for role in person.roles),
             "status": person.standing.value,
             "keys": sorted(map(thumbprint, person.keys)),
+            "logins": logins.get(person.id, []),
         }
         for person in found
         if isinstance(person, RegisteredPerson)
@@ -78,6 +80,23 @@ async def propose_key(request: Request, call: Caller) -> dict[str, str]:
     return await _propose(
         request, call, _change(request, ChangeKind.KEY, call.party.id, by=call.party.id, key=key)
     )  # fmt: skip
+
+
+@router.post("/changes/login", status_code=201, openapi_extra=body_of(wire.LoginBody))
+async def propose_login(request: Request, call: Caller) -> dict[str, str]:
+    """An administrator, or the person itself, proposes that a person may log in with a login at another provider."""
+    body = call.body(wire.LoginBody)
+    change = _change(request, ChangeKind.LOGIN, body.person, by=call.party.id, login=f"{body.issuer} {body.subject}")
+    return await _propose(request, call, change)
+
+
+@router.post("/logins/end", openapi_extra=body_of(wire.EndLoginBody))
+async def end_login(request: Request, call: Caller) -> dict[str, str]:
+    """A login at another provider ends at once, with the sessions that it began: for its person or an administrator."""
+    body = call.body(wire.EndLoginBody)
+    command = EndLogin(call.party.id, f"{body.issuer} {body.subject}")
+    await provider_of(request).run(command, actor=call.party.id)
+    return {"issuer": body.issuer, "subject": body.subject}
 
 
 @router.post("/changes/end", status_code=201, openapi_extra=body_of(wire.EndBody))
@@ -161,6 +180,7 @@ def _shown(change: Change) -> dict[str, Any]:
         "person": change.person,
         "name": change.name,
         "roles": sorted(role.value for role in change.roles),
+        "login": change.login,
         "key": "" if change.key is None else thumbprint(change.key),
         "reason": change.reason,
         "by": change.by,

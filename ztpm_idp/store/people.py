@@ -76,6 +76,7 @@ class People:
                     roles=sorted(role.value for role in change.roles),
                     key=change.key,
                     reason=change.reason,
+                    login=change.login,
                 )
             case ChangeAnswered(change_id=change_id, by=by, word=word):
                 statement = sa.insert(t.change_words).values(
@@ -113,6 +114,7 @@ class People:
                 end=None if row.ended is None else ChangeState(row.ended),
                 confirmed=frozenset(said[row.change_id, Word.CONFIRM.value]),
                 declined=frozenset(said[row.change_id, Word.DECLINE.value]),
+                login=row.login,
             )
             for row in found
         ]

@@ -62,7 +62,7 @@ changes = sa.Table(
     sa.Column("reason", sa.String(512), nullable=False),
     sa.Column("ended", sa.String(16), nullable=True),
     sa.Column("login", sa.String(512), nullable=False, server_default=""),
-    sa.CheckConstraint("kind IN ('person', 'key', 'end', 'recovery', 'login', 'login-end')", name="kind"),
+    sa.CheckConstraint("kind IN ('person', 'key', 'end', 'recovery', 'login')", name="kind"),
     sa.CheckConstraint("ended IN ('done', 'declined', 'ended')", name="ended"),
 )
 """Changes of people that take two."""

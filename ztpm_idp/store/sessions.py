@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
-from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.events import AccessEnded, LoginAdded, LoginEnded, LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.login.records import OFFER_MS, Authentication, Method, Offer, Session
 from ztpm_idp.domain.parties import PersonRole
 from ztpm_idp.store import login_schema as t
@@ -46,6 +47,21 @@ class Sessions:
             )
         ).one_or_none()
         return None if row is None else Offer(bytes(row.digest), row.person, row.key_shown, row.made_ms)
+
+    async def login_owner(self, login: str | None) -> str | None:
+        """The person whose login this is, ended or not."""
+        if login is None:
+            return None
+        c = t.person_logins.c
+        found: str | None = await self._connection.scalar(sa.select(c.person).where(c.login == login))
+        return found
+
+    async def logins(self) -> dict[str, list[str]]:
+        """Every login at another provider, by person, in order."""
+        c, found = t.person_logins.c, defaultdict[str, list[str]](list)
+        for person, login in await self._connection.execute(sa.select(c.person, c.login).order_by(c.login)):
+            found[person].append(login)
+        return dict(found)
 
     async def secret(self) -> bytes:
         """Secret that all workers of this store share."""
@@ -89,6 +105,20 @@ class Sessions:
                 )
             case SessionEnded(session_id=session_id):
                 await self._connection.execute(sa.delete(t.sessions).where(t.sessions.c.session_id == session_id))
+            case LoginAdded(person=person, login=login):
+                await self._connection.execute(
+                    sa.insert(t.person_logins).values(login=login, person=person, added_ms=at_ms)
+                )
+            case LoginEnded(login=login):
+                # What it began is over with it: see `living`.
+                await self._connection.execute(sa.delete(t.person_logins).where(t.person_logins.c.login == login))
+            case AccessEnded(person=person):
+                for table in (t.sessions, t.login_offers, t.person_logins):
+                    await self._connection.execute(sa.delete(table).where(table.c.person == person))
+                now = sa.case((t.session_keys.c.ends_ms > at_ms, at_ms), else_=t.session_keys.c.ends_ms)
+                await self._connection.execute(
+                    sa.update(t.session_keys).where(t.session_keys.c.person == person).values(ends_ms=now)
+                )
             case _:
                 assert_never(event)
 

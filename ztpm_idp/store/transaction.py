@@ -48,7 +48,14 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.locks import WHOLE, Locks, party
-from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.events import (
+    AccessEnded,
+    LoginAdded,
+    LoginEnded,
+    LoginOffered,
+    SessionBegun,
+    SessionEnded,
+)
 from ztpm_idp.domain.parties import (
     Party,
     PersonRole,
@@ -171,6 +178,7 @@ class Transaction:
             tool=await self.upkeep.tool(wanted.tool),
             sessions=await self.sessions.sessions_of(wanted.sessions_of),
             offer=await self.sessions.offer(wanted.offer),
+            login_owner=await self.sessions.login_owner(wanted.login),
         )
 
     async def counters(self) -> Counters:
@@ -465,7 +473,7 @@ class Transaction:
             case PartSuspended() | PartRestored() | KeyReplaced() | ToolChanged():
                 await self.upkeep.write(event, at_ms=at_ms)
                 await self._registry_changed()
-            case LoginOffered() | SessionBegun() | SessionEnded():
+            case LoginOffered() | SessionBegun() | SessionEnded() | LoginAdded() | LoginEnded() | AccessEnded():
                 await self.sessions.write(event, at_ms=at_ms)
             case _:
                 assert_never(event)

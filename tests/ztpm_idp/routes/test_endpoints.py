@@ -36,6 +36,9 @@ def known(world):
 
 def good_bodies(world):
     """One good request for each endpoint that takes a body: path, body, who may, who may not."""
+    bob = world.people["bob"]
+    if not next(row for row in bob.persons() if row["id"] == "bob")["logins"]:
+        world.people["dan"].confirm_change(bob.propose_login("bob", "https://op.example", "b"))
     helper = world.agents.get("helper") or world.agent("helper")
     planner = world.agents.get("planner") or world.agent("planner")
     lent = world.people["alice"].issue(planner, world.scope(), purpose="p")
@@ -47,6 +50,11 @@ def good_bodies(world):
     rows = [
         ("/people", {"id": "eve", "name": "Eve", "key": key(), "roles": ["sponsor"]}, {"alice", "dan"}),
         ("/changes/person", {"id": "erin", "name": "Erin", "key": key(), "roles": ["approver"]}, {"alice", "dan"}),
+        (
+            "/changes/login",
+            {"person": "carol", "issuer": "https://op.example", "subject": "c"},
+            {"alice", "carol", "dan"},
+        ),
         ("/changes/key", {"key": key()}, {"alice", "bob", "carol", "dan"}),
         ("/changes/end", {"person": "carol", "reason": "left"}, {"alice", "dan"}),
         ("/people/bob/disable", {"reason": "left"}, {"alice", "dan", "bob"}),
@@ -77,6 +85,7 @@ def good_bodies(world):
             {"alice", "dan"},
         ),
         ("/nonces", {}, {"helper", "planner"}),
+        ("/logins/end", {"issuer": "https://op.example", "subject": "b"}, {"alice", "bob", "dan"}),
         ("/login/links", {}, {"alice", "bob", "carol", "dan"}),
         ("/tokens", {"request": request, "evidence": helper.evidence("alice", request)}, {"alice"}),
         ("/tokens/delegate", {"request": hop, "evidence": helper.evidence("planner", hop)}, {"planner"}),
@@ -192,7 +201,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             assert checked(answered, status=409)["code"] == "NOT_RESTORING"
         else:
             assert answered.is_success, path
-    assert len(paths) == 30
+    assert len(paths) == 32
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -211,6 +220,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
         *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
         "/login/links",
+        "/login/links", "/changes/login", "/logins/end",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
@@ -261,7 +271,7 @@ def hostile(body: dict) -> dict[str, bytes]:
 
 
 PEOPLES_TEXT = {"name cyrillic", "name wide", "name upper", "name sql", "name path", "reason sql", "reason path", "reason upper",
-                "reason wide", "reason cyrillic", "model sql", "model path", "model upper", "model wide", "model cyrillic"}  # fmt: skip
+                "reason wide", "reason cyrillic", "subject upper", "subject path", "model sql", "model path", "model upper", "model wide", "model cyrillic"}  # fmt: skip
 """Texts for people may be in any script; they are bound, never formatted."""
 
 

@@ -46,4 +46,12 @@ class LogOut:
     session_id: str
 
 
-LoginCommand = OfferLogin | LogIn | LogOut
+@dataclass(frozen=True, slots=True)
+class EndLogin:
+    """A login at another provider ends: on its person's word, or an administrator's."""
+
+    by: str
+    login: str
+
+
+LoginCommand = OfferLogin | LogIn | LogOut | EndLogin

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.events import AccessEnded, LoginAdded, LoginEnded, LoginOffered, SessionBegun, SessionEnded
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.login.events import LoginEvent
@@ -27,6 +27,12 @@ def login_entry(event: LoginEvent) -> tuple[str, Json] | None:
             }
         case SessionEnded(session_id=session_id, person=person):
             return "session-ended", {"session_id": session_id, "person": person}
+        case LoginAdded(person=person, login=login):
+            return "login-added", {"person": person, "login": login}
+        case LoginEnded(person=person, login=login):
+            return "login-ended", {"person": person, "login": login}
+        case AccessEnded(person=person):
+            return "access-ended", {"person": person}
         case _:
             assert_never(event)
 

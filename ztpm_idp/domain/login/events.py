@@ -32,4 +32,27 @@ class SessionEnded:
     person: str
 
 
-LoginEvent = LoginOffered | SessionBegun | SessionEnded
+@dataclass(frozen=True, slots=True)
+class LoginAdded:
+    """A person may log in with this login at another provider."""
+
+    person: str
+    login: str
+
+
+@dataclass(frozen=True, slots=True)
+class LoginEnded:
+    """A person may not log in with this login any more; sessions that it began are over."""
+
+    person: str
+    login: str
+
+
+@dataclass(frozen=True, slots=True)
+class AccessEnded:
+    """Every session, link, session-bound key and login of a person is over."""
+
+    person: str
+
+
+LoginEvent = LoginOffered | SessionBegun | SessionEnded | LoginAdded | LoginEnded | AccessEnded

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final, assert_never
 
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.login.commands import LogIn, LogOut, OfferLogin
-from ztpm_idp.domain.login.events import LoginOffered, SessionBegun, SessionEnded
+from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login.events import LoginEnded, LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.login.records import (
     ABSOLUTE_MS,
     SESSIONS_OF_ONE,
@@ -15,7 +15,7 @@ from ztpm_idp.domain.login.records import (
     Offer,
     Session,
 )
-from ztpm_idp.domain.parties import RegisteredPerson, Standing
+from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.login.commands import LoginCommand
@@ -39,6 +39,12 @@ def login(state: State, command: LoginCommand, at_ms: int) -> Outcome:
         case LogOut(by=by, session_id=session_id):
             own = any(session.session_id == session_id for session in state.sessions)
             return (SessionEnded(session_id, by),) if own else ()
+        case EndLogin(by=by, login=known):
+            if state.login_owner is None:
+                return Refusal(IdpCode.NOT_FOUND, "nobody has this login")
+            if state.login_owner != by and PersonRole.ADMIN not in person.roles:
+                return Refusal(IdpCode.NOT_PERMITTED, "its person or an administrator ends a login")
+            return (LoginEnded(state.login_owner, known),)
         case _:
             assert_never(command)
 
@@ -52,6 +58,8 @@ def _begun(state: State, command: LogIn, person: RegisteredPerson, at_ms: int) -
         how = Authentication(Method.OPERATOR_KEY, offer.made_ms, amr=(SOFTWARE_KEY,), key=offer.key)
     if how is None or not how.at_ms <= at_ms:
         return Refusal(IdpCode.NOT_PERMITTED, "nothing says how the person was authenticated")
+    if how.login and state.login_owner != person.id:
+        return Refusal(IdpCode.LOGIN_UNKNOWN, "nobody here has this login")
     roles = person.roles if command.roles is None else person.roles & command.roles
     begun = Session(
         session_id=command.session_id, person=person.id, how=how, roles=roles,

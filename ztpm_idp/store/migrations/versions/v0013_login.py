@@ -119,9 +119,7 @@ def _widen_changes() -> None:
     connection.execute(sa.delete(words))
     with op.batch_alter_table("changes") as batch:
         batch.drop_constraint(op.f("ck_changes_kind"), type_="check")
-        batch.create_check_constraint(
-            op.f("ck_changes_kind"), "kind IN ('person', 'key', 'end', 'recovery', 'login', 'login-end')"
-        )
+        batch.create_check_constraint(op.f("ck_changes_kind"), "kind IN ('person', 'key', 'end', 'recovery', 'login')")
         batch.add_column(sa.Column("login", sa.String(length=512), nullable=False, server_default=""))
     if kept:
         connection.execute(sa.insert(words), kept)
