@@ -307,9 +307,8 @@ def test_every_bad_body_at_every_endpoint(world, share):
             assert "DROP" not in problem["detail"] and "proto" not in problem["detail"]
             seen.add(problem["code"])
         after = tables(world)
-        assert {k: v for k, v in after.items() if k != "ledger"} == {
-            k: v for k, v in before.items() if k != "ledger"
-        } or (path == "/tokens/delegate"), path
+        same = [name for name in before if not name.startswith("ledger")]  # its tree and index follow beside
+        assert [after[name] for name in same] == [before[name] for name in same] or path == "/tokens/delegate", path
         # What may be added is the record of a refused delegation alone.
         assert after["parties"] == before["parties"]
         assert after["hops"] == before["hops"]
