@@ -9,13 +9,9 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import json
-import os
-import sqlite3
-from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import quote
 
 import sqlalchemy as sa
 
@@ -33,21 +29,24 @@ from ztpm_idp.domain.state import Wanted
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.store import Store
+from ztpm_idp.store.copies import SqlitePlace, UnreadableError
+from ztpm_idp.store.errors import RestoreError
+from ztpm_idp.store.postgres import DIALECT
+from ztpm_idp.store.postgres_copies import PostgresPlace
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     from capabilities.keys.trust import TrustBundle
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
+    from ztpm_idp.store.copies import Place
 
 ACTOR: Final = "restore"
 """Actor in the ledger for acts of a restore that nobody did over the wire."""
 PAGE: Final = 1_000
 """Revocations that are taken back in one transaction."""
-_LOGS: Final = ("-wal", "-shm")
-"""Ends of the names of the files that SQLite keeps beside a database in use."""
 _NAMES: Final = ("agent", "holder", "delegate", "delegator")
 """Members of a ledger entry's body that name an agent."""
 
@@ -60,20 +59,6 @@ _SUSPENSIONS: Final = {
     "sensor-restored": ("id", False),
 }
 """Kinds of ledger entries on suspensions: the member that names the party, and whether it is suspended from then on."""
-
-
-class RestoreError(Exception):
-    """A copy that cannot be made or put back; the store is as it was.
-
-    Attributes:
-        code: its cause.
-        sentence: place and cause, for a person.
-    """
-
-    def __init__(self, code: str, sentence: str) -> None:
-        super().__init__(f"{code}: {sentence}")
-        self.code = code
-        self.sentence = sentence
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,82 +140,26 @@ class _Told:
 # --- making a copy ---------------------------------------------------------------------------------------------------
 
 
+def place_of(database_url: str, folder: Path) -> Place:
+    """The place of a store.
+
+    Args:
+        database_url: as in the settings.
+        folder: for the files of a restore into a server.
+    """
+    url = sa.make_url(database_url)
+    return PostgresPlace(url, folder) if url.get_backend_name() == DIALECT else SqlitePlace(Path(url.database or ""))
+
+
 def backup(database_url: str, destination: Path) -> int:
     """A consistent copy of the store, one file of mode 0600, while the service runs; its size in bytes.
 
     Raises:
-        RestoreError: `EXISTS`, `NOT_SQLITE`, `UNREADABLE`, `UNWRITABLE`, `COPY_UNUSABLE`.
+        RestoreError: `EXISTS`, `UNREADABLE`, `UNWRITABLE`, `COPY_UNUSABLE`.
+        StoreUnavailableError: the server cannot be had.
     """
-    _copy(_file_of(database_url), destination)
+    place_of(database_url, destination.parent).copied_to(destination)
     return destination.stat().st_size
-
-
-def _file_of(database_url: str) -> Path:
-    url = sa.make_url(database_url)
-    if url.get_backend_name() != "sqlite" or not url.database:
-        raise RestoreError(
-            "NOT_SQLITE", f"{url.get_backend_name()} is copied with pg_dump and put back with pg_restore"
-        )
-    return Path(url.database)
-
-
-def _opened(file: Path) -> sqlite3.Connection:
-    """A connection to a database that is there, which answers at once or not at all."""
-    return sqlite3.connect(f"file:{quote(str(file))}?mode=rw", uri=True, timeout=0, isolation_level=None)
-
-
-def _copy(source: Path, destination: Path) -> None:
-    """The whole of one database in a new file, synced."""
-    try:
-        os.close(os.open(destination, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600))
-    except FileExistsError:
-        raise RestoreError("EXISTS", str(destination)) from None
-    except OSError as error:
-        raise RestoreError("UNWRITABLE", f"{destination}: {error.strerror}") from error
-    try:
-        with closing(_opened(source)) as base, closing(_opened(destination)) as copy:
-            base.backup(copy)
-            _one_file(copy)
-            _check_whole(copy, source)
-        _sync(destination)
-    except BaseException as error:
-        _remove(destination)
-        if isinstance(error, sqlite3.Error):
-            code = "UNREADABLE" if isinstance(error, sqlite3.OperationalError) else "COPY_UNUSABLE"
-            raise RestoreError(code, f"{source}: {error}") from error
-        raise
-
-
-def _check_whole(copy: sqlite3.Connection, source: Path) -> None:
-    if copy.execute("PRAGMA quick_check").fetchall() != [("ok",)]:
-        raise RestoreError("COPY_UNUSABLE", f"{source} is damaged")
-    if copy.execute("SELECT count(*) FROM sqlite_master WHERE name = 'ledger'").fetchone() != (1,):
-        raise RestoreError("COPY_UNUSABLE", f"{source} is no store of an identity provider")
-
-
-def _remove(file: Path) -> None:
-    """Neither the database nor a log of it is there."""
-    for name in ("", *_LOGS, "-journal"):
-        file.with_name(file.name + name).unlink(missing_ok=True)
-
-
-def _one_file(base: sqlite3.Connection) -> None:
-    """All of the database is in its one file, which no other process has open.
-
-    Raises:
-        sqlite3.OperationalError: another process has it open.
-    """
-    base.execute("PRAGMA journal_mode = DELETE").fetchone()
-
-
-def _sync(file: Path) -> None:
-    """The file and its name are on disk."""
-    for place, flags in ((file, os.O_RDWR), (file.parent, os.O_RDONLY | os.O_DIRECTORY)):
-        descriptor = os.open(place, flags)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)
 
 
 # --- putting a copy back ---------------------------------------------------------------------------------------------
@@ -252,57 +181,30 @@ def restore(
             verify; as `backup`.
         StoreUnavailableError: the copy cannot be opened as a store.
     """
-    place = _file_of(deployment.settings.database_url)
+    place = place_of(deployment.settings.database_url, Path() if copy is None else copy.parent)
     told = _Told()
     for ledger in ledgers:
         _read_ledger(ledger, deployment.keys.trust(issuer=deployment.settings.issuer, root_key_id=0), told)
-    staged = place.with_name(f"{place.name}.restoring")
-    _remove(staged)  # of an attempt that was killed
     texts = [(file, text) for file in marks for text in _texts(file)]
-    with _alone(place) as base:
-        before = _read_before(base, told)
-        _copy(place if copy is None else copy, staged)
-        try:
+    with place.alone() as lines:
+        before = _read_before(lines, told)
+        with place.staged(copy) as staged:
             done = asyncio.run(_begun(deployment, staged, told, texts))
-            with closing(_opened(staged)) as whole:
-                _one_file(whole)
-            _sync(staged)
-            kept = _swapped(staged, place, done.line)
-        finally:
-            _remove(staged)
+            kept = place.put(staged, done.line)
     return Restored(done.line, done.taken_back, done.waits_for, done.held, kept, before)
 
 
-@contextmanager
-def _alone(place: Path) -> Iterator[sqlite3.Connection | None]:
-    """The database in the store's place, which no other process has open; None where it is gone or damaged."""
-    if not place.exists():
-        yield None
-        return
-    with closing(_opened(place)) as base:
-        try:
-            _one_file(base)
-            base.execute("BEGIN IMMEDIATE")  # until the end nobody else opens it as a store
-        except sqlite3.DatabaseError as error:
-            if error.sqlite_errorcode in {sqlite3.SQLITE_BUSY, sqlite3.SQLITE_LOCKED}:
-                raise RestoreError("STORE_IN_USE", f"{place} is open in another process") from None
-            yield None
-            return
-        yield base
-
-
-def _read_before(base: sqlite3.Connection | None, told: _Told) -> str:
+def _read_before(lines: Iterable[bytes], told: _Told) -> str:
     """Reads the ledger of the database that is there, as far as it can be read."""
-    entries = 0
-    if base is not None:
-        try:
-            for (line,) in base.execute("SELECT line FROM ledger ORDER BY seq"):
-                told.take(bytes(line))
-                entries += 1
-        except (sqlite3.DatabaseError, ValueError, KeyError, TypeError, StatementError):
-            base = None
+    entries, whole = 0, True
+    try:
+        for line in lines:
+            told.take(line)
+            entries += 1
+    except (UnreadableError, ValueError, KeyError, TypeError, StatementError):
+        whole = False
     told.sources.append(f"the store before: {entries} entries")
-    return "nothing" if not entries else "in part" if base is None else "whole"
+    return "nothing" if not entries else "whole" if whole else "in part"
 
 
 def _read_ledger(file: Path, trust: TrustBundle, told: _Told) -> None:
@@ -369,21 +271,3 @@ async def _mark_taken(provider: Provider, file: Path, text: str) -> Iterable[obj
         raise RestoreError(str(error.code), f"{file}: {error.detail}") from None
     point = points[signer_thumbprint(text)]
     return (await provider.run(TakeMark(point.id, text), actor=point.id)).events
-
-
-def _swapped(staged: Path, place: Path, line: int) -> Path | None:
-    """Puts the staged file in the store's place in one step; the file that was there has another name, too."""
-    kept = None
-    if place.exists():
-        names = (
-            place.with_name(f"{place.name}.before-{line}{more}") for more in ("", *map("-{}".format, range(2, 99)))
-        )
-        kept = next(name for name in names if not name.exists())
-        os.link(place, kept)
-        for log in _LOGS:  # of a damaged store: beside the new one it would be taken for its own
-            beside = place.with_name(place.name + log)
-            if beside.exists():
-                beside.rename(kept.with_name(kept.name + log))
-    staged.replace(place)
-    _sync(place)
-    return kept

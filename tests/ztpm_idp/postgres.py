@@ -72,7 +72,32 @@ def new_database(template: str | None = None) -> str:
     return url_of(name)
 
 
+def _name(url: str) -> str:
+    return url.partition("?")[0].rpartition("/")[2]
+
+
 def drop(url: str) -> None:
     """The database is gone, with every connection to it."""
-    name = url.partition("?")[0].rpartition("/")[2]
-    asyncio.run(execute(f"DROP DATABASE IF EXISTS {name} WITH (FORCE)"))
+    asyncio.run(execute(f"DROP DATABASE IF EXISTS {_name(url)} WITH (FORCE)"))
+
+
+def lose(url: str, *, damaged: bool) -> None:
+    """The database is empty, or its ledger is."""
+    if damaged:
+        asyncio.run(execute("TRUNCATE ledger", _name(url)))
+        return
+    drop(url)
+    asyncio.run(execute(f"CREATE DATABASE {_name(url)}"))
+
+
+def is_lost(url: str) -> bool:
+    async def go():
+        connection = await asyncpg.connect(user="postgres", host=str(server().pgdata), database=_name(url))
+        try:
+            if await connection.fetchval("SELECT to_regclass('ledger') IS NULL"):
+                return True
+            return await connection.fetchval("SELECT count(*) = 0 FROM ledger")
+        finally:
+            await connection.close()
+
+    return asyncio.run(go())

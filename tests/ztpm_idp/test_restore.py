@@ -8,11 +8,16 @@ import stat
 from contextlib import closing
 
 import pytest
+import sqlalchemy as sa
+from alembic.autogenerate import compare_metadata
+from alembic.runtime.migration import MigrationContext
 from policies.decision.load import load_shipped
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.test_revoking import index
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER
-from ztpm_idp.restore import StoppedProvider, RestoreError, backup, restore
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World
+from ztpm_idp.restore import StoppedProvider, RestoreError, backup, place_of, restore
+from ztpm_idp.store.copies import copy_file
+from ztpm_idp.store.schema import metadata
 
 from capabilities.keys import keys
 from capabilities.statements import mark
@@ -68,8 +73,9 @@ def revoked(world):
 
 
 @pytest.fixture
-def furnished(world):
+def furnished(world, monkeypatch):
     """Two agents, one point, a token; then a copy; then what the copy does not hold."""
+    monkeypatch.chdir(world.folder)
     world.pep()
     world.agent("planner")
     world.agent("mover")
@@ -88,13 +94,11 @@ def test_a_copy_is_whole_private_and_made_while_it_serves(furnished):
     with pytest.raises(RestoreError) as caught:
         copied(furnished)
     assert caught.value.code == "EXISTS"
-    with pytest.raises(RestoreError) as caught:
-        backup("postgresql+asyncpg://idp@db/ztpm", furnished.folder / "other")
-    assert (caught.value.code, "pg_dump" in caught.value.sentence) == ("NOT_SQLITE", True)
-    with pytest.raises(RestoreError) as caught:
-        backup(f"sqlite+aiosqlite:///{furnished.folder}/none.sqlite", furnished.folder / "other")
-    assert caught.value.code == "UNREADABLE"
-    assert not (furnished.folder / "other").exists()
+    for nothing in ("postgresql+asyncpg://idp@/ztpm?host=/no/such/socket", "sqlite+aiosqlite:////no/such.sqlite"):
+        with pytest.raises(RestoreError) as caught:
+            backup(nothing, furnished.folder / "other")
+        assert caught.value.code == "UNREADABLE"
+        assert not (furnished.folder / "other").exists()
 
 
 def test_an_agent_that_was_suspended_after_the_copy_is_suspended_in_it(furnished):
@@ -117,7 +121,7 @@ def test_what_the_store_before_had_revoked_is_revoked_in_the_copy(furnished):
     alice.set_trust("planner", 500)
     done = put_back(furnished, furnished.copy)
     assert (done.line, done.taken_back, done.waits_for, done.held, done.before) == (1, 2, ("cell-1",), 1, "whole")
-    assert done.kept.name == "idp.sqlite.before-1"
+    assert done.kept.name.endswith(".before-1")
     tell(furnished)
     furnished.people["alice"].resume([])
     assert index(furnished).line == 1
@@ -144,11 +148,7 @@ def test_a_damaged_or_missing_store_is_made_up_from_ledgers_and_marks(furnished,
     told = mark.Mark(ISSUER, 0, 3, "", (mark.MarkEntry("key", "A" * 43),), 0, int(furnished.clock()))
     signed.write_text(mark.sign(told, furnished.private["cell-1"]) + "\n")
     furnished.stop()
-    store = furnished.folder / "idp.sqlite"
-    if gone:
-        store.unlink()
-    else:
-        store.write_bytes(b"no database " * 999)
+    furnished.lose(damaged=not gone)
     deployment = StoppedProvider(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
     wrong = furnished.folder / "wrong"
     for content, code in (
@@ -164,7 +164,7 @@ def test_a_damaged_or_missing_store_is_made_up_from_ledgers_and_marks(furnished,
     with pytest.raises(RestoreError) as caught:
         restore(deployment, furnished.copy, marks=[wrong])
     assert caught.value.code == "STATEMENT_UNTRUSTED"
-    assert store.exists() is not gone, "nothing was put in its place"
+    assert furnished.lost, "nothing was put in its place"
     done = restore(deployment, furnished.copy, ledgers=[exported], marks=[signed])
     assert (done.taken_back, done.waits_for, done.before) == (2, (), "nothing")
     assert (done.kept is None) is gone
@@ -255,10 +255,10 @@ def test_a_copy_that_is_put_back_twice_begins_no_line_that_was_followed(furnishe
     furnished.people["alice"].resume([])
     assert put_back(furnished, furnished.copy).line == 2, "the ledger of the store before names the line"
     furnished.stop()
-    (furnished.folder / "idp.sqlite").unlink()
+    furnished.lose()
     furnished.start()
     furnished.stop()
-    (furnished.folder / "idp.sqlite").unlink()
+    furnished.lose()
     deployment = StoppedProvider(furnished.settings, furnished.idp_keys, load_shipped("paper-default"), furnished.clock)
     assert restore(deployment, furnished.copy).line == 1, "nothing that is left names it"
     begin(furnished)
@@ -285,3 +285,55 @@ def test_a_long_mark_comes_in_parts(furnished):
     tell(furnished, "cell-1", *hops[3:])
     furnished.people["alice"].resume([])
     assert revoked(furnished) == {("agent", "early"), *hops}
+
+
+@pytest.mark.xdist_group("postgres")
+@pytest.mark.parametrize(("first", "second"), [("sqlite", "postgres"), ("postgres", "sqlite")])
+def test_a_provider_moves_from_one_database_to_the_other_by_a_copy(tmp_path, first, second):
+    """All of it, to the last column: the copy of the copy is the same."""
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+    with World(tmp_path / "a", database=first) as one, World(tmp_path / "b", database=second) as two:
+        planner, mover = one.agent("planner"), one.agent("mover")
+        lent = one.people["alice"].issue(planner, one.scope(), purpose="p")
+        planner.delegate(lent.token, mover, SLOWER, purpose="p")
+        one.people["alice"].revoke("hop", "a" * 32, "r")
+        one.people["alice"].suspend_agent("mover", "r")
+        one.pep()
+        copy = copied(one)
+        two.stop()
+        two.private, two.idp_keys, two.trust = one.private, one.idp_keys, one.trust
+        deployment = StoppedProvider(two.settings, two.idp_keys, load_shipped("paper-default"), two.clock)
+        place_of(two.settings.database_url, tmp_path).put(copy_file_of(copy, tmp_path / "staged"), 0)
+        again = tmp_path / "again.sqlite"
+        backup(two.settings.database_url, again)
+        assert rows_of(again) == rows_of(copy)
+        done = restore(deployment, copy)
+        assert (done.line, done.before) == (1, "whole")
+        begin(two)
+        two.peps = {"cell-1": two.caller(Operator, "cell-1")}
+        tell(two)
+        two.people["alice"].resume([])
+        assert revoked(two) == {("hop", "a" * 32)}
+        assert {row["id"]: row["status"] for row in two.people["alice"].agents()} == {
+            "planner": "active", "mover": "suspended"
+        }  # fmt: skip
+
+
+def copy_file_of(copy, destination):
+    copy_file(copy, destination)
+    return destination
+
+
+def rows_of(file):
+    with closing(sqlite3.connect(file)) as base:
+        names = [n for (n,) in base.execute("SELECT name FROM sqlite_master WHERE type = 'table' ORDER BY name")]
+        return {n: sorted(base.execute(f"SELECT * FROM {n}"), key=repr) for n in names}
+
+
+def test_a_copy_of_a_server_has_the_schema_of_a_store(world):
+    with closing(sqlite3.connect(copied(world))) as base, closing(sqlite3.connect(":memory:")) as other:
+        base.backup(other)
+        engine = sa.create_engine("sqlite://", creator=lambda: other, poolclass=sa.StaticPool)
+        with engine.connect() as connection:
+            assert compare_metadata(MigrationContext.configure(connection), metadata) == []

@@ -187,6 +187,24 @@ class World:
         store.write_bytes(empty_store())
         return settings_for(self.folder).database_url
 
+    def lose(self, *, damaged: bool = False) -> None:
+        """The stopped provider's database is gone, or nothing in it can be read."""
+        store = self.folder / "idp.sqlite"
+        if self.database == "postgres":
+            postgres.lose(self.settings.database_url, damaged=damaged)
+        elif damaged:
+            store.write_bytes(b"no database " * 999)
+        else:
+            store.unlink()
+
+    @property
+    def lost(self) -> bool:
+        """True while the database is as `lose` left it."""
+        if self.database == "postgres":
+            return postgres.is_lost(self.settings.database_url)
+        store = self.folder / "idp.sqlite"
+        return not store.exists() or store.read_bytes().startswith(b"no database")
+
     def sql(self, statement: str, **values) -> list[tuple]:
         """Rows of a statement on the store's database, on a connection of its own; durable."""
 

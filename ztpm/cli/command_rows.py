@@ -65,6 +65,7 @@ ROWS: Final = (
         "The identity provider: serve it, restore its store, recover an administrator.",
         (
             ("recover", "ztpm.cli.provider.people:recover"),
+            ("migrate", "ztpm.cli.provider.restore:migrate"),
             ("backup", "ztpm.cli.provider.restore:backup"),
             ("restore", "ztpm.cli.provider.restore:restore"),
             ("resume", "ztpm.cli.provider.restore:resume"),

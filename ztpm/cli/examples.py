@@ -76,6 +76,7 @@ EXAMPLES: Final = {
     "mcp serve": "--data .ztpm",
     "idp serve": "--config .ztpm/idp/idp.toml",
     "idp recover": "erin --public PUBLIC",
+    "idp migrate": "--config .ztpm/idp/idp.toml",
     "idp backup": "copy.sqlite --data .ztpm",
     "idp restore": "--from copy.sqlite --ledger ledger.ndjson --data .ztpm",
     "idp mark": "gateway.mark --config .ztpm/gateway/gateway.toml",

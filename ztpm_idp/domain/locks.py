@@ -1,6 +1,4 @@
-"""Locks of commands: each holds what it reads and changes until its commit.
-
-So its decision rests on a state that still holds then.
+"""Locks of commands: what a command was decided on holds until its commit.
 
 A command that is not named in `locks_of` runs alone, which is always right. One that is named runs beside others: it
 shares what `wanted` says that it reads, and holds alone what its events change. Events that it was not expected to have

@@ -62,6 +62,9 @@ class Store:
     """The identity provider's state. Open it with `Store.open`, close it with `close`.
 
     A process keeps nothing here that another one over the same database would need.
+
+    Attributes:
+        before: revision of the schema before it was opened; None of a new database.
     """
 
     def __init__(self, engine: AsyncEngine) -> None:
@@ -71,6 +74,7 @@ class Store:
         # SQLite itself.
         self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
         self._swept_ms: int | None = None
+        self.before: str | None = None
 
     @classmethod
     async def open(cls, database_url: str) -> Self:
@@ -88,7 +92,7 @@ class Store:
                 if store._postgres:
                     await postgres.check_durable(connection)
                     await postgres.wait_for_turn(connection, postgres.MIGRATION_LOCK)
-                await connection.run_sync(upgrade)
+                store.before = await connection.run_sync(upgrade)
         except BaseException as error:
             if engine is not None:
                 await engine.dispose()

@@ -50,3 +50,17 @@ class OnceOnlyError(StoreError):
 
 class ConflictError(StoreError):
     """Conflict of a unique constraint with a row that another transaction made first."""
+
+
+class RestoreError(StoreError):
+    """A copy that cannot be made or put back; the store is as it was.
+
+    Attributes:
+        code: its cause.
+        sentence: place and cause, for a person.
+    """
+
+    def __init__(self, code: str, sentence: str) -> None:
+        super().__init__(f"{code}: {sentence}")
+        self.code = code
+        self.sentence = sentence

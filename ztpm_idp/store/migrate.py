@@ -14,15 +14,20 @@ NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py"
 """Newest revision; its file begins with it."""
 
 
-def upgrade(connection: sa.Connection) -> None:
-    """The newest schema holds on this connection's database. Runs in the connection's transaction.
+def upgrade(connection: sa.Connection) -> str | None:
+    """The newest schema holds on this connection's database; the revision before, None of a new one.
+
+    Runs in the connection's transaction.
 
     Raises:
         NewerDatabaseError: a newer release wrote the database.
     """
     revision = sa.select(sa.column("version_num", sa.String)).select_from(sa.table("alembic_version"))
-    if sa.inspect(connection).has_table("alembic_version") and connection.scalar(revision) == NEWEST:
-        return
+    before: str | None = None
+    if sa.inspect(connection).has_table("alembic_version"):
+        before = connection.scalar(revision)
+    if before == NEWEST:
+        return before
     # A sixth of the provider's start, for a database that is rarely an old one.
     from alembic import command
     from alembic.config import Config
@@ -35,3 +40,4 @@ def upgrade(connection: sa.Connection) -> None:
         command.upgrade(config, "head")
     except CommandError as error:
         raise NewerDatabaseError(str(error)) from error
+    return before

@@ -1,4 +1,4 @@
-"""Two workers over one PostgreSQL: what a command read holds until it commits; others go on."""
+"""Two workers over one PostgreSQL: what a command read holds until it commits, and other commands go on."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from ztpm_idp.domain.events import (
     TokenIssued,
     VoteCast,
 )
+from ztpm_idp.store import postgres
 from ztpm_idp.store.transaction import Transaction
 
 from ztpm_idp import create_app, ledger_file
@@ -59,7 +60,7 @@ class Workers:
 
     @contextmanager
     def held(self, kind, act):
-        """Interval in which `act` by the first worker is decided and not yet written."""
+        """While it lasts, `act` by the first worker has decided on such an event, and not written it."""
         decided, go = threading.Event(), asyncio.Event()
         inner, armed = Transaction.append, [True]
 
@@ -292,3 +293,20 @@ def test_a_revocation_by_one_worker_wakes_those_who_wait_at_the_other(workers):
         pass
     world.people["alice"].revoke("hop", secrets.token_hex(16), "r")
     assert waiting.result(PATIENCE_S) == epoch + 1
+
+
+def test_a_frozen_worker_stops_no_revocation(tmp_path, monkeypatch):
+    """Its transaction has decided and says nothing more: the server ends it, and nothing of it holds."""
+    monkeypatch.setattr(postgres, "IDLE_TIMEOUT_MS", 300)
+    with World(tmp_path, database="postgres") as world:
+        frozen = Workers(world)
+        agent = new(world)
+        lent = world.people["alice"].issue(agent, world.scope(), purpose="p")
+        other = new(world)
+        world.clock.at_s += 1
+        delegate = lambda: agent.delegate(lent.token, other, LOWER, purpose="p")
+        with frozen.held(TokenDelegated, delegate) as running:
+            frozen.second("alice").revoke("hop", lent.hop_id, "r")
+        assert running.result(PATIENCE_S) == "STORE_UNAVAILABLE"
+        frozen.close()
+        assert b'"kind":"token-delegated"' not in world.people["alice"].export_ledger()

@@ -1,4 +1,4 @@
-"""`ztpm idp backup`, `restore`, `mark` and `resume`, `ztpm agent vouch`: copies of the store, and its way back.
+"""`ztpm idp migrate`, `backup`, `restore`, `mark` and `resume`, `ztpm agent vouch`: the store, copied and put back.
 
 Exit status: 0 done, 1 failure, 2 usage, 3 refused.
 """
@@ -58,6 +58,33 @@ def backup(
         say_json({"ok": True, "file": str(destination), "bytes": size})
     else:
         typer.echo(f"{destination}: {size} bytes. It holds all but the keys.")
+
+
+def migrate(*, config: Config = None, directory: CellDirectory = None, as_json: Json = False) -> None:
+    """Bring the identity provider's database to this release's schema, before any process of it serves.
+
+    Every process does so when it starts, and of several at once one does; this does it alone, and makes a new one.
+    """
+    import asyncio
+
+    from ztpm_idp.store import Store
+    from ztpm_idp.store.migrate import NEWEST
+
+    settings, _ = _settings(config, directory)
+
+    async def migrated() -> str | None:
+        store = await Store.open(settings.database_url)
+        await store.close()
+        return store.before
+
+    with _failures():
+        before = asyncio.run(migrated())
+    if as_json:
+        say_json({"ok": True, "schema": NEWEST, "before": before})
+    elif before == NEWEST:
+        typer.echo(f"The schema is {NEWEST} already.")
+    else:
+        typer.echo(f"The schema is {NEWEST}{', in a new database' if before is None else f'; it was {before}'}.")
 
 
 def restore(
@@ -210,8 +237,7 @@ def _settings(config: Path | None, directory: Path | None) -> tuple[FileSettings
 @contextmanager
 def _failures() -> Iterator[None]:
     """Ends the command at a copy that cannot be made or put back."""
-    from ztpm_idp.restore import RestoreError
-    from ztpm_idp.store import StoreNotOpenedError
+    from ztpm_idp.store import RestoreError, StoreNotOpenedError
 
     try:
         yield
