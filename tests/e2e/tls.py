@@ -76,6 +76,7 @@ class Authority:
                 serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
             )
         )
+        self.key.chmod(0o600)
 
     def server(self):
         """TLS context of a server with the hosts' certificate."""

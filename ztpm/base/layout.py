@@ -144,7 +144,14 @@ class Layout:
 
     def agent_key(self, name: str) -> Path:
         """An agent's key."""
-        return self.root / "agents" / f"{name}.key"
+        return self.party_key("agent", name)
+
+    def party_key(self, kind: str, name: str) -> Path:
+        """The key of an agent, enforcement point or sensor that was registered from this directory.
+
+        `kind` is the word of its kind, "agent", "pep" or "sensor".
+        """
+        return self.root / f"{kind}s" / f"{name}.key"
 
 
 def write_private(path: Path, content: bytes) -> None:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import ipaddress
-import json
 import shutil
 import time
 from dataclasses import dataclass
@@ -13,7 +11,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
-from capabilities.rotation import rotation
 from capabilities.rotation.rotation_json import ring_to_json
 from capabilities.statements import cell as cell_statement
 from capabilities.statements import workload
@@ -22,7 +19,9 @@ from pep.rtde.robot.connections import PORTS
 from ztpm.base.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
 from ztpm.base.loopback import free_host, is_free
 from ztpm.cell import survey
+from ztpm.cell.provider_setup import ROLES, make_ring, put_first_people, sqlite_url, toml
 from ztpm.cell.simulated_platform import TRUST_DOMAIN
+from ztpm_idp.keys.key_files import SettingsError
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
@@ -143,7 +142,6 @@ def read_addresses(layout: Layout) -> Addresses:
     from pep.base.errors import ConfigError
     from ztpm.point.gateway_config import read_gateway_config
     from ztpm.point.tool_proxy_config import read_door_config
-    from ztpm_idp.keys.key_files import SettingsError
     from ztpm_idp.settings import load_settings
 
     try:
@@ -218,17 +216,17 @@ def is_empty(layout: Layout) -> bool:
 
 
 def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
-    write_private(layout.idp_config, _toml(_idp_settings(layout, addresses)))
+    write_private(layout.idp_config, _lines(_idp_settings(layout, addresses)))
     operators = {name: new_key(layout.operator_key(name), passphrase) for name in OPERATORS}
     surveyor = operators[SURVEYOR]
     door = _door_settings(layout, addresses, policy)
-    write_private(layout.cell_config, _toml(door | {"gateway_url": addresses.calls}))
+    write_private(layout.cell_config, _lines(door | {"gateway_url": addresses.calls}))
     gateway = door | _gateway_settings(layout, addresses, defer_timeout_s, surveyor)
-    write_private(layout.gateway_config, _toml(gateway) + b"\n[cell]\n")
+    write_private(layout.gateway_config, _lines(gateway) + b"\n[cell]\n")
     _check_readable(layout)
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
-    ring = _ring(layout, addresses, passphrase)
+    ring = make_ring(layout, addresses.issuer, passphrase, at=int(time.time()))
     platform = new_key(layout.platform_key, passphrase)
     write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
@@ -251,7 +249,6 @@ def _check_readable(layout: Layout) -> None:
     from ztpm.point.cell_config import read_policies
     from ztpm.point.gateway_config import read_gateway_config
     from ztpm.point.tool_proxy_config import read_door_config
-    from ztpm_idp.keys.key_files import SettingsError
     from ztpm_idp.settings import load_settings
 
     try:
@@ -264,33 +261,16 @@ def _check_readable(layout: Layout) -> None:
         raise SetupError(error.detail) from error
 
 
-def _ring(layout: Layout, addresses: Addresses, passphrase: bytes) -> rotation.KeyRing:
-    """First keys of the identity provider, with their files written under the ring's names."""
-    first = {role: new_key(layout.idp_key(f"{stem}-1"), passphrase) for role, stem in rotation.ID_STEM.items()}
-    public = {role: keys.public_raw(key) for role, key in first.items()}
-    return rotation.begin(addresses.issuer, public, at=int(time.time()))
-
-
-def _toml(settings: dict[str, str | int]) -> bytes:
+def _lines(settings: dict[str, str | int]) -> bytes:
     """Lines of TOML.
-
-    A string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.
 
     Raises:
         SetupError: for a name that is not UTF-8.
     """
-    lines = []
-    for name, value in settings.items():
-        try:
-            spelled = json.dumps(value, ensure_ascii=False).encode()
-        except UnicodeEncodeError as error:
-            raise SetupError(f"{name}: not UTF-8") from error
-        lines.append(b"%s = %s\n" % (name.encode(), spelled.replace(b"\x7f", rb"\u007f")))
-    return b"".join(lines)
-
-
-def _database_url(layout: Layout) -> str:
-    return f"sqlite+aiosqlite:///{layout.database}"
+    try:
+        return toml(settings)
+    except SettingsError as error:
+        raise SetupError(str(error)) from error
 
 
 def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
@@ -298,7 +278,7 @@ def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
         "issuer": addresses.issuer,
         "host": addresses.host,
         "port": addresses.idp_port,
-        "database_url": _database_url(layout),
+        "database_url": sqlite_url(layout),
         "key_ring_file": str(layout.key_ring),
         "platform_trust_domain": TRUST_DOMAIN,
         "platform_jwks_file": str(layout.platform_jwks),
@@ -346,14 +326,13 @@ def _gateway_settings(
 
 def _bootstrap(layout: Layout, operators: dict[str, PrivateKey]) -> None:
     from ztpm_idp.bootstrap import FirstPerson
-    from ztpm_idp.bootstrap import initialise as first_people
     from ztpm_idp.store.errors import StoreUnavailableError
 
     people = [
-        FirstPerson(id=name, name=name.title(), key=keys.public_raw(key), roles=("sponsor", "approver", "admin"))
+        FirstPerson(id=name, name=name.title(), key=keys.public_raw(key), roles=ROLES)
         for name, key in operators.items()
     ]
     try:
-        asyncio.run(first_people(_database_url(layout), people=people))
+        put_first_people(layout, people)
     except StoreUnavailableError as error:
         raise SetupError(f"database_url: {layout.database} cannot be made") from error

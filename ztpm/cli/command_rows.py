@@ -62,7 +62,7 @@ ROWS: Final = (
         "idp",
         START,
         "ztpm.cli.provider.idp:app",
-        "The identity provider: serve it, restore its store, recover an administrator.",
+        "The identity provider: make it, serve it, restore its store, recover an administrator.",
         (
             ("recover", "ztpm.cli.provider.people:recover"),
             ("migrate", "ztpm.cli.provider.restore:migrate"),
@@ -101,8 +101,20 @@ ROWS: Final = (
         "Agents: who they are, what they run, whether they may act.",
         (("vouch", "ztpm.cli.provider.restore:vouch"),),
     ),
+    CommandRow("pep", PEOPLE, "ztpm.cli.provider.points:pep", "Enforcement points: who stands before which tools."),
+    CommandRow("sensor", PEOPLE, "ztpm.cli.provider.points:sensor", "Sensors: whose frames are believed."),
     CommandRow(
-        "token", PEOPLE, "ztpm.cli.provider.token:app", "Tokens: lend authority, lend a part of it on, look into one."
+        "tool",
+        PEOPLE,
+        "ztpm.cli.provider.tools:app",
+        "Tools: the definitions that were reviewed, and their base tiers.",
+    ),
+    CommandRow(
+        "token",
+        PEOPLE,
+        "ztpm.cli.provider.token:app",
+        "Tokens: lend authority, lend a part of it on, look into one.",
+        tuple((name, f"ztpm.cli.provider.token_check:{name}") for name in ("inspect", "verify", "revoke")),
     ),
     CommandRow(
         "mandate",

@@ -1,4 +1,4 @@
-"""`ztpm doctor`: is this machine able to run a cell?"""
+"""`ztpm doctor`: is this machine able to run a cell, or this directory an identity provider?"""
 
 from __future__ import annotations
 
@@ -43,13 +43,27 @@ ConfigFile = Annotated[
 ]
 
 
-def doctor(*, config: ConfigFile = None, as_json: Json = False) -> None:
+IdpPlace = Annotated[
+    Path | None,
+    typer.Option("--idp", help="Check an identity provider instead: its directory, or its idp.toml.", exists=True),
+]
+
+
+def doctor(*, config: ConfigFile = None, idp: IdpPlace = None, as_json: Json = False) -> None:
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
-    With the configuration of a gateway also that it would be taken, and how well it knows its arm.
+    With the configuration of a gateway also that it would be taken, and how well it knows its arm. Of an identity
+    provider: configuration, keys, rights to files, trust bundle, database, certificate, the issuer's answer, the clock.
     """
     rows: list[dict[str, object]] = []
-    checks = list(CHECKS)
+    if idp is not None:
+        from ztpm.cli.provider.doctor import ProviderDoctor, config_at
+        from ztpm.cli.provider.passphrase import ask_passphrase
+
+        looked = ProviderDoctor(config_at(idp), ask_passphrase(new=False).decode())
+        checks = [("interpreter", _interpreter), *looked.checks, ("durable record", _durable)]
+    else:
+        checks = list(CHECKS)
     if config is not None:
         checks.append(("arm", partial(_arm, config)))
     for name, probe in checks:

@@ -11,7 +11,7 @@ import typer
 
 from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.passphrase import ask_passphrase
-from ztpm.cli.provider.person import Json
+from ztpm.cli.provider.person import PLACE_VARIABLE, Json
 
 
 def version(*, as_json: Json = False) -> None:
@@ -25,7 +25,7 @@ def version(*, as_json: Json = False) -> None:
 
 def init(
     *,
-    where: Annotated[Path, typer.Option("--data", help="Directory to create.")] = Path(".ztpm"),
+    where: Annotated[Path, typer.Option("--data", help="Directory to create.", envvar=PLACE_VARIABLE)] = Path(".ztpm"),
     host: Annotated[str, typer.Option(help="Address the cell listens on; plain HTTP is for loopback only.")] = "",
     policy: Annotated[str, typer.Option(help="Shipped policy set or a file.")] = "paper-default",
     as_json: Json = False,

@@ -18,10 +18,9 @@ from typing import TYPE_CHECKING, Any, Final
 
 from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
+from ztpm.point.provider_deployment import read_deployment
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
-from ztpm_idp.keys.key_ring import check_current
-from ztpm_idp.login_settings import load_login_providers
-from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+from ztpm_idp.keys.passphrase import passphrase_of
 from ztpm_idp.store import Store, StoreNotOpenedError
 from ztpm_idp.watching import watching
 
@@ -119,21 +118,24 @@ def main() -> int:
     tell_rarely()
     os.umask(0o077)  # the database is nobody else's
     try:
-        settings = load_settings(config)
+        passphrase = passphrase_of(PASSPHRASE_VARIABLE, os.environ)
         # Taken out of the environment, so that no child and no dump of it has it.
-        passphrase = os.environ.pop(PASSPHRASE_VARIABLE, "")
-        keys = load_keys(settings, config.parent, passphrase)
-        check_current(keys, at=time.time())
-        platform = load_platform(settings, config.parent, keys)
-        policies = load_policies(settings, config.parent)
-        login_providers = load_login_providers(settings.login_providers, config.parent)
+        os.environ.pop(PASSPHRASE_VARIABLE, None)
+        read = read_deployment(config, passphrase, at=time.time())
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        watch = watching(settings, config.parent, passphrase)
-        serve(settings.settings(keys), keys, platform, policies, login_providers, watch=watch)
+        watch = watching(read.settings, config.parent, passphrase)
+        serve(
+            read.settings.settings(read.keys),
+            read.keys,
+            read.platform,
+            read.policies,
+            read.login_providers,
+            watch=watch,
+        )
     except (StoreNotOpenedError, UnavailableError) as error:
         return _told(error.code, error.sentence)
     return 0

@@ -65,7 +65,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party
 
 Json = dict[str, object]
-_DONE: Final = {ToolAct.SUSPEND: "suspended", ToolAct.RESTORE: "restored", ToolAct.RETIRE: "retired"}
+DONE: Final = {ToolAct.SUSPEND: "suspended", ToolAct.RESTORE: "restored", ToolAct.RETIRE: "retired"}
+"""Word of a tool's entry for each act."""
 
 
 def entry_of(event: Event) -> tuple[str, Json] | None:
@@ -234,7 +235,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             replaced: Json = {"id": id_, "key": thumbprint(key), "before": thumbprint(before), "reason": reason}
             return f"{whose}-key-replaced", replaced
         case ToolChanged(audience=audience, name=name, act=act, reason=reason):
-            return f"tool-{_DONE[act]}", {"audience": audience, "name": name, "reason": reason}
+            return f"tool-{DONE[act]}", {"audience": audience, "name": name, "reason": reason}
         case _:
             assert_never(event)
 

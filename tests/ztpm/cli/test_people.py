@@ -62,7 +62,7 @@ WAITS = {
 }
 ENDS = {
     "sponsor": (["person", "register", "erin", "--public", PUBLIC, "--role", "sponsor"], "register_person", None),
-    "end": (["person", "end", "erin", "--reason", "left"], "disable_person", 7),
+    "end": (["person", "retire", "erin", "--reason", "left"], "disable_person", 7),
     "confirm": (["person", "confirm", CHANGE], "confirm_change", "done"),
     "decline": (["person", "decline", CHANGE, "--reason", "who?"], "decline_change", "declined"),
 }
@@ -83,7 +83,7 @@ def test_a_change_of_people_is_done_or_waits_for_another(run, who, double, rows,
 
 def test_an_end_that_takes_two_is_proposed(run, who, double):
     double.answers = {"disable_person": ClientError("TWO_PEOPLE_NEEDED", 403), "propose_end": CHANGE}
-    told = run("person", "end", "bob", "--reason", "left", *who, "--json")
+    told = run("person", "retire", "bob", "--reason", "left", *who, "--json")
     assert (told.status, told.json["change_id"]) == (4, CHANGE)
     assert double.asked[-1] == ("propose_end", ("bob", "left"), {})
 
@@ -148,6 +148,7 @@ def test_register_makes_one_key_and_keeps_it_over_a_refusal(run, cell, who, doub
     assert positional == ("planner", keys.public_raw(key))
     assert options == {
         "software_digest": hashlib.sha256(software.read_bytes()).hexdigest(), "model": "none", "role": "planner", "sponsor": None,
+        "workload": "",
     }  # fmt: skip
 
 

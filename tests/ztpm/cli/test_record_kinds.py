@@ -30,7 +30,8 @@ def entry_kinds():
     calls = (node for node in nodes(approvals.__file__) if isinstance(node, ast.Call))
     acts = first_words(call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "_Refusing")
     assert len(acts) > 1
-    ends = {"-registered": PARTIES, "-refused": acts, "change-": map(str, Word)}
+    ends = {"-registered": PARTIES, "-refused": acts, "change-": map(str, Word), "tool-": entries.DONE.values()}
+    ends |= {"-suspended": PARTIES[2:], "-restored": PARTIES[2:], "-key-replaced": PARTIES[1:]}
     for kind in told:
         if isinstance(kind, ast.Constant):
             yield kind.value

@@ -1,4 +1,4 @@
-"""`ztpm agent`: agents of a cell, their keys in its directory.
+"""`ztpm agent`: agents, their keys in the directory of a cell or provider, or on machines of their own.
 
 Exit status: 0 done, 1 failure, 2 usage, 3 refused.
 """
@@ -14,17 +14,19 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import console, fail, fail_at, plain, say_json
+from ztpm.cli.provider.party_keys import PartyPublic, key_for, rotation_of
 from ztpm.cli.provider.person import (
-    As,
     CellDirectory,
+    Issuer,
     Json,
+    KeyFile,
     Reason,
     Signer,
     issuer_of,
     known_name,
     layout_of,
     open_key,
-    operator,
+    place_of,
     refusals,
     signed,
 )
@@ -45,6 +47,7 @@ Software = Annotated[
 
 
 @app.command("register")
+@signed
 def register(
     agent: AgentName,
     *,
@@ -52,40 +55,42 @@ def register(
     role: Annotated[str, typer.Option(help="What it is for, as planner.")],
     model: Annotated[str, typer.Option(help="The language model behind it.")] = "none",
     sponsor: Annotated[str, typer.Option(help="Who answers for it (default: --as).")] = "",
-    name: As,
-    directory: CellDirectory = None,
+    workload: Annotated[str, typer.Option(help="The platform's name of it, a SPIFFE ID.")] = "",
+    public: PartyPublic = "",
+    signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Register an agent under a sponsor; its key is made in the cell's directory, encrypted, unless it is there."""
-    from capabilities.keys import keys
-    from ztpm.base.layout import LayoutError, new_key
-    from ztpm.cli.provider.passphrase import ask_passphrase
+    """Register an agent under a sponsor.
 
+    Its key is made in the directory, encrypted, unless it lies there or its public half is told.
+    """
     known_name(agent)
-    person = operator(directory=directory, name=name, issuer="", key=None)
-    layout = layout_of(directory)
-    path = layout.agent_key(agent)
-    try:
-        key = open_key(path) if path.exists() else new_key(path, ask_passphrase(new=False))
-    except LayoutError as error:
-        fail("EXISTS", str(error))
-    except OSError as error:
-        fail_at(path, error, "UNWRITABLE")
+    person = signer.operator()
+    raw, where = key_for(signer, "agent", agent, public)
     with refusals(), person:
         person.register_agent(
-            agent, keys.public_raw(key), software_digest=_measured(software).hex(), model=model,
-            role=role, sponsor=sponsor or None,
+            agent, raw, software_digest=_measured(software).hex(), model=model, role=role, sponsor=sponsor or None,
+            workload=workload,
         )  # fmt: skip
     if as_json:
-        say_json({"ok": True, "id": agent, "status": "registered", "key": str(path)})
+        say_json({"ok": True, "id": agent, "status": "registered", **({"key": where} if where else {})})
     else:
-        typer.echo(f"Registered; its key is {path}. It may act once it is attested.")
+        key = f"Registered; its key is {where}." if where else "Registered."
+        typer.echo(f"{key} It may act once it is attested.")
 
 
 @app.command("attest")
-def attest(agent: AgentName, *, software: Software, directory: CellDirectory = None, as_json: Json = False) -> None:
+def attest(
+    agent: AgentName,
+    *,
+    software: Software,
+    directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
+    as_json: Json = False,
+) -> None:
     """Attest an agent with its own key: it is active from then on, if it runs what is registered."""
-    with refusals(), agent_of(agent, software, directory=directory) as itself:
+    with refusals(), agent_of(agent, software, directory=directory, issuer=issuer, key=key) as itself:
         itself.attest()
     if as_json:
         say_json({"ok": True, "id": agent, "status": "active"})
@@ -179,13 +184,27 @@ def restore(
         typer.echo("Restored.")
 
 
-def agent_of(agent: str, software: Path, *, directory: Path | None) -> Agent:
-    """Agent with its key from the cell's directory and its software's measurement, or the end of the command."""
+app.command("rotate")(rotation_of("agent"))
+
+
+def agent_of(agent: str, software: Path, *, directory: Path | None, issuer: str = "", key: Path | None = None) -> Agent:
+    """Agent with its key and its software's measurement, or the end of the command.
+
+    Args:
+        agent: id of the agent.
+        software: file that it runs.
+        directory: of the cell or provider, with the agent's key.
+        issuer: the identity provider, with `key`, instead of `directory`.
+        key: file of the agent's key.
+    """
     from ztpm_idp.client import Agent
 
-    key = key_of(agent, directory=directory)
-    issuer = issuer_of(layout_of(directory))
-    return Agent(agent, key, issuer, _measured(software))
+    directory, issuer, key = place_of(directory, issuer, key)
+    if key is not None:
+        known_name(agent)
+        return Agent(agent, open_key(key), issuer, _measured(software))
+    own = key_of(agent, directory=directory)
+    return Agent(agent, own, issuer_of(layout_of(directory)), _measured(software))
 
 
 def key_of(agent: str, *, directory: Path | None) -> PrivateKey:

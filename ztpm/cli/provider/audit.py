@@ -31,13 +31,14 @@ CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
 MILLI: Final = 1000
 LEDGER: Final = (
-    "agent-attested", "agent-registered", "agent-restored", "agent-suspended", "agent-vouched", "agents-held",
-    "ask-refused", "ask-taken", "change-confirmed", "change-declined", "change-ended", "change-proposed",
-    "closing-refused", "delegation-refused", "line-begun", "mandate-signed", "opening-closed", "opening-made",
-    "opening-refused", "pep-record", "pep-registered", "person-key-added", "person-registered", "point-heard",
-    "refusals-spent", "revoked", "sensor-registered", "store-restored", "store-resumed", "suspension-ended",
-    "token-delegated", "token-drawn", "token-issued", "tool-registered", "trust-stated", "vote-cast",
-    "vote-refused",
+    "agent-attested", "agent-key-replaced", "agent-registered", "agent-restored", "agent-suspended",
+    "agent-vouched", "agents-held", "ask-refused", "ask-taken", "change-confirmed", "change-declined",
+    "change-ended", "change-proposed", "closing-refused", "delegation-refused", "line-begun", "mandate-signed",
+    "opening-closed", "opening-made", "opening-refused", "pep-key-replaced", "pep-record", "pep-registered",
+    "pep-restored", "pep-suspended", "person-key-added", "person-registered", "point-heard", "refusals-spent",
+    "revoked", "sensor-key-replaced", "sensor-registered", "sensor-restored", "sensor-suspended", "store-restored",
+    "store-resumed", "suspension-ended", "token-delegated", "token-drawn", "token-issued", "tool-registered",
+    "tool-restored", "tool-retired", "tool-suspended", "trust-stated", "vote-cast", "vote-refused",
 )  # fmt: skip
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (

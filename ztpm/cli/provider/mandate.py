@@ -17,7 +17,7 @@ from rich.text import Text
 
 from ztpm.cli.output import console, fail, plain, say_json
 from ztpm.cli.provider.agent import AgentName, Software, agent_of
-from ztpm.cli.provider.person import CellDirectory, Json, Reason, Signer, refusals, signed
+from ztpm.cli.provider.person import CellDirectory, Issuer, Json, KeyFile, Reason, Signer, refusals, signed
 from ztpm.cli.provider.token import Out, Purpose, arm_scope, check_new, keep, read_as
 
 DAY_S: Final = 86_400
@@ -140,11 +140,13 @@ def draw(
     out: Out,
     minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, at most.")] = 60,
     directory: CellDirectory = None,
+    issuer: Issuer = "",
+    key: KeyFile = None,
     as_json: Json = False,
 ) -> None:
     """Draw a token from a mandate, as the agent; a program of your own goes on drawing with `Agent.renewal`."""
     check_new(out)
-    receiver = agent_of(agent, software, directory=directory)
+    receiver = agent_of(agent, software, directory=directory, issuer=issuer, key=key)
     with refusals(), receiver:
         issued = receiver.draw(mandate_id, lifetime_s=60 * minutes)
     keep(issued, out, as_json=as_json)

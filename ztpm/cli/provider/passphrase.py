@@ -1,4 +1,4 @@
-"""The passphrase of a cell's keys: from the environment, or asked for; never stored, never an argument."""
+"""The passphrase of keys: from the environment or the file that it names, or asked for; never an argument."""
 
 from __future__ import annotations
 
@@ -21,10 +21,19 @@ def ask_passphrase(*, new: bool) -> bytes:
         new: whether it is for keys that will be made: it is asked for twice and must be long enough.
         as_json: form of a failure's message.
     """
-    passphrase = os.environ.get(VARIABLE, "")
+    from ztpm_idp.keys.key_files import SettingsError
+    from ztpm_idp.keys.passphrase import passphrase_of
+
+    try:
+        passphrase = passphrase_of(VARIABLE, os.environ)
+    except SettingsError as error:
+        fail("PASSPHRASE_MALFORMED", f"{error.setting}: {error.why}")
     if not passphrase:
         if not sys.stdin.isatty():
-            fail("PASSPHRASE_MISSING", f"{VARIABLE} is not set, and standard input is no terminal")
+            fail(
+                "PASSPHRASE_MISSING",
+                f"neither {VARIABLE} nor ZTPM_PASSPHRASE_FILE is set, and standard input is no terminal",
+            )
         passphrase = typer.prompt("Passphrase of the keys", hide_input=True, confirmation_prompt=new, err=True)
     if new and len(passphrase) < MIN_PASSPHRASE:
         fail("PASSPHRASE_TOO_SHORT", f"at least {MIN_PASSPHRASE} characters")

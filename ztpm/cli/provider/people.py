@@ -15,6 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from ztpm.cli.output import DEFER, console, fail, fail_at, instant, plain, say_json
+from ztpm.cli.provider.party_keys import raw_of
 from ztpm.cli.provider.person import (
     CellDirectory,
     Issuer,
@@ -87,7 +88,7 @@ def register(
     as_json: Json = False,
 ) -> None:
     """Register a sponsor, or propose an approver or administrator, whom another administrator confirms."""
-    raw, roles = _raw(public), [each.value for each in role]
+    raw, roles = raw_of(public), [each.value for each in role]
     known_name(person)
     with _caller(signer) as caller:
         if set(roles) == {Role.SPONSOR.value}:
@@ -107,24 +108,25 @@ def add_key(
     as_json: Json = False,
 ) -> None:
     """Propose a further key of one's own, as for a second machine. It gives no second vote."""
-    raw = _raw(public)
+    raw = raw_of(public)
     with _caller(signer) as caller:
         change = caller.propose_key(raw)
     _wait(change, as_json=as_json)
 
 
-@app.command("end")
+@app.command("retire")
 @signed
-def end(
+def retire(
     person: PersonName,
     *,
     reason: Reason,
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """End a person and all authority under it, for ever.
+    """Retire a person: it and all authority under it have ended, for ever.
 
-    For a sponsor or oneself it happens at once; another administrator confirms the end of any other.
+    For a sponsor or oneself it happens at once; another administrator confirms the end of any other. People are not
+    suspended: suspend their agents, or retire them.
     """
     from ztpm_idp.client import ClientError
 
@@ -207,7 +209,7 @@ def recover(
     """
     from ztpm_idp.client import Operator
 
-    raw = _raw(public)
+    raw = raw_of(public)
     known_name(person)
     if bool(issuer) != (key is not None) or (issuer and directory is not None):
         fail("WHICH_KEY", "give --data, or --issuer and --key together")
@@ -240,18 +242,6 @@ def _caller(signer: Signer) -> Iterator[Operator]:
     person = signer.operator()
     with refusals(), person:
         yield person
-
-
-def _raw(public: str) -> bytes:
-    from capabilities.keys import keys
-    from capabilities.values.errors import BadKeyError
-
-    try:
-        raw = keys.unb64u(public)
-        keys.check_raw(raw)
-    except BadKeyError as error:
-        fail("KEY_MALFORMED", f"--public: {error.detail}")
-    return raw
 
 
 def _say(sentence: str, told: dict[str, object], *, as_json: bool) -> None:

@@ -1,13 +1,15 @@
 """Commands of a person: the signing key, the identity provider, and the end of a command at a refusal.
 
-The key comes from a cell's directory (`--data DIR --as NAME`), or from a file of one's own with the provider's address
-(`--issuer URL --key FILE --as NAME`). Its passphrase comes from ZTPM_PASSPHRASE, or is asked for.
+The key comes from a directory of a cell or provider (`--data DIR --as NAME`), or from a file of one's own with the
+provider's address (`--issuer URL --key FILE --as NAME`). What the options leave out the environment may say: ZTPM_DATA,
+or ZTPM_ISSUER and ZTPM_KEY, and ZTPM_AS. The passphrase comes from ZTPM_PASSPHRASE, or is asked for.
 """
 
 from __future__ import annotations
 
 import inspect
 import json
+import os
 import re
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -31,10 +33,18 @@ if TYPE_CHECKING:
 NAME: Final = re.compile(REGISTERED, re.ASCII)
 """The form of a registered id: a safe part of a path."""
 
-CellDirectory = Annotated[Path | None, typer.Option("--data", help="The cell's directory (default: .ztpm).")]
-As = Annotated[str, typer.Option("--as", help="Whose key signs.")]
-Issuer = Annotated[str, typer.Option("--issuer", help="The identity provider, instead of --data.")]
-KeyFile = Annotated[Path | None, typer.Option("--key", help="The key's file, with --issuer.")]
+PLACE_VARIABLE: Final = "ZTPM_DATA"
+ISSUER_VARIABLE: Final = "ZTPM_ISSUER"
+KEY_VARIABLE: Final = "ZTPM_KEY"
+
+CellDirectory = Annotated[
+    Path | None, typer.Option("--data", help="Directory of the cell or provider (default: ZTPM_DATA, else .ztpm).")
+]
+As = Annotated[str, typer.Option("--as", help="Whose key signs.", envvar="ZTPM_AS")]
+Issuer = Annotated[
+    str, typer.Option("--issuer", help="The identity provider, instead of --data (default: ZTPM_ISSUER).")
+]
+KeyFile = Annotated[Path | None, typer.Option("--key", help="The key's file, with --issuer (default: ZTPM_KEY).")]
 Json = Annotated[bool, typer.Option("--json", help="JSON instead of text.")]
 Reason = Annotated[str, typer.Option("--reason", help="Why, for the ledger.")]
 
@@ -45,7 +55,7 @@ class Signer:
 
     Attributes:
         name: the person's id.
-        directory: the cell's directory.
+        directory: of the cell or provider.
         issuer: the identity provider, with `key`, instead of `directory`.
         key: file of the person's key.
     """
@@ -107,8 +117,7 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
     from ztpm_idp.client import Operator
 
     known_name(name)
-    if bool(issuer) != (key is not None) or (issuer and directory is not None):
-        fail("WHICH_KEY", "give --data, or --issuer and --key together")
+    directory, issuer, key = place_of(directory, issuer, key)
     if key is not None:
         return _told(Operator(name, open_key(key), issuer))
     layout = layout_of(directory)
@@ -116,6 +125,21 @@ def operator(*, directory: Path | None, name: str, issuer: str, key: Path | None
     if not path.exists():
         fail("OPERATOR_UNKNOWN", f"{path} is missing")
     return _told(Operator(name, open_key(path), issuer_of(layout)))
+
+
+def place_of(directory: Path | None, issuer: str, key: Path | None) -> tuple[Path | None, str, Path | None]:
+    """Directory, or issuer and key, as the options say, or else the environment; the command ends where neither does.
+
+    A directory that is told nowhere is None, the usual one.
+    """
+    if directory is None and not issuer and key is None and not os.environ.get(PLACE_VARIABLE):
+        issuer, named = os.environ.get(ISSUER_VARIABLE, ""), os.environ.get(KEY_VARIABLE, "")
+        key = Path(named) if named else None
+    elif issuer and key is None and (named := os.environ.get(KEY_VARIABLE, "")):
+        key = Path(named)
+    if bool(issuer) != (key is not None) or (issuer and directory is not None):
+        fail("WHICH_KEY", "give --data, or --issuer and --key together")
+    return directory, issuer, key
 
 
 def _told(person: Operator) -> Operator:
@@ -131,17 +155,17 @@ def known_name(name: str) -> None:
 
 
 def layout_of(directory: Path | None) -> Layout:
-    """The cell in a directory, or the command ends."""
+    """Files of a cell or provider in a directory, or the command ends."""
     from ztpm.base.layout import Layout
 
-    layout = Layout((directory or Path(".ztpm")).resolve())
+    layout = Layout((directory or Path(os.environ.get(PLACE_VARIABLE) or ".ztpm")).resolve())
     if not layout.trust.exists():
         fail("NOT_A_CELL", f"{layout.trust} is missing")
     return layout
 
 
 def issuer_of(layout: Layout) -> str:
-    """Base URL of the cell's identity provider, from its trust bundle."""
+    """Base URL of the identity provider, from its trust bundle."""
     from capabilities.keys.trust import TrustBundle
     from capabilities.values.errors import CapabilityError
 

@@ -1,4 +1,4 @@
-"""`ztpm token issue`, `delegate` and `inspect`, and `ztpm revoke`: authority lent, looked into, and taken back.
+"""`ztpm token issue` and `delegate`, and `ztpm revoke`: authority lent and taken back.
 
 A token is written to a file that only its owner can read; it is never shown. Exit status: 0 done, 1 failure, 2 usage,
 3 refused.
@@ -6,9 +6,7 @@ A token is written to a file that only its owner can read; it is never shown. Ex
 
 from __future__ import annotations
 
-import json
 import re
-import sys
 import time
 from dataclasses import replace
 from enum import StrEnum
@@ -17,10 +15,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 import typer
 
+from capabilities.values import budgets, strict_json
 from capabilities.values.caps import DEFAULT
-from capabilities.values.errors import CapabilityError, Fault, TokenError
+from capabilities.values.errors import CapabilityError
 from capabilities.values.scope import Budget
-from ztpm.cli.output import console, fail, fail_at, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.agent import Software, agent_of
 from ztpm.cli.provider.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
 
@@ -31,6 +30,10 @@ if TYPE_CHECKING:
     from ztpm_idp.client import Issued
 
 T = TypeVar("T")
+MINUTES: Final = 15
+"""Ours: life of a token of the default scope, where none is stated."""
+EARLY_S: Final = 5
+"""A window from now on begins so long before now, since two machines' clocks differ a little (`Caps.skew_s`)."""
 
 app = typer.Typer(no_args_is_help=True, help="Tokens: lend authority, lend a part of it on, look into one.")
 
@@ -45,43 +48,6 @@ Budgeted = Annotated[list[str] | None, typer.Option("--budget", help=_BUDGET_HEL
 _FORM: Final = re.compile(r"(\S+): ([1-9][0-9]{0,15})(?: (\S+))? in ([1-9][0-9]{0,6})(?: at (\S+))?")
 
 
-@app.command("inspect")
-def inspect(
-    source: Annotated[str, typer.Argument(help="A file that holds the token's text, or - for standard input.")],
-    trust: Annotated[Path, typer.Option("--trust", help="The trust bundle.", exists=True, dir_okay=False)],
-    *,
-    as_json: Json = False,
-) -> None:
-    """Show sponsor, hops, scope and limits of a token that verifies.
-
-    It comes from a file, since it is a secret.
-    """
-    from capabilities.keys.trust import TrustBundle
-    from capabilities.token.token_text import token_from_text
-    from capabilities.token.verify import inspect_token
-
-    try:
-        bundle = TrustBundle.from_json(trust.read_bytes())
-        text = (
-            sys.stdin.read().removeprefix("\ufeff") if source == "-" else Path(source).read_text("utf-8-sig")
-        ).strip()
-    except CapabilityError as error:
-        fail("TRUST_MALFORMED", f"{trust}: {error}")
-    except (OSError, UnicodeDecodeError) as error:
-        fail_at(source, error, "UNREADABLE")
-    token = token_from_text(text, DEFAULT)
-    if isinstance(token, Fault):
-        fail(str(token.code), f"{token.clause} {token.detail}".strip())
-    try:
-        seen = inspect_token(token, bundle, DEFAULT)
-    except TokenError as error:
-        fail(str(error.code), error.detail)
-    if as_json:
-        say_json({"ok": True, **seen})
-    else:
-        console.print_json(json.dumps(seen))
-
-
 @app.command("issue")
 def issue(
     agent: Annotated[str, typer.Argument(metavar="AGENT", help="Who receives it.")],
@@ -94,7 +60,10 @@ def issue(
     ] = None,
     budget: Budgeted = None,
     delegate: Annotated[list[str] | None, typer.Option(help="Whom it may lend to, with the default scope.")] = None,
-    minutes: Annotated[int, typer.Option(min=1, max=60, help="How long, with the default scope.")] = 15,
+    minutes: Annotated[
+        int | None,
+        typer.Option(min=1, max=60, help="How long from now (default: the scope's own window, else 15)."),
+    ] = None,
     name: As,
     directory: CellDirectory = None,
     as_json: Json = False,
@@ -103,11 +72,13 @@ def issue(
     from capabilities.values.scope_json import scope_from_json
 
     check_new(out)
-    lent = (
-        arm_scope(directory, frozenset(delegate or ()), 60 * minutes)
-        if scope is None
-        else read_as(scope, scope_from_json)
-    )
+    if scope is None:
+        lent = arm_scope(directory, frozenset(delegate or ()), 60 * (minutes or MINUTES))
+    else:
+        lent = read_as(scope, scope_from_json)
+        if minutes is not None:
+            now = int(time.time())
+            lent = replace(lent, not_before=now - EARLY_S, not_after=now + 60 * minutes)
     grants = with_budgets(lent.grants, budget or (), audiences=lent.audiences)
     lent = replace(lent, grants=grants or lent.grants)
     person = operator(directory=directory, name=name, issuer="", key=None)
@@ -166,7 +137,6 @@ def with_budgets(
         stated: each budget as the command line has it.
         audiences: likewise; the only one is that of a budget that names none.
     """
-    from capabilities.values import budgets
     from capabilities.values.well_formed import well_formed_grants
 
     kept = {f"{grant.object}/{grant.operation}": grant for grant in grants or ()}
@@ -195,7 +165,9 @@ def with_budgets(
 
 
 def arm_scope(directory: Path | None, delegates: frozenset[str], lifetime_s: int) -> Scope:
-    """The whole arm of a cell, up to tier 3, for so long from now."""
+    """The whole arm of a cell up to tier 3, for so long, or the end of the command."""
+    if not layout_of(directory).cell_config.exists():
+        fail("SCOPE_MISSING", "give --scope: the usual one is that of a cell's arm")
     from ztpm.cell.setup import SetupError, read_addresses
     from ztpm.stage.lending import sweep_scope
 
@@ -208,8 +180,6 @@ def arm_scope(directory: Path | None, delegates: frozenset[str], lifetime_s: int
 
 def read_as(path: Path, parse: Callable[[object], T]) -> T:
     """The JSON of a file, parsed strictly, or the command ends."""
-    from capabilities.values import strict_json
-
     try:
         return parse(strict_json.parse_object(strict_json.without_mark(path.read_bytes())))
     except CapabilityError as error:

@@ -84,6 +84,8 @@ def replace_key(rules: Rules, state: State, command: ReplaceKey) -> Outcome:
         return Refusal(IdpCode.NOT_FOUND, f"no such {command.kind}")
     if party.standing is Standing.REVOKED:
         return Refusal(IdpCode.PARTY_ENDED, "it has ended, for ever: register another")
+    if command.key == party.key:
+        return ()  # it was replaced before, and the answer was lost
     if command.key in rules.own_keys or command.key in state.key_owners:
         return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role, also after it was replaced")
     promised = (

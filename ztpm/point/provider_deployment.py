@@ -1,0 +1,63 @@
+"""Deployment of an identity provider, checked whole before it serves: one way for the service and `ztpm doctor`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from ztpm_idp.keys.key_ring import check_current
+from ztpm_idp.login_settings import load_login_providers
+from ztpm_idp.safe_files import check_files
+from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from capabilities.statements.workload import Platform
+    from policies.decision.policy import PolicySet
+    from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.login_settings import LoginProvider
+    from ztpm_idp.settings import FileSettings
+
+
+@dataclass(frozen=True, slots=True)
+class ProviderDeployment:
+    """Parts of which a provider is made, each checked.
+
+    Attributes:
+        settings: of idp.toml.
+        keys: its private keys.
+        platform: the platform whose workload tokens count, if any.
+        policies: the set that decides on delegations.
+        login_providers: OpenID providers at which people may log in.
+    """
+
+    settings: FileSettings
+    keys: IdpKeys
+    platform: Platform | None
+    policies: PolicySet
+    login_providers: tuple[LoginProvider, ...]
+
+
+def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
+    """The deployment of a configuration file, when nothing in it is insecure or empty.
+
+    Args:
+        config: idp.toml.
+        passphrase: of the key files.
+        at: seconds since the epoch.
+
+    Raises:
+        ztpm_idp.keys.key_files.SettingsError: naming the first setting that is refused.
+    """
+    settings = load_settings(config)
+    check_files(settings, config, at=at)
+    keys = load_keys(settings, config.parent, passphrase)
+    check_current(keys, at=at)
+    return ProviderDeployment(
+        settings,
+        keys,
+        load_platform(settings, config.parent, keys),
+        load_policies(settings, config.parent),
+        load_login_providers(settings.login_providers, config.parent),
+    )
