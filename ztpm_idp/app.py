@@ -18,6 +18,7 @@ from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
 from ztpm_idp.login.pages import PageProblem, problem_page
 from ztpm_idp.provider.audit import LedgerFollower
+from ztpm_idp.provider.confirmations import Confirmations
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
@@ -30,6 +31,7 @@ from ztpm_idp.routes import (
     mandates,
     openid,
     people,
+    points,
     registry,
     restoring,
     service,
@@ -69,6 +71,8 @@ _PARTS: Final = (
     login,
     audit,
     openid,
+    audit,
+    points,
 )
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"
@@ -107,6 +111,7 @@ def create_app(
         try:
             app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
             app.state.heartbeat = Heartbeat(app.state.provider)
+            app.state.confirmations = Confirmations(store)
             app.state.ledger_follower = LedgerFollower(store)
             app.state.login_providers = {
                 each.stated.name: OpenIdProvider(

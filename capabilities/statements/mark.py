@@ -1,4 +1,7 @@
-"""Signed mark of an enforcement point: how far it followed a feed, and what it knows to be revoked ([STM-15])."""
+"""Signed mark of an enforcement point: how far it followed a feed, and what it knows to be revoked.
+
+Told to a provider that is being restored ([STM-15]), and without entries to confirm a view ([STM-17]).
+"""
 
 from __future__ import annotations
 

@@ -26,6 +26,7 @@ from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
 from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
+from pep.provider.feed_confirmation import FeedConfirmation
 from pep.provider.feed_mark import FeedMark, KeptRevocations, signed_marks
 from pep.provider.trust_feed import HEADER, TrustFeed
 
@@ -145,6 +146,7 @@ class ProviderFollower:
         self._peps: dict[str, bytes] = {}
         self.trusts = TrustFeed(self._get, trust, caps=caps, clock=clock, incident=incident)
         self.trusts.followers.append(self._trust_newer)
+        self._confirmation = FeedConfirmation(self._post_mark, issuer=issuer, key=key, clock=clock)
         self.standings = ConductFeed(
             self._get_proven, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident
         )
@@ -208,7 +210,9 @@ class ProviderFollower:
         """
         self._loop = asyncio.get_running_loop()
         self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
-        beside = [asyncio.create_task(part) for part in (self._listen(), self.standings.run(), self.trusts.run())]
+        confirming = self._confirmation.run(lambda: self._known, self._next_pull)
+        parts = self._listen(), self.standings.run(), self.trusts.run(), confirming
+        beside = [asyncio.create_task(part) for part in parts]
         try:
             while True:
                 started = self._clock.monotonic_ms()
@@ -266,6 +270,9 @@ class ProviderFollower:
                 borne_out = self._clock.monotonic_ms() - asked_ms >= BACKOFF_S * 1000
             if not borne_out:
                 await asyncio.sleep(BACKOFF_S)
+
+    async def _next_pull(self) -> None:
+        await self._over.wait()
 
     async def _pulled(self, before: int) -> None:
         """Waits until a pull has ended that began after `before` of them had begun."""
@@ -431,13 +438,19 @@ class ProviderFollower:
         at, url = int(self._clock.wall_s()), f"{self._issuer}/restoring/marks"
         for text in signed_marks(mark, self._kept.revoked, key=self._key, at=at):
             body = strict_json.canonical({"mark": text})
-            headers = {"content-type": "application/json", "dpop": self._proof("POST", url, body)}
-            try:
-                response = await self._http.post(url, content=body, headers=headers, timeout=TELL_TIMEOUT_S)
-            except httpx2.HTTPError as error:
-                raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
-            if response.status_code != 200:
-                raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code} to a mark")
+            await self._post(url, body, {"dpop": self._proof("POST", url, body)})
+
+    async def _post_mark(self, body: bytes) -> None:
+        await self._post(f"{self._issuer}/revocations/marks", body, {})  # signed itself, and good again
+
+    async def _post(self, url: str, body: bytes, headers: dict[str, str]) -> None:
+        headers = {"content-type": "application/json"} | headers
+        try:
+            response = await self._http.post(url, content=body, headers=headers, timeout=TELL_TIMEOUT_S)
+        except httpx2.HTTPError as error:
+            raise FeedError(PepFault.FEED_UNREACHABLE, type(error).__name__) from error
+        if response.status_code != 200:
+            raise FeedError(PepFault.FEED_UNREACHABLE, f"status {response.status_code} to a mark")
 
     def _proof(self, method: str, url: str, body: bytes) -> str:
         at, jti = int(self._clock.wall_s()), secrets.token_urlsafe(NONCE_BYTES)

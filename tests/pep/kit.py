@@ -533,6 +533,7 @@ class FakeIssuer:
         self.asked = []
         self.restoring, self.marks, self.mark_status = False, [], 200
         self.bundles, self.trust_hint = [], None
+        self.confirmed = []
 
     def revoke(self, kind, identity):
         self.epoch += 1
@@ -567,6 +568,9 @@ class FakeIssuer:
                 return self.take_ask(request)
             case "/approvals/answers":
                 return self.proven(request) or httpx2.Response(200, text=self.answers(**query))
+            case "/revocations/marks":
+                self.confirmed.append(json.loads(request.content)["mark"])
+                return httpx2.Response(self.mark_status)
             case "/restoring/marks":
                 return self.proven(request) or self.take_mark(json.loads(request.content)["mark"])
             case "/ledger/records":

@@ -128,6 +128,25 @@ def test_ready_work_and_clean_end_without_a_secret_on_the_outputs(process):
     ).stat().st_mode & 0o077 == 0
 
 
+def test_events_come_over_the_wire_and_hold_up_no_clean_end(process):
+    lines = []
+    with process.operator() as alice, httpx2.Client(timeout=30) as http:
+        with http.stream("GET", process.issuer + "/revocations/events", params={"since": "0"}) as stream:
+            assert stream.headers["content-type"].startswith("text/event-stream")
+            coming = stream.iter_lines()
+            lines.append(next(coming))
+            epoch = alice.revoke("hop", "a" * 32, "test")
+            while lines[-1] != f'data: {{"epoch":{epoch}}}':
+                lines.append(next(coming))
+        assert {f"id: {epoch}", "event: epoch", "retry: 1000"} <= set(lines)
+        again = {"last-event-id": "0"}
+        with http.stream("GET", process.issuer + "/revocations/events", params={"since": "9"}, headers=again) as stream:
+            assert f"id: {epoch}" in [line for line, _ in zip(stream.iter_lines(), range(8), strict=False)]
+            began = time.monotonic()
+            assert process.end(signal.SIGTERM) == 0
+            assert time.monotonic() - began < 4, "the server's own patience is 5 s"
+
+
 def test_who_waits_for_a_revocation_holds_up_no_clean_end(process):
     answers = []
 

@@ -101,6 +101,7 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "feed_points",
     "ledger_tiles",
     "ledger_index",
     "ledger_followed",

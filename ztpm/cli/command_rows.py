@@ -90,8 +90,7 @@ ROWS: Final = (
         "revoke",
         PEOPLE,
         "ztpm.cli.provider.token:revoke",
-        "Revoke a token, hop, agent, key, sponsor, audience or "
-        "mandate; enforcement points know within a feed's period.",
+        "Revoke a token, hop, agent, key, sponsor, audience or mandate, and show which enforcement points confirm it.",
     ),
     CommandRow("approvals", PEOPLE, "ztpm.cli.provider.approvals:app", "Questions to people, and their answers."),
     CommandRow(

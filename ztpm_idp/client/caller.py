@@ -49,10 +49,12 @@ class Revocation:
     Attributes:
         epoch: the one at which it holds.
         known: whether the provider ever made or registered such a thing; otherwise the id may be a slip.
+        at_ms: when it was acknowledged, by the provider's clock; 0 of an earlier provider.
     """
 
     epoch: int
     known: bool
+    at_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +133,18 @@ class Caller:
         """Revokes as `revoke` does, and tells whether the provider ever knew such a thing."""
         answer = self._post("/revocations", {"kind": kind, "id": id, "reason": reason})
         try:
-            return Revocation(int(answer["epoch"]), known=answer["known"] is True)
+            return Revocation(int(answer["epoch"]), known=answer["known"] is True, at_ms=int(answer.get("at_ms", 0)))
         except (KeyError, ValueError, TypeError):
             raise ClientError("ANSWER_MALFORMED", 200) from None
+
+    def points(self) -> dict[str, Any]:
+        """Newest line and epoch of the feed, and `points`: how far each enforcement point says that it follows.
+
+        Each has pep, audiences, line, epoch, confirmed_ms (when that came), heard_ms and connected; times are the
+        provider's, milliseconds since the epoch, as `now_ms` is.
+        """
+        found: dict[str, Any] = self._json(self._send("GET", "/revocations/points", b"", None))
+        return found
 
     def mandates(self) -> list[dict[str, Any]]:
         """Mandates that this caller signed or may draw from, the newest first; every one for an administrator.

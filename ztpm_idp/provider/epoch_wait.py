@@ -13,7 +13,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.provider.problems import Problem
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Coroutine
+    from collections.abc import AsyncIterator, Awaitable, Callable, Coroutine
 
 LONGEST_S: Final = 20.0
 """Longest wait for one answer: below the 30 s after which common proxies drop a silent request."""
@@ -56,19 +56,21 @@ class EpochWait:
         self._closed = True
         self._wake()
 
-    async def above(self, since: int, *, gone: Callable[[], Coroutine[None, None, None]]) -> int:
+    async def above(
+        self, since: int, *, gone: Callable[[], Coroutine[None, None, None]], longest_s: float | None = None
+    ) -> int:
         """The epoch, as soon as it is above `since`, and at the latest after the longest wait.
 
         Args:
             since: the epoch that the caller knows.
             gone: a task that ends when the caller has hung up, and so ends the wait.
+            longest_s: longest wait in place of the ordinary one.
 
         Raises:
             Problem: `TOO_MANY_WAITERS`.
             StoreUnavailableError: the store cannot be read.
         """
-        if self._waiting >= self._most:
-            raise Problem(IdpCode.TOO_MANY_WAITERS, f"{self._most} requests are waiting")
+        self.check_place()
         self._waiting += 1
         left = asyncio.create_task(gone())
         try:
@@ -79,7 +81,8 @@ class EpochWait:
                 return epoch
             grew = asyncio.create_task(grown.wait())
             try:
-                await asyncio.wait({grew, left}, timeout=self._longest_s, return_when=asyncio.FIRST_COMPLETED)
+                longest_s = self._longest_s if longest_s is None else longest_s
+                await asyncio.wait({grew, left}, timeout=longest_s, return_when=asyncio.FIRST_COMPLETED)
             finally:
                 grew.cancel()
             return self._highest if self._highest > since else await self._epoch()
@@ -87,6 +90,36 @@ class EpochWait:
             left.cancel()
             self._waiting -= 1
 
+    def check_place(self) -> None:
+        """Checks that one more may wait.
+
+        Raises:
+            Problem: `TOO_MANY_WAITERS`.
+        """
+        if self._waiting >= self._most:
+            raise Problem(IdpCode.TOO_MANY_WAITERS, f"{self._most} requests are waiting")
+
+    async def growing(self, since: int, *, longest_s: float) -> AsyncIterator[int]:
+        """Each epoch above `since` as it comes, the newest alone where several came at once.
+
+        It ends with the service, after `longest_s`, and at once where no place is left.
+        """
+        until = _now() + longest_s
+        while not self._closed and self._waiting < self._most and (left := until - _now()) > 0:
+            epoch = await self.above(since, gone=_never, longest_s=min(left, self._longest_s))
+            if epoch > since:
+                since = epoch
+                yield epoch
+
     def _wake(self) -> None:
         grown, self._grown = self._grown, asyncio.Event()
         grown.set()
+
+
+def _now() -> float:
+    return asyncio.get_running_loop().time()
+
+
+async def _never() -> None:
+    """Ends never: who listens to events is let go by the server when the connection ends."""
+    await asyncio.Event().wait()

@@ -71,7 +71,7 @@ class ProvenCall:
         Raises:
             Problem: with the code of the fault.
         """
-        return _body(model, self.raw)
+        return parsed(model, self.raw)
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +106,12 @@ def _kept(sent: SignedRequest, raw: bytes) -> SignedRequest:
     return replace(sent, body=body.decode())
 
 
-def _body(model: type[B], raw: bytes) -> B:
+def parsed(model: type[B], raw: bytes) -> B:
+    """A body as `model`.
+
+    Raises:
+        Problem: with the code of the fault.
+    """
     try:
         return parse_body(model, raw)
     except BodyError as error:

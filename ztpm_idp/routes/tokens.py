@@ -114,7 +114,8 @@ async def revoke(request: Request, call: Caller) -> dict[str, Any]:
     provider = provider_of(request)
     async with provider.store.read() as view:  # before: after the commit nothing may stand between it and its answer
         known = await view.knows(body.kind, body.id)
-    return {"epoch": (await provider.run(command, actor=call.party.id)).epoch, "known": known}
+    epoch = (await provider.run(command, actor=call.party.id)).epoch
+    return {"epoch": epoch, "known": known, "at_ms": provider.now_ms()}
 
 
 @router.get("/revocations", response_class=PlainTextResponse)

@@ -370,3 +370,14 @@ ledger_followed = sa.Table(
     sa.CheckConstraint("singleton = 1", name="one_row"),
 )
 """One row: number of entries that are in the tree and in the index. No command reads or locks it."""
+
+feed_points = sa.Table(
+    "feed_points",
+    metadata,
+    sa.Column("pep", sa.ForeignKey("parties.id"), primary_key=True),
+    sa.Column("line", sa.BigInteger, nullable=False),
+    sa.Column("epoch", sa.BigInteger, nullable=False),
+    sa.Column("confirmed_ms", sa.BigInteger, nullable=False),
+    sa.Column("heard_ms", sa.BigInteger, nullable=False),
+)
+"""The highest mark of each enforcement point, when it came, and when the point was heard last."""

@@ -76,6 +76,7 @@ from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.people import People
+from ztpm_idp.store.points import Points
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
 from ztpm_idp.store.sessions import Sessions
@@ -110,6 +111,7 @@ class Transaction:
         self.audit = Audit(connection)
         self.lending = Lending(connection)
         self.people = People(connection)
+        self.points = Points(connection)
         self.revocations = Revocations(connection, self._counting)
         self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)

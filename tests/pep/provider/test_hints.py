@@ -13,6 +13,7 @@ from pep.provider.feed_mark import FeedMarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
 from capabilities.keys import keys
+from capabilities.statements import mark
 
 pytestmark = pytest.mark.real_time
 
@@ -98,6 +99,35 @@ def test_a_hint_brings_the_revocation_without_waiting_for_the_period(world):
 
     world.scenario(act)
     assert len(world.follower.view().revoked) == 5
+    assert world.incidents == []
+
+
+@pytest.mark.clause("STM-17")
+def test_each_view_that_is_in_force_is_confirmed_by_this_points_key(world):
+    def newest():
+        return [mark.open(text, {keys.public_raw(PEP_KEY)}, CAPS) for text in world.issuer.confirmed]
+
+    async def act():
+        await world.until(lambda: len(newest()) == 1)
+        world.issuer.revoke("agent", "agent-1")
+        await world.until(lambda: len(newest()) == 2)
+
+    world.scenario(act)
+    before, after = newest()
+    assert (before.epoch, after.epoch, after.entries, after.remaining) == (0, 1, (), 0)
+    assert after.head == world.follower._mark.head
+    assert world.incidents == []
+
+
+@pytest.mark.clause("STM-17")
+def test_a_provider_that_takes_no_confirmation_is_followed_all_the_same(world):
+    world.issuer.mark_status = 404
+
+    async def act():
+        world.issuer.revoke("agent", "agent-1")
+        await world.until(world.sees(1))
+
+    world.scenario(act)
     assert world.incidents == []
 
 

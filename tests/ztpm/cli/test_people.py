@@ -28,6 +28,31 @@ def software(tmp_path):
     return path
 
 
+POINTS = {"line": 0, "epoch": 9, "now_ms": 1, "points": []}
+
+
+def point(name, epoch, *, connected=True, confirmed_ms=1_000):
+    return {"pep": name, "line": 0, "epoch": epoch, "confirmed_ms": confirmed_ms, "heard_ms": 1, "connected": connected}
+
+
+def test_a_revocation_shows_who_confirms_it_and_waits_no_longer_than_asked(run, who, double):
+    seen = [point("cell-1", 7, confirmed_ms=1_084), point("cell-2", 6), point("cell-3", -1, connected=False)]
+    double.answers = {"revocation": Revocation(7, known=True, at_ms=1_000), "points": POINTS | {"points": seen}}
+    told = run("revoke", "agent", "mover", "--reason", "gone", "--wait", 0.1, *who, "--json")
+    assert told.json["points"] == {
+        "confirmed_after_ms": {"cell-1": 84}, "waiting": ["cell-2"], "not_connected": ["cell-3"],
+    }  # fmt: skip
+    told = run("revoke", "agent", "mover", "--reason", "gone", "--wait", 0.1, *who)
+    assert (told.status, "cell-1  confirmed after 0.084 s" in told.out, "cell-2  connected" in told.out) == (
+        0,
+        True,
+        True,
+    )
+    double.answers["points"] = ClientError("PATH_UNKNOWN", 404)
+    told = run("revoke", "agent", "mover", "--reason", "gone", *who, "--json")
+    assert (told.status, told.json["points_unknown"]) == (0, "PATH_UNKNOWN"), "it is revoked all the same"
+
+
 COMMANDS = {
     "revoke": (["revoke", "agent", "mover", "--reason", "gone"], "revocation", Revocation(7, known=True)),
     "retire": (["agent", "retire", "mover", "--reason", "gone"], "retire_agent", 7),
@@ -41,7 +66,7 @@ COMMANDS = {
 def test_done_refused_and_unreachable(run, who, double, command):
     arguments, method, answer = COMMANDS[command]
     assert run(*arguments, "--help").status == 0
-    double.answers = {method: answer}
+    double.answers = {method: answer, "points": POINTS}
     assert run(*arguments, *who).status == 0
     assert run(*arguments, *who, "--json").json["ok"] is True
     for code, http, status in (("NOT_PERMITTED", 403, 3), ("UNREACHABLE", 0, 1)):
@@ -124,7 +149,7 @@ def test_a_new_key_is_made_once_and_its_public_half_is_told(run, tmp_path):
 @pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience"])
 def test_every_kind_is_revoked(run, who, double, kind):
     double.answers = {"revocation": Revocation(3, known=False)}
-    told = run("revoke", kind, "some-id", "--reason", "why", *who, "--json")
+    told = run("revoke", kind, "some-id", "--reason", "why", "--wait", 0, *who, "--json")
     assert told.json == {"ok": True, "kind": kind, "id": "some-id", "epoch": 3, "known": False}
     assert double.asked == [("revocation", (kind, "some-id", "why"), {})]
 

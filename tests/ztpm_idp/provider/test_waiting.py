@@ -196,3 +196,45 @@ def test_a_revocation_that_is_not_committed_is_not_told(world, monkeypatch):
         world.people["alice"].revoke("hop", "a" * 32, "test")
     assert caught.value.code == "STORE_UNAVAILABLE"
     assert told == []
+
+
+# --- server-sent events ----------------------------------------------------------------------------------------------
+
+
+def test_events_tell_each_new_epoch_and_end_with_the_service():
+    async def go():
+        scene = Scene()
+        scene.epoch = 2
+        events = scene.wait.growing(1, longest_s=30.0)
+        assert await anext(events) == 2, "what was before is told at once"
+        coming = asyncio.ensure_future(anext(events))
+        while scene.wait._waiting == 0:
+            await asyncio.sleep(0)
+        scene.commit()
+        assert await coming == 3
+        scene.wait.close()
+        assert [epoch async for epoch in events] == []
+        assert scene.wait._waiting == 0
+
+    asyncio.run(go())
+
+
+def test_events_are_bounded_in_time_and_number():
+    async def go():
+        scene = Scene(most=1)
+        assert [epoch async for epoch in scene.wait.growing(0, longest_s=0.01)] == []
+        holder = asyncio.create_task(scene.wait.above(0, gone=forever))
+        while scene.wait._waiting == 0:
+            await asyncio.sleep(0)
+        with pytest.raises(Problem):
+            scene.wait.check_place()
+        assert [epoch async for epoch in scene.wait.growing(0, longest_s=30.0)] == []
+        holder.cancel()
+
+    asyncio.run(go())
+
+
+@pytest.mark.parametrize("query", ["", "?since=x", "?since=1&since=2", "?since=1&more=1"])
+def test_events_of_nothing(world, query):
+    with world.anonymous() as http:
+        assert http.get(ISSUER + f"/revocations/events{query}").json()["code"] == "QUERY_MALFORMED"

@@ -216,10 +216,9 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
-        "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
+        "/restoring/marks", "/revocations/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
         "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
         *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
-        "/login/links",
         "/login/links", "/changes/login", "/logins/end",
     }  # fmt: skip
     assert gets == {
@@ -227,7 +226,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/peps", "/sensors", "/tools",
-        "/ledger/checkpoint", "/ledger/proofs/inclusion", "/ledger/proofs/consistency", "/ledger/entries/{number}", "/ledger/search",
+        "/ledger/checkpoint", "/ledger/proofs/inclusion", "/ledger/proofs/consistency", "/ledger/entries/{number}", "/ledger/search", "/revocations/points", "/revocations/events",
     }  # fmt: skip
 
 

@@ -20,6 +20,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError
 from capabilities.values.scope import Budget
 from ztpm.cli.output import fail, fail_at, say_json
+from ztpm.cli.provider import confirmed
 from ztpm.cli.provider.agent import Software, agent_of
 from ztpm.cli.provider.person import As, CellDirectory, Json, Reason, Signer, layout_of, operator, refusals, signed
 
@@ -232,16 +233,41 @@ def revoke(
     id_: Annotated[str, typer.Argument(metavar="ID", help="As `ztpm token inspect` and `ztpm agent list` show it.")],
     *,
     reason: Reason,
+    wait_s: Annotated[
+        float,
+        typer.Option("--wait", min=0, max=confirmed.LONGEST_WAIT_S, help="Seconds to wait for enforcement points."),
+    ] = confirmed.WAIT_S,
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Revoke a token, hop, agent, key, sponsor, audience or mandate; enforcement points know within a feed's period."""
+    """Revoke a token, hop, agent, key, sponsor, audience or mandate, and show which enforcement points confirm it."""
+    from ztpm_idp.client import ClientError
+
     person = signer.operator()
-    with refusals(), person:
-        made = person.revocation(kind.value, id_, reason)
+    with person:
+        with refusals():
+            made = person.revocation(kind.value, id_, reason)
+        if not as_json:
+            typer.echo(f"Revoked, epoch {made.epoch}.")
+            if not made.known:
+                typer.echo(
+                    f"The identity provider never knew such a {kind.value}: check the id, this may protect nobody."
+                )
+        points, fault = None, ""
+        if wait_s > 0:
+            try:
+                points = confirmed.wait(person, made, wait_s=wait_s, said=_unsaid if as_json else confirmed.say)
+            except ClientError as error:  # it is revoked all the same
+                fault = error.code
     if as_json:
-        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": made.epoch, "known": made.known})
-    else:
-        typer.echo(f"Revoked, epoch {made.epoch}.")
-        if not made.known:
-            typer.echo(f"The identity provider never knew such a {kind.value}: check the id, this may protect nobody.")
+        told: dict[str, object] = {} if points is None else {"points": points.told}
+        told |= {"points_unknown": fault} if fault else {}
+        say_json({"ok": True, "kind": kind.value, "id": id_, "epoch": made.epoch, "known": made.known, **told})
+    elif points is not None:
+        confirmed.say_rest(points)
+    elif fault:
+        typer.echo(f"Which enforcement points have it in force is not known: {fault}.")
+
+
+def _unsaid(name: str, after_ms: int) -> None:
+    """Says nothing: JSON tells all at the end."""
