@@ -17,6 +17,8 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
 from ztpm_idp.login.pages import PageProblem, problem_page
+from ztpm_idp.oauth.problem import OAuthProblem, of_refusal
+from ztpm_idp.oauth.problem import answer as oauth_answer
 from ztpm_idp.provider.audit import LedgerFollower
 from ztpm_idp.provider.confirmations import Confirmations
 from ztpm_idp.provider.feed import Heartbeat
@@ -29,6 +31,8 @@ from ztpm_idp.routes import (
     ledger,
     login,
     mandates,
+    oauth,
+    oauth_registry,
     openid,
     people,
     points,
@@ -52,6 +56,7 @@ if TYPE_CHECKING:
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.keys.watched_file import WatchedFile
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
@@ -67,6 +72,8 @@ _PARTS: Final = (
     approvals,
     conduct,
     restoring,
+    oauth,
+    oauth_registry,
     upkeep,
     login,
     audit,
@@ -85,6 +92,7 @@ def create_app(
     *,
     platform: Platform | None = None,
     policies: PolicySet | None = None,
+    oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
     now: Callable[[], float] = time.time,
     watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
@@ -98,6 +106,7 @@ def create_app(
         keys: the five private keys.
         platform: the platform whose workload tokens are evidence of kind `jwt`; None: there is none.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
+        oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
         now: wall clock, seconds since the epoch.
         watch: names the files that take effect while it serves (`ztpm_idp.watching`).
@@ -109,7 +118,9 @@ def create_app(
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         store = await Store.open(settings.database_url)
         try:
-            app.state.provider = Provider(settings, keys, store, now, platform=platform, policies=decided_by)
+            app.state.provider = Provider(
+                settings, keys, store, now, platform=platform, policies=decided_by, oauth=oauth_keys
+            )
             app.state.heartbeat = Heartbeat(app.state.provider)
             app.state.confirmations = Confirmations(store)
             app.state.ledger_follower = LedgerFollower(store)
@@ -145,8 +156,10 @@ def create_app(
     )
     for part in _PARTS:
         app.include_router(part.router, prefix=path, responses=RESPONSES)
+    app.include_router(oauth.well_known, responses=RESPONSES)
     app.add_exception_handler(PageProblem, _page_problem)
     app.add_exception_handler(Problem, _problem)
+    app.add_exception_handler(OAuthProblem, _oauth_problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
     app.add_exception_handler(SignerUnavailableError, _unsigned)
     app.add_exception_handler(HTTPException, _http)
@@ -172,15 +185,27 @@ async def _problem(_: Request, error: Exception) -> Response:
     return answer(error.code, error.detail, error.explanation)
 
 
+async def _oauth_problem(_: Request, error: Exception) -> Response:
+    if not isinstance(error, OAuthProblem):
+        raise TypeError
+    response = oauth_answer(error)
+    response.headers.update(oauth.CROSS)
+    return response
+
+
 async def _page_problem(_: Request, error: Exception) -> Response:
     if not isinstance(error, PageProblem):
         raise TypeError
     return problem_page(error)
 
 
-async def _unavailable(_: Request, error: Exception) -> Response:
+async def _unavailable(request: Request, error: Exception) -> Response:
     cause = error.__cause__
     logger.error("the store failed: %s", type(cause).__name__)
+    if request.scope["path"].removeprefix(prefix_of(provider_of(request))) in oauth.OF_CLIENTS:
+        return await _oauth_problem(
+            request, of_refusal(IdpCode.STORE_UNAVAILABLE, "nothing was done, as far as is known")
+        )
     return answer(IdpCode.STORE_UNAVAILABLE)
 
 

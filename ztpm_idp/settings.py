@@ -61,6 +61,7 @@ class Stated(BaseModel):
         database_url: `sqlite+aiosqlite:///FILE`, or `postgresql+asyncpg://USER@HOST/NAME`. The password of a server
             is in `PGPASSFILE` or `PGPASSWORD`, its certificate authority in the file that `PGSSLROOTCERT` names.
         policy: the set that decides on delegations: the name of a shipped policy set, or a TOML file.
+        client_documents: OAuth clients may be known by a metadata document, which is fetched from their host.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
         open_asks: asks that may wait for people at a time, one agent's at most a third of them. By default 24: at ten
@@ -79,6 +80,7 @@ class Stated(BaseModel):
     open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
     open_asks: Annotated[int, Field(ge=1, le=STANDING_ASKS)] = 24
     policy: Annotated[str, Field(min_length=1)] = "paper-default"
+    client_documents: bool = False
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
@@ -131,6 +133,8 @@ class FileSettings(Stated):
         pkcs11: the hardware module that holds those private keys of the ring which have no file.
         root_key_id: number of the root key, in every token.
         root_key_file, attester_key_file, feed_key_file, registry_key_file, ledger_key_file: one key for each role.
+        oauth_key_files: keys of the authorization server, the one that signs first; all are published. Without one
+            there is no authorization server here.
         platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
             (Ed25519 or P-256, each with a `kid`). Both or neither; without them there is evidence of kind `key` alone.
             The file is read once: a new key of the platform needs a restart.
@@ -144,6 +148,7 @@ class FileSettings(Stated):
     feed_key_file: KeyFile = None
     registry_key_file: KeyFile = None
     ledger_key_file: KeyFile = None
+    oauth_key_files: list[str] = Field(default_factory=list)
     platform_trust_domain: str | None = None
     platform_jwks_file: str | None = None
 

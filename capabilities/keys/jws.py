@@ -12,7 +12,7 @@ import functools
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final, assert_never
 
-from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey, Ed25519PublicKey
 
 from capabilities.keys import keys, signatures
 from capabilities.keys.keys import Algorithm
@@ -137,6 +137,21 @@ def check(unverified: Unverified, key: bytes) -> bytes:
     if not signatures.verify(key, unverified.signed, unverified.signature):
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "not signed by this key")
     return unverified.payload_raw
+
+
+def public_key(raw: bytes) -> keys.PublicKey:
+    """The key object of a raw public key, for PyJWT.
+
+    Raises:
+        BadKeyError: `KEY_MALFORMED` for a length that no key has, or no point of P-256.
+    """
+    match keys.algorithm_of(raw):
+        case Algorithm.ED25519:
+            return Ed25519PublicKey.from_public_bytes(raw)
+        case Algorithm.P256:
+            return keys.p256_point(raw)
+        case algorithm:
+            assert_never(algorithm)
 
 
 def jwk(raw: bytes) -> dict[str, object]:

@@ -104,6 +104,8 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
             return tier(caps.key_evidence_ceiling)
         case EvidenceKind.JWT:
             return tier(caps.jwt_evidence_ceiling)
+        case EvidenceKind.CLIENT:
+            return tier(caps.client_evidence_ceiling)
         case _:
             assert_never(kind)
 
@@ -115,6 +117,8 @@ def longest_s(kind: EvidenceKind, caps: Caps) -> int:
             return caps.key_evidence_lifetime_s
         case EvidenceKind.JWT:
             return caps.jwt_evidence_lifetime_s
+        case EvidenceKind.CLIENT:
+            return caps.client_evidence_lifetime_s
         case _:
             assert_never(kind)
 

@@ -51,6 +51,10 @@ class Caps:
     """
     jwt_evidence_ceiling: int = 4
     """Highest tier under an attestation of kind `jwt`: the highest there is."""
+    client_evidence_lifetime_s: int = 600
+    """Longest lifetime of a hop whose attestation is of kind `client`: a stolen bearer token may be used."""
+    client_evidence_ceiling: int = 1
+    """Highest tier under an attestation of kind `client`: what can be undone."""
     workload_token_lifetime_s: int = 300
     """Longest life of a platform's token, issue to expiry: SPIRE's default for a JWT-SVID, 5 min."""
     workload_token_bytes: int = 2_048

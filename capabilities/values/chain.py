@@ -22,6 +22,8 @@ class EvidenceKind(StrEnum):
     """The agent's own key signed its own measurement. Proves the key, not the software."""
     JWT = "jwt"
     """Besides, a platform that the identity provider trusts signed its measurement of the software with this key."""
+    CLIENT = "client"
+    """An OAuth client was authorised by a person or mandate. Proves no key of its hop and no software."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,19 +8,22 @@ else. Every refusal is on record.
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Final
+from dataclasses import replace
+from typing import TYPE_CHECKING, Final, Protocol
 from urllib.parse import urlsplit
 
 from capabilities.keys import jws
 from capabilities.proof import mcp_meta
 from capabilities.values.errors import Fault, FaultCode
 from pep.base import caller_place
+from pep.base.access_token import TOKEN_BYTES
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (
     CREDENTIALS,
     HTTP_REQUEST,
     HttpRequest,
     Refusals,
+    access_in,
     answer,
     digest,
     headers_of,
@@ -39,6 +42,7 @@ if TYPE_CHECKING:
 
     from starlette.types import ASGIApp, Receive, Scope, Send
 
+    from pep.base.access_token import Looked
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock
     from pep.request.authority import Authority
@@ -46,6 +50,15 @@ if TYPE_CHECKING:
 
 ALGORITHMS: Final = (jws.EDDSA, jws.ES256)
 """Algorithms of proofs; the holder's key decides which."""
+
+
+class AccessTokens(Protocol):
+    """Port to the identity provider's answers about access tokens."""
+
+    async def look(self, token: str) -> Looked | Fault:
+        """The answer about this access token, or the fault of one that stands for nothing."""
+
+
 WELL_KNOWN: Final = "/.well-known/oauth-protected-resource"
 
 
@@ -60,6 +73,7 @@ class DPoPLayer:
         audience: canonical URL of the server, also the `htu` of every proof.
         issuer: of the tokens, for the metadata.
         clock: both clocks.
+        access: answers about access tokens of OAuth clients; None: this server takes none.
     """
 
     def __init__(
@@ -72,6 +86,7 @@ class DPoPLayer:
         audience: str,
         issuer: str,
         clock: Clock,
+        access: AccessTokens | None = None,
     ) -> None:
         parts = urlsplit(audience)
         self._app = app
@@ -79,6 +94,7 @@ class DPoPLayer:
         self._edge = edge
         self._refusals = Refusals(edge, clock)
         self._tools = tools
+        self._access = access
         self._audience = audience
         self._path = parts.path
         self._metadata_path = f"{WELL_KNOWN}{parts.path}"
@@ -87,7 +103,8 @@ class DPoPLayer:
             {
                 "resource": audience,
                 "authorization_servers": [issuer],
-                "dpop_bound_access_tokens_required": True,
+                "bearer_methods_supported": [] if access is None else ["header"],
+                "dpop_bound_access_tokens_required": access is None,
                 "dpop_signing_alg_values_supported": list(ALGORITHMS),
             }
         ).encode()
@@ -120,7 +137,7 @@ class DPoPLayer:
             )
             return
         http_request = HttpRequest(method, headers_of(scope), body, rpc)
-        credentials = self._credentials(http_request)
+        credentials = await self._credentials_of(http_request)
         fault = credentials.fault
         if fault is not None and not stops(self._tools, http_request.tool):
             where = {
@@ -138,13 +155,38 @@ class DPoPLayer:
         scope[CREDENTIALS], scope[HTTP_REQUEST] = credentials, http_request
         await self._app(scope, replayed(body, receive), send)
 
+    async def _credentials_of(self, http_request: HttpRequest) -> Credentials:
+        """Credentials of an agent, or of an OAuth client: a stop waits for no answer about either."""
+        found = None if self._access is None else access_in(http_request.headers)
+        if found is None or self._access is None or stops(self._tools, http_request.tool):
+            return self._credentials(http_request)
+        token, bearer = found
+        presented = mcp_meta.stray(http_request.rpc.get("params")) or self._presented(http_request)
+        if isinstance(presented, Fault):
+            return Credentials(None, presented)
+        if len(token) > TOKEN_BYTES:
+            return Credentials(None, Fault(FaultCode.TOKEN_MALFORMED, "OAT-1", "too long"))
+        try:
+            looked = await self._access.look(token)
+            if isinstance(looked, Fault):
+                return Credentials(None, looked)
+            return self._authority.check_access(
+                replace(presented, token=token), looked, bearer=bearer, lease_ms=self._lease_ms(http_request)
+            )
+        except Exception as error:  # noqa: BLE001 - a verification that breaks has not verified
+            return Credentials(None, Fault(FaultCode.TOKEN_MALFORMED, "OAT-2", type(error).__name__))
+
+    def _lease_ms(self, http_request: HttpRequest) -> int:
+        """The lease of the asked operation."""
+        operation = self._tools.get(http_request.tool or "")
+        return self._edge.lease_ms(None if operation is None else bare_request(operation, audience=self._audience))
+
     def _credentials(self, http_request: HttpRequest) -> Credentials:
         """Credentials after steps 1 to 10, with the lease of the asked operation.
 
         Every failure on the way is a fault.
         """
-        operation = self._tools.get(http_request.tool or "")
-        lease_ms = self._edge.lease_ms(None if operation is None else bare_request(operation, audience=self._audience))
+        lease_ms = self._lease_ms(http_request)
         presented = mcp_meta.stray(http_request.rpc.get("params")) or self._presented(http_request)
         if isinstance(presented, Fault):
             return Credentials(None, presented)
@@ -175,5 +217,12 @@ class DPoPLayer:
                 f'DPoP error="{"invalid_dpop_proof" if proof else "invalid_token"}", error_description="{reason}", '
                 f'algs="{" ".join(ALGORITHMS)}", resource_metadata="{self._metadata_url}"'
             )
+            if self._access is not None:
+                # RFC 6750 section 3.1: a request without credentials is told no error.
+                error = (
+                    "" if reason is Reason.TOKEN_MISSING else f'error="invalid_token", error_description="{reason}", '
+                )
+                bearer = f'Bearer {error}resource_metadata="{self._metadata_url}"'
+                headers.append((b"www-authenticate", bearer.encode()))
             headers.append((b"www-authenticate", challenge.encode()))
         await self._refusals.refuse(send, status, reason, credentials=credentials, where=where, headers=headers)

@@ -51,6 +51,7 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
+    from pep.mcp.dpop import AccessTokens
     from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.provenance import Vouching
     from pep.people.asks import Asks
@@ -178,7 +179,14 @@ class Guard:
     async def _vouched(self, answer: GateResult, call: Call, ctx: ServerRequestContext[Any, Any]) -> GateResult:
         """The answer, with a receipt for its result where there is one and the tool is still as approved."""
         chain, result = call.credentials.chain, answer.result
-        if self._vouching is None or result is None or result.failed or not isinstance(chain, Chain):
+        # A receipt names the proof of its call; a bearer has none.
+        if (
+            self._vouching is None
+            or not call.credentials.proof_name
+            or result is None
+            or result.failed
+            or not isinstance(chain, Chain)
+        ):
             return answer
         if isinstance(call.context, NotCollected) or not isinstance(result.carried, CallToolResult):
             return answer
@@ -259,6 +267,7 @@ def guard(
     issuer: str,
     clock: Clock,
     vouching: Vouching | None = None,
+    access: AccessTokens | None = None,
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
@@ -274,6 +283,7 @@ def guard(
         issuer: of the tokens.
         clock: both clocks.
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
+        access: answers about access tokens of OAuth clients; None: the server takes none.
 
     Raises:
         ConfigError: a FastMCP server that cannot be guarded as it is.
@@ -298,7 +308,16 @@ def guard(
         app = fastmcp_server.app_of(foreign, urlsplit(audience))
     else:
         app = _guarded(cast("SdkServer", server), standing, audience)
-    return DPoPLayer(app, authority=authority, edge=gate, tools=tools, audience=audience, issuer=issuer, clock=clock)
+    return DPoPLayer(
+        app,
+        authority=authority,
+        edge=gate,
+        tools=tools,
+        audience=audience,
+        issuer=issuer,
+        clock=clock,
+        access=access,
+    )
 
 
 def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -> ASGIApp:

@@ -9,6 +9,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from pep.base.access_token import is_access_token
 from pep.base.errors import JournalError
 from pep.gate import records
 from pep.mcp.body_screen import BODY_BYTES, Unfit, screen
@@ -28,6 +29,7 @@ CREDENTIALS: Final = "ztpm.credentials"
 HTTP_REQUEST: Final = "ztpm.knock"
 """Key in the ASGI scope under which the request that was read travels."""
 SCHEME: Final = "dpop"
+BEARER: Final = "bearer"
 REFUSED_CODE: Final = -32_003
 """JSON-RPC code of a refusal at the door: ours, of the range that is left to servers."""
 REFUSALS_AT_ONCE: Final = 4
@@ -80,6 +82,14 @@ def token_in(headers: Mapping[str, str | None]) -> str | None:
     """Token text of `Authorization: DPoP`, or None where it is absent or comes twice."""
     scheme, _, token = (headers.get("authorization") or "").partition(" ")
     return token if scheme.lower() == SCHEME and token else None
+
+
+def access_in(headers: Mapping[str, str | None]) -> tuple[str, bool] | None:
+    """Access token of an OAuth client, and whether it came as `Bearer`; None where there is none [OAT-1]."""
+    scheme, _, token = (headers.get("authorization") or "").partition(" ")
+    if scheme.lower() not in {SCHEME, BEARER} or not is_access_token(token):
+        return None
+    return token, scheme.lower() == BEARER
 
 
 def rpc_of(method: str, body: bytes) -> Mapping[str, Any] | Unfit:

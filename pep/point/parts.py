@@ -21,6 +21,7 @@ from pep.point.incidents import Incidents
 from pep.point.trust_mark import check_mark, keep, newest
 from pep.provider.feed import ProviderFollower
 from pep.provider.feed_mark import FeedMarkFile
+from pep.provider.introspection import Introspection
 from pep.provider.journal_shipper import JournalShipper
 from pep.request.authority import Authority
 
@@ -106,6 +107,7 @@ class PointParts:
             clock=self.clock,
             incident=lambda error: self.incidents.tell("ledger", error),
         )
+        self.access = Introspection(self.http, issuer=config.issuer, key=key, feed=self.follower, clock=self.clock)
         self.replay = ReplayCache(self.clock)
         verifier = Verifier(trust, CAPS)
         self.follower.trusts.followers.append(verifier.renew)

@@ -89,6 +89,7 @@ class GuardedServer(DecidingPoint):
             audience=config.audience,
             issuer=config.issuer,
             clock=self.clock,
+            access=self.access,
         )
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

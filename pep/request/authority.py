@@ -6,16 +6,19 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.proof import freshness
+from capabilities.proof.dpop import check_plain
 from capabilities.proof.proof import Proof, check_proof
 from capabilities.token.token_text import token_from_text
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault, FaultCode
+from pep.base.access_token import disagreement
 from pep.journal.replay_cache import proof_name
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 
 if TYPE_CHECKING:
     from capabilities.token.verify import Verifier
     from capabilities.values.caps import Caps
+    from pep.base.access_token import Looked
     from pep.base.ports import Clock, ReplayStore, RevocationFeed
 
 PROOF_CLAUSE: Final = "TOK-10"
@@ -130,6 +133,48 @@ class Authority:
                 return self._prove(presented, Credentials(token, chain), chain)
             case _:
                 assert_never(chain)
+
+    def check_access(self, presented: PresentedRequest, looked: Looked, *, bearer: bool, lease_ms: int) -> Credentials:
+        """Credentials of an OAuth client, with the first fault of the capability and of the proof that it needs.
+
+        Args:
+            presented: the access token and, where it is bound, a plain proof; unverified.
+            looked: the identity provider's answer about that token.
+            bearer: presented as `Bearer`, not as `DPoP`.
+            lease_ms: oldest acceptable revocation view.
+        """
+        token = token_from_text(looked.capability, self._caps)
+        if isinstance(token, Fault):
+            return Credentials(None, token)
+        chain = self.verify(token, lease_ms=lease_ms)
+        if isinstance(chain, Fault):
+            return Credentials(token, chain)
+        # [OAT-3] [OAT-5]
+        wrong = disagreement(looked, chain, audience=self._audience)
+        if wrong is not None:
+            return Credentials(token, wrong)
+        so_far = Credentials(token, chain)
+        # [OAT-4]
+        if looked.jkt is None:
+            if not bearer:
+                return replace(so_far, proof=Fault(FaultCode.PROOF_WRONG_KEY, "OAT-4", "the token is bound to no key"))
+            return replace(so_far, proof=True)
+        if bearer or presented.proof is None:
+            return replace(so_far, proof=Fault(FaultCode.PROOF_MISSING, "OAT-4", "the token is bound to a key"))
+        proof = check_plain(
+            presented.proof,
+            method=presented.method,
+            url=presented.url,
+            token=presented.token,
+            at=self._clock.wall_s(),
+            caps=self._caps,
+        )
+        if isinstance(proof, Fault):
+            return replace(so_far, proof=proof)
+        if proof.thumbprint != looked.jkt:
+            return replace(so_far, proof=Fault(FaultCode.PROOF_WRONG_KEY, "OAT-4", "the proof is by another key"))
+        used = Proof(proof.jti, proof.iat, proof.key, b"")
+        return replace(so_far, proof=self._once(used) or True, proof_name=proof_name(proof.key, proof.jti).hex())
 
     def verify(self, token: bytes, *, lease_ms: int) -> Chain | Fault:
         """Steps 1 to 9 as of now; signatures are cached, times and revocation are not."""

@@ -28,7 +28,7 @@ def test_every_clause_is_in_both():
     written = set(re.findall(r"^\*\*\[((?:TOK|PRF|SES|STM|WLD|TKT|LOG)-\d+)\]", SPEC, re.MULTILINE))
     assert written == {
         *(f"TOK-{n}" for n in range(1, 13)),
-        *(f"PRF-{n}" for n in range(1, 11)),
+        *(f"PRF-{n}" for n in range(1, 12)),
         *(f"SES-{n}" for n in range(1, 11)),
         *(f"STM-{n}" for n in range(1, 18)),
         *(f"WLD-{n}" for n in range(1, 6)),
@@ -61,6 +61,7 @@ def test_numbers_units_facts_and_kinds():
         DEFAULT.lifetime_s,
         DEFAULT.key_evidence_lifetime_s,
         DEFAULT.jwt_evidence_lifetime_s,
+        DEFAULT.client_evidence_lifetime_s,
         DEFAULT.workload_token_bytes,
         DEFAULT.workload_token_lifetime_s,
         DEFAULT.proof_bytes,
@@ -81,9 +82,10 @@ def test_numbers_units_facts_and_kinds():
     for kind, ceiling in (
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
         (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),
+        (EvidenceKind.CLIENT, DEFAULT.client_evidence_ceiling),
     ):
         assert f"| evidence kind `{kind}`: ceiling of the hop's scope | {ceiling} |" in SPEC
-    assert len(EvidenceKind) == 2
+    assert len(EvidenceKind) == 3
     assert all(f"`{unit}`" in SPEC for unit in Unit)
     assert f"    {fact.PREDICATE}(index, hop id, key, measurement, request digest, statement)\n" in SPEC
     rows = SPEC.split("### 2.1", 1)[1].split("### 2.2", 1)[0]

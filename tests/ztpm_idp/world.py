@@ -20,6 +20,7 @@ from ztpm_idp.bootstrap import FirstPerson, initialise
 from capabilities.keys import keys
 from capabilities.statements import workload
 from ztpm_idp import IdpKeys, Settings, create_app
+from ztpm_idp.keys.oauth_keys import OAuthKeys
 from ztpm_idp.client import Agent, Operator, ProofAuth
 from ztpm_idp.store import Store
 
@@ -114,6 +115,7 @@ LATEST_TABLES = (
     "device_logins",
     "session_keys",
     "login_secret",
+    *(f"oauth_{each}" for each in ("access_tokens", "refresh_tokens", "codes", "families", "templates", "clients")),
 )
 """Tables that no database of an earlier release has."""
 
@@ -143,6 +145,7 @@ class World:
     folder: Path
     clock: FakeClock = field(default_factory=FakeClock)
     idp_keys: IdpKeys = field(default_factory=new_keys)
+    oauth_keys: OAuthKeys | None = field(default_factory=lambda: OAuthKeys((keys.generate(),)))
     settings_changes: dict = field(default_factory=dict)
     platform_key: object = field(default_factory=keys.generate)
     platform: workload.Platform | None = None
@@ -218,7 +221,12 @@ class World:
 
     def start(self):
         self.app = create_app(
-            self.settings, self.idp_keys, platform=self.platform, policies=self.policies, now=self.clock
+            self.settings,
+            self.idp_keys,
+            platform=self.platform,
+            policies=self.policies,
+            oauth_keys=self.oauth_keys,
+            now=self.clock,
         )
         self.life = self.app.router.lifespan_context(self.app)
         self.on_loop(self.life.__aenter__())

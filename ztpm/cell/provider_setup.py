@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from ztpm.base.layout import Layout
     from ztpm_idp.bootstrap import FirstPerson
 
+OAUTH_KEY: Final = "oauth-1"
+"""Name of the first key that signs access tokens."""
 ROLES: Final = ("sponsor", "approver", "admin")
 """Roles of each of the first people."""
 HTTPS_PORT: Final = 443
@@ -68,7 +70,7 @@ class ProviderPlan:
             return self.host or LOOPBACK, self.port or LOOPBACK_PORT
         return self.host or parts.hostname or LOOPBACK, self.port or stated or LOOPBACK_PORT
 
-    def settings(self, layout: Layout) -> dict[str, str | int]:
+    def settings(self, layout: Layout) -> dict[str, str | int | list[str]]:
         """Settings as they stand in idp.toml."""
         host, port = self.listener
         tls = {"tls_certificate_file": self.certificate, "tls_key_file": self.key}
@@ -78,6 +80,7 @@ class ProviderPlan:
             "port": port,
             "database_url": self.database_url or sqlite_url(layout),
             "key_ring_file": str(layout.key_ring),
+            "oauth_key_files": [str(layout.idp_key(OAUTH_KEY))],
             "policy": self.policy,
             **{name: str(file.resolve()) for name, file in tls.items() if file is not None},
         }
@@ -113,6 +116,7 @@ def initialise_provider(layout: Layout, plan: ProviderPlan, *, passphrase: bytes
             public = keys.public_raw(new_key(layout.operator_key(name), passphrase)) if given is None else given
             people.append(FirstPerson(id=name, name=name, key=public, roles=ROLES))
         ring = make_ring(layout, plan.issuer, passphrase, at=at)
+        new_key(layout.idp_key(OAUTH_KEY), passphrase)
         write_private(layout.key_ring, ring_to_json(ring))
         write_private(layout.trust, ring.bundle(DEFAULT).to_json())
         put_first_people(layout, people)
@@ -169,7 +173,7 @@ def sqlite_url(layout: Layout) -> str:
     return f"sqlite+aiosqlite:///{layout.database}"
 
 
-def toml(settings: Mapping[str, str | int]) -> bytes:
+def toml(settings: Mapping[str, str | int | list[str]]) -> bytes:
     """Lines of TOML.
 
     A string as JSON spells it is a TOML basic string, but for DEL, which TOML wants escaped.

@@ -19,11 +19,13 @@ from pep.rtde.robot.connections import PORTS
 from ztpm.base.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
 from ztpm.base.loopback import free_host, is_free
 from ztpm.cell import survey
-from ztpm.cell.provider_setup import ROLES, make_ring, put_first_people, sqlite_url, toml
+from ztpm.cell.provider_setup import OAUTH_KEY, ROLES, make_ring, put_first_people, sqlite_url, toml
 from ztpm.cell.simulated_platform import TRUST_DOMAIN
 from ztpm_idp.keys.key_files import SettingsError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.keys.keys import PrivateKey
 
 PEP_ID: Final = "cell-1"
@@ -227,6 +229,7 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
     ring = make_ring(layout, addresses.issuer, passphrase, at=int(time.time()))
+    new_key(layout.idp_key(OAUTH_KEY), passphrase)
     platform = new_key(layout.platform_key, passphrase)
     write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
@@ -261,7 +264,7 @@ def _check_readable(layout: Layout) -> None:
         raise SetupError(error.detail) from error
 
 
-def _lines(settings: dict[str, str | int]) -> bytes:
+def _lines(settings: Mapping[str, str | int | list[str]]) -> bytes:
     """Lines of TOML.
 
     Raises:
@@ -273,13 +276,14 @@ def _lines(settings: dict[str, str | int]) -> bytes:
         raise SetupError(str(error)) from error
 
 
-def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int]:
+def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int | list[str]]:
     return {
         "issuer": addresses.issuer,
         "host": addresses.host,
         "port": addresses.idp_port,
         "database_url": sqlite_url(layout),
         "key_ring_file": str(layout.key_ring),
+        "oauth_key_files": [str(layout.idp_key(OAUTH_KEY))],
         "platform_trust_domain": TRUST_DOMAIN,
         "platform_jwks_file": str(layout.platform_jwks),
     }

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from ztpm_idp.keys import oauth_keys
 from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.login_settings import load_login_providers
 from ztpm_idp.safe_files import check_files
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import FileSettings
 
@@ -30,6 +32,7 @@ class ProviderDeployment:
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations.
         login_providers: OpenID providers at which people may log in.
+        oauth: keys of the authorization server; None: there is none.
     """
 
     settings: FileSettings
@@ -37,6 +40,7 @@ class ProviderDeployment:
     platform: Platform | None
     policies: PolicySet
     login_providers: tuple[LoginProvider, ...]
+    oauth: OAuthKeys | None
 
 
 def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
@@ -60,4 +64,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         load_platform(settings, config.parent, keys),
         load_policies(settings, config.parent),
         load_login_providers(settings.login_providers, config.parent),
+        oauth_keys.load(settings.oauth_key_files, config.parent, keys, passphrase),
     )

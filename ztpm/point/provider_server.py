@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.keys.watched_file import WatchedFile
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.provider.provider import Provider
@@ -47,6 +48,7 @@ def serve(
     policies: PolicySet | None = None,
     login_providers: tuple[LoginProvider, ...] = (),
     *,
+    oauth: OAuthKeys | None = None,
     watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
@@ -56,6 +58,7 @@ def serve(
         keys: the five private keys.
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
+        oauth: keys of the authorization server, if there is one.
         watch: names the files that take effect while it serves (`ztpm_idp.watching`).
         login_providers: OpenID providers at which people may log in.
 
@@ -67,7 +70,15 @@ def serve(
     from ztpm_idp.app import create_app
 
     asyncio.run(_check_store(settings.database_url))
-    app = create_app(settings, keys, platform=platform, policies=policies, login_providers=login_providers, watch=watch)
+    app = create_app(
+        settings,
+        keys,
+        platform=platform,
+        policies=policies,
+        oauth_keys=oauth,
+        login_providers=login_providers,
+        watch=watch,
+    )
 
     class Announcing(EdgeServer):
         """Says on standard output, in one JSON line, that it listens; lets nobody wait once it is told to end."""
@@ -134,6 +145,7 @@ def main() -> int:
             read.platform,
             read.policies,
             read.login_providers,
+            oauth=read.oauth,
             watch=watch,
         )
     except (StoreNotOpenedError, UnavailableError) as error:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ztpm_idp.domain.login.commands import LoginCommand
+from ztpm_idp.domain.oauth.commands import OAuthCommand
 from ztpm_idp.domain.upkeep.acts import UpkeepCommand
 
 if TYPE_CHECKING:
@@ -213,6 +214,8 @@ class Delegate:
     hop_id: str
     signed: SignedRequest
     agents: frozenset[str] = frozenset()
+    resource: str | None = None
+    """The one audience of an access token that the delegate gets, or None: it gets the capability itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -395,6 +398,7 @@ Command = (
     | VouchAgent
     | SignMandate
     | DrawToken
+    | OAuthCommand
     | UpkeepCommand
     | LoginCommand
 )

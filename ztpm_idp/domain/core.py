@@ -42,6 +42,19 @@ from ztpm_idp.domain.commands import (
 from ztpm_idp.domain.lending import attestation, issuance, mandates
 from ztpm_idp.domain.login import sessions
 from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.oauth import deciding as oauth
+from ztpm_idp.domain.oauth.commands import (
+    Assent,
+    DeclareTemplate,
+    DrawAccess,
+    EndAccess,
+    EndFamily,
+    EndTemplate,
+    RedeemCode,
+    Refresh,
+    RegisterClient,
+)
+from ztpm_idp.domain.oauth.lending import exchanged
 from ztpm_idp.domain.parties import RegisteredPep, RegisteredSensor, Standing
 from ztpm_idp.domain.upkeep import upkeep
 from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
@@ -61,6 +74,8 @@ WHILE_RESTORING = (
     | ResumeStore
     | Revoke
     | SuspendAgent
+    | EndAccess
+    | EndFamily
     | SuspendPart
     | RetirePart
     | Recover
@@ -82,7 +97,7 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
         refused = caller_refused(state, command.by)
         if refused is not None:
             return refused
-        if state.parties[command.by].standing is Standing.SUSPENDED and not isinstance(command, Revoke):
+        if state.parties[command.by].standing is Standing.SUSPENDED and not isinstance(command, Revoke | EndAccess):
             return Refusal(IdpCode.AGENT_SUSPENDED, "it may only revoke what it holds")
     if state.restoring and not isinstance(command, WHILE_RESTORING):
         return restoring.waiting(state)
@@ -126,8 +141,10 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return attestation.attest(rules, state, command, at_ms)
         case Issue():
             return issuance.issue(rules, state, command, at_ms)
-        case Delegate():
+        case Delegate(resource=None):
             return issuance.delegate(rules, state, command, at_ms)
+        case Delegate():
+            return exchanged(rules, state, command, at_ms)
         case Revoke():
             return revocation.revoke(state, command)
         case TakeRecords():
@@ -154,6 +171,10 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return mandates.sign(rules, state, command, at_ms)
         case DrawToken():
             return mandates.draw(rules, state, command, at_ms)
+        case RegisterClient() | DeclareTemplate() | EndTemplate() | Assent() | RedeemCode() | Refresh():
+            return oauth.decide(rules, state, command, at_ms)
+        case DrawAccess() | EndAccess() | EndFamily():
+            return oauth.decide(rules, state, command, at_ms)
         case SuspendPart() | RestorePart() | RetirePart() | ReplaceKey() | ChangeTool():
             return upkeep.decide(rules, state, command)
         case OfferLogin() | LogIn() | LogOut() | EndLogin():

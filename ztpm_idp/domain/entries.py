@@ -56,6 +56,8 @@ from ztpm_idp.domain.login.events import (
     SessionBegun,
     SessionEnded,
 )
+from ztpm_idp.domain.oauth import events as oauth
+from ztpm_idp.domain.oauth.entries import entry_of as oauth_entry
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolAct, ToolChanged
 
@@ -227,6 +229,18 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return login_entry(event)
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}
+        case (
+            oauth.ClientRegistered()
+            | oauth.TemplateDeclared()
+            | oauth.TemplateEnded()
+            | oauth.AssentGiven()
+            | oauth.CodeSpent()
+            | oauth.RefreshSpent()
+            | oauth.RefreshMade()
+            | oauth.AccessMade()
+            | oauth.FamilyEnded()
+        ):
+            return oauth_entry(event, _signed)
         case PartSuspended(kind=part, id=id_, reason=reason):
             return f"{part.value}-suspended", {"id": id_, "reason": reason}
         case PartRestored(kind=part, id=id_, reason=reason):

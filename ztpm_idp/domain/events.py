@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 from capabilities.statements import revocation
 from ztpm_idp.domain.login.events import LoginEvent
+from ztpm_idp.domain.oauth.events import OAuthEvent
+from ztpm_idp.domain.signed import SignedRequest as SignedRequest  # noqa: PLC0414, TC001  its readers take it from here
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 
 if TYPE_CHECKING:
@@ -23,19 +25,6 @@ if TYPE_CHECKING:
 
 RevocationKind = revocation.Revoked
 """Kind of subject that a revocation names."""
-
-
-@dataclass(frozen=True, slots=True)
-class SignedRequest:
-    """The caller's request, kept for auditors to verify.
-
-    The body is in canonical form; of one that came so, the proof's `bdg` is the SHA-256.
-    """
-
-    method: str
-    url: str
-    body: str
-    proof: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -438,6 +427,7 @@ Event = (
     | ApprovalActRefused
     | RestoringEvent
     | MandateSigned
+    | OAuthEvent
     | UpkeepEvent
     | LoginEvent
 )

@@ -49,6 +49,8 @@ from ztpm_idp.domain.events import (
     TokenIssued,
     VoteCast,
 )
+from ztpm_idp.domain.oauth.commands import DrawAccess
+from ztpm_idp.domain.oauth.events import AccessMade
 from ztpm_idp.domain.parties import RegisteredAgent
 from ztpm_idp.domain.state import AgentsOf
 
@@ -123,7 +125,7 @@ def party(id_: str) -> Lock:
 def locks_of(command: Command, wanted: Wanted) -> Locks:
     """Locks that a command takes before its state is loaded."""
     match command:
-        case GiveNonce(by=by) | DrawToken(by=by):
+        case GiveNonce(by=by) | DrawToken(by=by) | DrawAccess(by=by):
             alone = {party(by)}
         case Attest(agent=agent) | Issue(agent=agent):
             alone = {party(agent)}
@@ -180,6 +182,8 @@ def changed_by(event: Event) -> frozenset[Lock] | None:
         case Revoked(kind=kind, party=ended):
             people = ended is not None or kind in {RevocationKind.KEY, RevocationKind.SPONSOR, RevocationKind.AGENT}
             return frozenset({REVOCATIONS, REGISTRY} if people else {REVOCATIONS})
+        case AccessMade():
+            return frozenset()  # a row of its own
         case NonceConsumed() | TokenDelegated() | DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
             # A nonce's own row says that it is unspent; a new hop changes nothing, nor does an entry of the ledger.
             return frozenset()

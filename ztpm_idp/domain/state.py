@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from ztpm_idp.domain.agent_conduct import Held
+from ztpm_idp.domain.oauth.records import NOTHING, OAuthState
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
     from ztpm_idp.domain.login.records import Offer, Session
+    from ztpm_idp.domain.oauth.records import OAuthWanted
     from ztpm_idp.domain.parties import Party, RegisteredPep, Standing
 
 NOTHING_HELD: Final = Held()
@@ -222,6 +224,7 @@ class Wanted:
     """A thumbprint: the mandates that its key signed and that may be in force."""
     mandates_from: str | None = None
     """A person: the mandates that it signed, with whichever key, and that may be in force."""
+    oauth: OAuthWanted | None = None
     sessions_of: str | None = None
     """A person: its sessions that may last."""
     offer: bytes | None = None
@@ -267,6 +270,7 @@ class State:
         drawn: tokens of the wanted mandate that may be live.
         mandates: those that may be in force and are not revoked: of the wanted agent, of agents whose conduct is
             wanted or will change, by the wanted key, and from the wanted person.
+        oauth: the wanted records of OAuth.
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
         sessions: of the wanted person, those that may last, oldest first.
         offer: the wanted login link.
@@ -303,6 +307,7 @@ class State:
     mandate: MandateRecord | None = None
     drawn: tuple[Drawn, ...] = ()
     mandates: tuple[MandateRecord, ...] = ()
+    oauth: OAuthState = NOTHING
     tool: Standing | None = None
     sessions: tuple[Session, ...] = ()
     offer: Offer | None = None

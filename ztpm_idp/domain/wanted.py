@@ -45,6 +45,8 @@ from ztpm_idp.domain.commands import (
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.oauth import commands as oauth
+from ztpm_idp.domain.oauth.wanted import wanted as wanted_by_oauth
 from ztpm_idp.domain.state import (
     AgentsOf,
     Approvers,
@@ -157,6 +159,10 @@ def wanted(command: Command) -> Wanted:
                 revocations=True,
                 conduct_of=frozenset({by}),
             )
+        case oauth.RegisterClient() | oauth.DeclareTemplate() | oauth.EndTemplate() | oauth.Assent():
+            return wanted_by_oauth(command)
+        case oauth.RedeemCode() | oauth.Refresh() | oauth.DrawAccess() | oauth.EndAccess() | oauth.EndFamily():
+            return wanted_by_oauth(command)
         case SuspendPart(by=by, id=id_) | RestorePart(by=by, id=id_) | RetirePart(by=by, id=id_):
             return Wanted(parties=frozenset({by, id_}))
         case ReplaceKey(by=by, id=id_, key=key):

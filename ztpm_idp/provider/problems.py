@@ -109,6 +109,15 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     FaultCode.LIMIT_EXCEEDED: (503, "An engine's limit was reached; nothing was decided."),
     FaultCode.ENGINES_DISAGREE: (503, "Two engines disagree; nothing was decided."),
     FaultCode.KEY_WRONG_ROLE: (403, "The key has another role."),
+    # OAuth
+    IdpCode.CLIENT_UNKNOWN: (404, "There is no such client."),
+    IdpCode.SCOPE_UNKNOWN: (404, "There is no such scope."),
+    IdpCode.SCOPE_UNFIT: (409, "The scopes do not go together, or are more than a client may have."),
+    IdpCode.TARGET_REFUSED: (409, "The scope is for another resource."),
+    IdpCode.CODE_REFUSED: (403, "The code is not good for this."),
+    IdpCode.REFRESH_REFUSED: (403, "The refresh token is not good for this."),
+    IdpCode.FAMILY_UNKNOWN: (404, "Nothing that the caller lent has this id."),
+    IdpCode.FAMILY_OVER: (403, "What was lent is over."),
     # the service
     IdpCode.EPOCH_AHEAD: (409, "The caller knows a later epoch than this store: one of the two is wrong."),
     IdpCode.TOO_MANY_WAITERS: (503, "Too many requests wait already."),

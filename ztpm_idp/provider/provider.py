@@ -5,7 +5,7 @@ Order of every change: load, decide, make the token if there is one, write, comm
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import public_raw
@@ -22,6 +22,7 @@ from ztpm_idp.domain.commands import CompleteRecovery, Delegate
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.domain.locks import EVERYTHING, locks_of
+from ztpm_idp.domain.oauth.events import AccessMade
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
@@ -46,6 +47,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.state import Wanted
     from ztpm_idp.keys.key_files import IdpKeys
+    from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
 
@@ -68,15 +70,21 @@ class Done:
         return f"Done(epoch={self.epoch}, events={len(self.events)})"
 
 
-def rules_of(settings: Settings, keys: IdpKeys, platform: Platform | None, policies: PolicySet) -> Rules:
-    """Rules that a deployment's settings, keys and policies fix for the domain."""
+def rules_of(
+    settings: Settings,
+    keys: IdpKeys,
+    platform: Platform | None,
+    policies: PolicySet,
+    reserved: frozenset[bytes] = frozenset(),
+) -> Rules:
+    """Rules that a deployment's settings, keys and policies fix for the domain; `reserved` keys are nobody's, too."""
     trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
     return Rules(
         issuer=settings.issuer,
         trust=trust,
         caps=DEFAULT,
         # Nobody who is registered may hold a key of the platform either, or one that was ours.
-        own_keys=keys.every_public | (frozenset() if platform is None else platform.all_keys),
+        own_keys=keys.every_public | reserved | (frozenset() if platform is None else platform.all_keys),
         token_lifetime_s=settings.lifetimes.token_s,
         nonce_age_s=settings.lifetimes.nonce_s,
         open_nonces=settings.open_nonces,
@@ -99,6 +107,7 @@ class Provider:
         now: wall clock, seconds since the epoch.
         platform: the platform whose word on workloads is trusted, if any.
         policies: the set that decides on delegations.
+        oauth: keys of the authorization server, or None: there is none here.
 
     Attributes:
         epochs: requests that wait for the next revocation.
@@ -116,8 +125,11 @@ class Provider:
         *,
         platform: Platform | None,
         policies: PolicySet,
+        oauth: OAuthKeys | None = None,
     ) -> None:
-        self.rules = rules_of(settings, keys, platform, policies)
+        self._reserved = frozenset[bytes]() if oauth is None else frozenset(oauth.public.values())
+        self.rules = rules_of(settings, keys, platform, policies, self._reserved)
+        self.oauth = oauth
         self.settings = settings
         self.keys = keys
         self.store = store
@@ -139,7 +151,9 @@ class Provider:
         if (fault := ring_follows(self.keys.ring, keys.ring)) is not None:
             raise SettingsError(key_ring.SETTING, f"{fault.code}: {fault.detail}")
         key_ring.check_current(keys, at=self._now())
-        rules = rules_of(self.settings, keys, self.rules.platform, self.rules.policies)
+        rules = rules_of(self.settings, keys, self.rules.platform, self.rules.policies, self._reserved)
+        if self._reserved & keys.every_public:
+            raise SettingsError(key_ring.SETTING, "a key of the authorization server: one key has one role")
         if self.rules.platform is not None and self.rules.platform.all_keys & keys.every_public:
             raise SettingsError(key_ring.SETTING, "a key of the platform: one key has one role")
         self.keys, self.rules = keys, rules
@@ -259,8 +273,9 @@ class Provider:
                 if written:
                     await transaction.append(written, actor=actor, at_ms=at_ms)
             else:
-                written, token = outcome, self._make_token(command, outcome)
-                done = Done(outcome, await transaction.append(outcome, actor=actor, at_ms=at_ms), token)
+                token = self._make_token(command, outcome)
+                written = _kept(outcome, token)
+                done = Done(outcome, await transaction.append(written, actor=actor, at_ms=at_ms), token)
             await read_back(self, transaction, written, before=before, at_ms=at_ms)
         return outcome, done
 
@@ -302,3 +317,11 @@ class Provider:
                 case _:
                     continue
         return None
+
+
+def _kept(events: tuple[Event, ...], token: str | None) -> tuple[Event, ...]:
+    """The events to be written: an access token's with the capability that was made for it."""
+    return tuple(
+        replace(event, access=replace(event.access, capability=token or "")) if isinstance(event, AccessMade) else event
+        for event in events
+    )

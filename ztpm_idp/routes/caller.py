@@ -148,6 +148,11 @@ async def authenticated(request: Request) -> Call:
     return await _authenticated(request, await read_body(request, body_bytes=SMALL_BYTES))
 
 
+async def authenticated_with(request: Request, raw: bytes) -> Call:
+    """The call of a request whose body was read already: see `authenticated`."""
+    return await _authenticated(request, raw)
+
+
 async def by_root(request: Request) -> RootCall:
     """The call, when its proof is by the provider's root key and for exactly this request.
 

@@ -85,12 +85,12 @@ async def delegate(request: Request, call: Lender) -> dict[str, Any]:
         evidence=body.evidence,
         hop_id=secrets.token_hex(16),
         signed=call.signed,
-        agents=_named(call.token, provider),
+        agents=named(call.token, provider),
     )
     return made(await provider.run(command, actor=call.party.id))
 
 
-def _named(token: bytes, provider: Provider) -> frozenset[str]:
+def named(token: bytes, provider: Provider) -> frozenset[str]:
     """Holders that a token names, as far as it can be read.
 
     The token is verified later, where that counts.

@@ -56,6 +56,7 @@ from ztpm_idp.domain.login.events import (
     SessionBegun,
     SessionEnded,
 )
+from ztpm_idp.domain.oauth import events as oauth
 from ztpm_idp.domain.parties import (
     Party,
     PersonRole,
@@ -75,6 +76,7 @@ from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending
+from ztpm_idp.store.oauth import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.restoring import Restoring
@@ -110,6 +112,7 @@ class Transaction:
         self.conduct = Conduct(connection, self._counting)
         self.audit = Audit(connection)
         self.lending = Lending(connection)
+        self.oauth = OAuth(connection)
         self.people = People(connection)
         self.points = Points(connection)
         self.revocations = Revocations(connection, self._counting)
@@ -154,7 +157,7 @@ class Transaction:
             crowd_of_all=crowd_of_all,
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=wanted.empty and await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
-            revoked=await self._dead() if wanted.revocations else frozenset(),
+            revoked=await self.dead() if wanted.revocations else frozenset(),
             epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
@@ -177,6 +180,7 @@ class Transaction:
             mandates=await self.lending.mandates(
                 since_s=since_s, agents=living, key=wanted.mandates_by, sponsor=wanted.mandates_from
             ),
+            oauth=await self.oauth.state(wanted.oauth),
             tool=await self.upkeep.tool(wanted.tool),
             sessions=await self.sessions.sessions_of(wanted.sessions_of),
             offer=await self.sessions.offer(wanted.offer),
@@ -257,7 +261,7 @@ class Transaction:
         )  # fmt: skip
         return [bytes(line) for (line,) in found]
 
-    async def _dead(self) -> frozenset[tuple[str, str]]:
+    async def dead(self) -> frozenset[tuple[str, str]]:
         """Every (kind, id) by which a token is dead now: what is revoked, and agents that are suspended."""
         suspended = {(RevocationKind.AGENT.value, agent) for agent in await self.suspended()}
         return await self.revocations.every() | suspended
@@ -284,7 +288,7 @@ class Transaction:
         c = t.parties.c
         found = await self._connection.execute(sa.select(c.key, c.id).where(c.key.in_(sorted(keys))))
         now = {bytes(key): id_ for key, id_ in found} | await self.people.owners(keys)
-        return now | await self.upkeep.former_owners(keys)
+        return now | await self.upkeep.former_owners(keys) | await self.oauth.key_owners(keys)
 
     async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
         if agent is None:
@@ -472,6 +476,18 @@ class Transaction:
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():
                 await self.restoring.write(event)
+            case (
+                oauth.ClientRegistered()
+                | oauth.TemplateDeclared()
+                | oauth.TemplateEnded()
+                | oauth.AssentGiven()
+                | oauth.CodeSpent()
+                | oauth.RefreshSpent()
+                | oauth.RefreshMade()
+                | oauth.AccessMade()
+                | oauth.FamilyEnded()
+            ):
+                await self.oauth.write(event, at_ms=at_ms)
             case PartSuspended() | PartRestored() | KeyReplaced() | ToolChanged():
                 await self.upkeep.write(event, at_ms=at_ms)
                 await self._registry_changed()

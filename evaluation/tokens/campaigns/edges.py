@@ -258,7 +258,13 @@ def _of_evidence() -> Iterator[Edge]:
 
     def of_kind(kind: str, longest_s: int, distance: int) -> FaultCode | None:
         by = replace(hop, attestation=replace(hop.attestation, kind=type(hop.attestation.kind)(kind)))
-        return _mint(replace(whole, not_after=attested + longest_s + distance), by)
+        low = Tier(min(whole.ceiling, DEFAULT.client_evidence_ceiling))
+        return _mint(replace(whole, ceiling=low, not_after=attested + longest_s + distance), by)
+
+    def of_client(distance: int) -> FaultCode | None:
+        by = replace(hop, attestation=replace(hop.attestation, kind=type(hop.attestation.kind)("client")))
+        top = Tier(DEFAULT.client_evidence_ceiling + distance)
+        return _mint(replace(whole, ceiling=top, not_after=attested + DEFAULT.client_evidence_lifetime_s), by)
 
     def lifetime(distance: int) -> FaultCode | None:
         ends = attested + DEFAULT.key_evidence_lifetime_s
@@ -266,8 +272,10 @@ def _of_evidence() -> Iterator[Edge]:
 
     long = FaultCode.LIFETIME_TOO_LONG
     yield Edge("key_evidence_ceiling", "by mint", FaultCode.HOP_NOT_ATTESTED, ceiling, early=True)
+    yield Edge("client_evidence_ceiling", "by mint", FaultCode.HOP_NOT_ATTESTED, of_client, early=True)
     yield Edge("lifetime_s", "by mint", long, lifetime, early=True)
-    for kind, cap in (("key", "key_evidence_lifetime_s"), ("jwt", "jwt_evidence_lifetime_s")):
+    for kind in ("key", "jwt", "client"):
+        cap = f"{kind}_evidence_lifetime_s"
         yield Edge(cap, "by mint", long, partial(of_kind, kind, getattr(DEFAULT, cap)), early=True)
 
 

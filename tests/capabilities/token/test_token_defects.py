@@ -612,6 +612,17 @@ def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
     assert found(Forge.authority(fact=stating(evidence="x509")))[0] is FaultCode.CHAIN_BROKEN
 
 
+@pytest.mark.clause("TOK-6.9", "TOK-7", "BLK-11", "BLK-12")
+def test_an_oauth_client_has_tier_1_for_ten_minutes():
+    client = Attestation(EvidenceKind.CLIENT, bytes(32), NOW - 10)
+    low = replace(SCOPE, ceiling=Tier.REVERSIBLE, not_after=NOW + 590)
+    assert chain_of(Forge.authority(low, attestation=client)).leaf.attestation.kind is EvidenceKind.CLIENT
+    higher = replace(low, ceiling=Tier.CONSEQUENTIAL)
+    assert found(Forge.authority(higher, attestation=client)) == (FaultCode.HOP_NOT_ATTESTED, "TOK-6")
+    longer = replace(low, not_after=NOW + 591)
+    assert found(Forge.authority(longer, attestation=client)) == (FaultCode.LIFETIME_TOO_LONG, "TOK-7")
+
+
 @pytest.mark.clause("TOK-7", "BLK-11")
 def test_the_lifetime_of_a_hop_with_a_platforms_word():
     assert DEFAULT.jwt_evidence_lifetime_s <= DEFAULT.key_evidence_lifetime_s

@@ -159,7 +159,7 @@ def test_what_was_not_loaded_is_not_well(world, monkeypatch):
     planner, mover, lent = party(world)
     mid = planner.delegate(lent.token, mover, SLOWER, purpose="p")
     helper = world.agent("helper")
-    monkeypatch.setattr(routes, "_named", lambda *_: frozenset())
+    monkeypatch.setattr(routes, "named", lambda *_: frozenset())
     with pytest.raises(ClientError) as caught:
         mover.delegate(mid.token, helper, Restriction(ceiling=Tier(1)), purpose="p")
     assert caught.value.code == "EVIDENCE_MISSING"

@@ -54,7 +54,17 @@ def test_locks_of_parties_come_last():
 
 def test_every_wanted_part_has_a_lock_or_never_changes():
     """A new part of `Wanted` is one that commands which run beside others must lock, or may not want."""
-    alone_only = {"every_opening", "change", "mandates_from", "points", "empty", "sessions_of", "offer", "login"}
+    alone_only = {
+        "every_opening",
+        "change",
+        "mandates_from",
+        "points",
+        "empty",
+        "sessions_of",
+        "offer",
+        "login",
+        "oauth",
+    }
     locked = {
         "parties", "nonces_of", "crowd", "revocation", "revocations", "ask", "asks_of", "opening", "openings_of",
         "conduct_of", "refusals_of", "mandate", "mandates_of", "mandates_by",

@@ -42,6 +42,7 @@ export interface Chain {
 export const EVIDENCE: Readonly<Record<string, { readonly ceiling: number; readonly seconds: number }>> = {
   key: { ceiling: 3, seconds: 3_600 },
   jwt: { ceiling: 4, seconds: 3_600 },
+  client: { ceiling: 1, seconds: 600 },
 };
 
 const ALL = ["agent", "at", "evidence", "purpose"];

@@ -84,12 +84,20 @@ class Lent:
 def first_block(
     rules: Rules, lent: Lent, sponsor: Sponsor, agent: RegisteredAgent, shown: AcceptedEvidence, *, at_ms: int
 ) -> Outcome:
+    """The authority block of a token and the nonce that it spends; refused as `issued` refuses."""
+    made = issued(rules, lent, sponsor, agent, shown.kind, at_ms=at_ms)
+    return made if isinstance(made, Refusal) else (shown.spent, made)
+
+
+def issued(
+    rules: Rules, lent: Lent, sponsor: Sponsor, agent: RegisteredAgent, kind: EvidenceKind, *, at_ms: int
+) -> TokenIssued | Refusal:
     """The authority block of a token, when it passes the very checks that verifiers make."""
-    hop = _hop(lent, agent, shown.kind, delegator=sponsor.subject, sponsor=sponsor.subject, at_ms=at_ms)
+    hop = _hop(lent, agent, kind, delegator=sponsor.subject, sponsor=sponsor.subject, at_ms=at_ms)
     authority = block.AuthorityBlock(lent.token_id, sponsor, 0, hop, lent.scope, lent.mandate_id)
-    highest = hop_rules.highest(shown.kind, rules.caps)
+    highest = hop_rules.highest(kind, rules.caps)
     if lent.scope.ceiling > highest:
-        return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {shown.kind} carries at most tier {int(highest)}")
+        return Refusal(FaultCode.ABOVE_CEILING, f"evidence of kind {kind} carries at most tier {int(highest)}")
     try:
         block.well_formed(authority, rules.caps)
         first = hop_rules.first_hop(authority, reserved=rules.own_keys, caps=rules.caps)
@@ -98,8 +106,7 @@ def first_block(
         return Refusal(error.code, error.detail)
     if (over := _over(rules, lent.scope, at_ms)) is not None:
         return over
-    made = TokenIssued(lent.token_id, sponsor, hop, lent.scope, lent.evidence, lent.signed, lent.mandate_id)
-    return (shown.spent, made)
+    return TokenIssued(lent.token_id, sponsor, hop, lent.scope, lent.evidence, lent.signed, lent.mandate_id)
 
 
 def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outcome:

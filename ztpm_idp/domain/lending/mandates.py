@@ -86,8 +86,8 @@ def sign(rules: Rules, state: State, command: SignMandate, at_ms: int) -> Outcom
         return agent
     if agent.thumbprint != promised.agent_key:
         return Refusal(IdpCode.MANDATE_NOT_YOURS, "the agent's key is another")
-    if (contracted := _contracted(rules, state, agent.id, at_ms)) is not None:
-        return contracted
+    if (less := contracted(rules, state, agent.id, at_ms)) is not None:
+        return less
     # 5. They are few enough to be looked through.
     living = sum(1 for other in state.mandates if other.agent == agent.id and at_ms < other.not_after * 1_000)
     if living >= MANDATES_OF_ONE:
@@ -98,7 +98,7 @@ def sign(rules: Rules, state: State, command: SignMandate, at_ms: int) -> Outcom
 def draw(rules: Rules, state: State, command: DrawToken, at_ms: int) -> Outcome:
     """A new token's authority block, as much of the mandate as its sponsor could sign at this moment."""
     # 1. The mandate is the caller's, in force, and its sponsor stands by it.
-    found = _drawable(rules, state, command, at_ms)
+    found = drawable(rules, state, command.by, at_ms)
     if isinstance(found, Refusal):
         return found
     agent, promised = found
@@ -119,7 +119,7 @@ def draw(rules: Rules, state: State, command: DrawToken, at_ms: int) -> Outcome:
     # 4. No more than the sponsor promised, and no more than the sponsor could sign now.
     at = at_ms // 1_000
     longest_s = min(command.lifetime_s, rules.token_lifetime_s, hop_rules.longest_s(shown.kind, rules.caps))
-    today = _today(rules, state, promised.scope, kind=shown.kind, at=at, not_after=at + longest_s)
+    today = could_sign(rules, state, promised.scope, kind=shown.kind, at=at, not_after=at + longest_s)
     if today is None or (scope := meet(promised.scope, today)) is None:
         return Refusal(IdpCode.MANDATE_LEAVES_NOTHING, "no audience or time is left of it")
     # 5. The very checks that verifiers make.
@@ -154,14 +154,14 @@ def standing(state: State, mandate: MandateRecord, at_ms: int) -> MandateState:
             return MandateState.ENDED
 
 
-def _drawable(rules: Rules, state: State, command: DrawToken, at_ms: int) -> tuple[RegisteredAgent, Mandate] | Refusal:
-    """The caller and the mandate from which it may draw now."""
-    agent, mandate = may_receive(state, command.by), state.mandate
-    if not isinstance(state.parties.get(command.by), RegisteredAgent):
+def drawable(rules: Rules, state: State, by: str, at_ms: int) -> tuple[RegisteredAgent, Mandate] | Refusal:
+    """The agent `by` and the wanted mandate, when it may draw from it now."""
+    agent, mandate = may_receive(state, by), state.mandate
+    if not isinstance(state.parties.get(by), RegisteredAgent):
         return Refusal(IdpCode.NOT_PERMITTED, "agents draw tokens")
     if mandate is None:
         return Refusal(IdpCode.MANDATE_UNKNOWN, "no such mandate")
-    if mandate.agent != command.by:
+    if mandate.agent != by:
         return Refusal(IdpCode.MANDATE_NOT_YOURS, "the mandate is another agent's")
     if isinstance(agent, Refusal):
         return agent
@@ -181,10 +181,12 @@ def _drawable(rules: Rules, state: State, command: DrawToken, at_ms: int) -> tup
         return Refusal(IdpCode.MANDATE_NOT_YOURS, "the mandate is for another key")
     if not at_ms >= promised.scope.not_before * 1_000:
         return Refusal(FaultCode.NOT_YET_VALID, "the mandate begins later")
-    return _contracted(rules, state, agent.id, at_ms) or (agent, promised)
+    return contracted(rules, state, agent.id, at_ms) or (agent, promised)
 
 
-def _today(rules: Rules, state: State, promised: Scope, *, kind: EvidenceKind, at: int, not_after: int) -> Scope | None:
+def could_sign(
+    rules: Rules, state: State, promised: Scope, *, kind: EvidenceKind, at: int, not_after: int
+) -> Scope | None:
     """The widest scope over these grants that the sponsor could sign at `at`; None where no audience is alive."""
     dead = {name for of, name in state.revoked if of == RevocationKind.AUDIENCE.value}
     audiences = promised.audiences - dead
@@ -202,7 +204,8 @@ def _today(rules: Rules, state: State, promised: Scope, *, kind: EvidenceKind, a
     )
 
 
-def _contracted(rules: Rules, state: State, agent: str, at_ms: int) -> Refusal | None:
+def contracted(rules: Rules, state: State, agent: str, at_ms: int) -> Refusal | None:
+    """Refusal of an agent whose behaviour contracted its scope; the state holds its conduct."""
     known = conduct.of(state, agent)
     told = conduct.published(agent, known, at=at_ms // 1_000, parameters=rules.policies.parameters)
     if not told.reading.contracted:

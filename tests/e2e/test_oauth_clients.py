@@ -1,0 +1,151 @@
+"""Stock OAuth clients of the MCP SDK, from 401 to a call of a guarded tool."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+
+import httpx2
+import pytest
+from capabilities.keys.keys import Algorithm
+from cryptography.hazmat.primitives import serialization
+from mcp.client.auth import OAuthTokenError
+from mcp.client.auth.extensions.client_credentials import PrivateKeyJWTOAuthProvider, SignedJWTParameters
+from pep.mcp.guard import DECISION_META
+from tests.e2e.routed import CALLED, GRANTS, Plant
+from tests.ztpm_idp.oauth.speaking import StockClient
+from tests.ztpm_idp.world import AUDIENCE, ISSUER
+
+from capabilities.keys import keys
+
+pytestmark = [pytest.mark.e2e, pytest.mark.clause("OAT-1", "OAT-2", "OAT-3", "OAT-4", "OAT-5")]
+
+
+@pytest.fixture
+def plant(tmp_path, monkeypatch):
+    with Plant(tmp_path, monkeypatch) as made:
+        yield made
+
+
+class Memory:
+    """The SDK's storage of tokens, in memory."""
+
+    tokens = client = None
+
+    async def get_tokens(self):
+        return self.tokens
+
+    async def set_tokens(self, tokens):
+        self.tokens = tokens
+
+    async def get_client_info(self):
+        return self.client
+
+    async def set_client_info(self, client_info):
+        self.client = client_info
+
+
+def by_credentials(client, memory):
+    pem = client.key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    ).decode()
+    signed = SignedJWTParameters(
+        issuer=client.client_id, subject=client.client_id, signing_key=pem, signing_algorithm="ES256"
+    )
+    return PrivateKeyJWTOAuthProvider(
+        AUDIENCE, memory, client.client_id, signed.create_assertion_provider(), issuer=ISSUER
+    )
+
+
+def decision(answer):
+    return answer.meta[DECISION_META]["decision"], answer.meta[DECISION_META]["reason"]
+
+
+def test_a_program_with_a_mandate_goes_from_401_to_a_call(plant):
+    world, memory = plant.world, Memory()
+    stock = StockClient(world, key=keys.generate(Algorithm.P256))
+    assert stock.register().status_code == 201
+    mandate_id = stock.mandate(grants=GRANTS, ceiling=3)
+
+    async def work():
+        async with plant.client(by_credentials(stock, memory)) as client:
+            first = await client.call_tool("read", {"width": 320})
+            assert decision(first) == ("PERMIT", "PERMITTED")
+            # Beyond the mandate, and above tier 1 whatever the mandate holds.
+            assert decision(await client.call_tool("read", {"width": 641}))[0] == "DENY"
+            assert decision(await client.call_tool("wipe", {"width": 1})) == ("DENY", "ABOVE_CEILING")
+            asked = [each for each in plant.transport.seen if each[2].endswith("introspect")]
+            assert len(asked) == 1
+            await asyncio.to_thread(world.people["alice"].revoke, "mandate", mandate_id, "enough")
+            # The client is told 401 within the lease, asks for a token, and is told that no mandate names it.
+            async with asyncio.timeout(10):
+                while True:
+                    assert decision(await client.call_tool("read", {"width": 320}))[0] == "PERMIT"
+
+    # The SDK's own connection ends with that error.
+    with pytest.raises(ExceptionGroup) as ended:
+        plant.run(work())
+    refused = ended.value.split(OAuthTokenError)
+    assert refused[1] is None
+    assert "unauthorized_client" in str(refused[0].exceptions)
+    assert ("POST", 8800, "/mcp", 401) in plant.transport.seen
+    assert ("GET", 8800, "/.well-known/oauth-protected-resource/mcp", 200) in plant.transport.seen
+    assert ("GET", 8700, "/.well-known/oauth-authorization-server/ztpm", 200) in plant.transport.seen
+    assert ("POST", 8700, "/ztpm/oauth/token", 200) in plant.transport.seen
+    assert plant.transport.seen.count(("POST", 8700, "/ztpm/oauth/token", 400)) >= 1
+    assert CALLED and set(CALLED) == {320}
+    # The point's own record names client and person, and no token.
+    text = (plant.folder / "state" / "journal.ndjson").read_text()
+    assert memory.tokens.access_token not in text
+    decided = [json.loads(line) for line in text.splitlines()]
+    (permitted, *_) = [each["body"] for each in decided if each["kind"] == "decision"]
+    said = json.dumps(permitted)
+    assert '"viewer"' in said and '"alice"' in said
+
+
+def test_an_access_token_is_good_for_its_holder_its_server_and_its_scheme(plant):
+    world = plant.world
+    stock = StockClient(world, key=keys.generate())
+    bound = StockClient(world, "bound", key=keys.generate(), dpop=keys.generate(Algorithm.P256))
+    for each in (stock, bound):
+        each.register()
+        each.mandate(grants=GRANTS)
+    bound.nonce = bound.credentials().headers["dpop-nonce"]
+    bearer, held = (each.credentials().json()["access_token"] for each in (stock, bound))
+    thief = StockClient(world, "bound", dpop=keys.generate())
+    body = json.dumps(
+        {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": {"name": "read", "arguments": {"width": 9}}}
+    ).encode()
+
+    async def send(authorization, proof=None):
+        headers = {"Authorization": authorization, "Content-Type": "application/json"}
+        headers |= {"Accept": "application/json, text/event-stream"} | ({} if proof is None else {"DPoP": proof})
+        async with httpx2.AsyncClient(transport=plant.transport) as http:
+            answer = await http.post(AUDIENCE, content=body, headers=headers)
+        return answer.status_code if answer.status_code == 200 else (answer.status_code, answer.json()["reason"])
+
+    async def work():
+        # By then the guard takes proofs that are made now.
+        proof = bound.proof(AUDIENCE, token=held)
+        while (status := await send(f"DPoP {held}", proof)) == (401, "PROOF_STALE"):
+            await asyncio.sleep(0.05)
+            proof = bound.proof(AUDIENCE, token=held)
+        assert status == 200
+        assert await send(f"DPoP {held}", proof) == (401, "REPLAYED")
+        assert await send(f"Bearer {bearer}") == 200
+        assert await send(f"DPoP {bearer}", bound.proof(AUDIENCE, token=bearer)) == (401, "PROOF_WRONG_KEY")
+        assert await send(f"Bearer {held}") == (401, "PROOF_MISSING")
+        assert await send(f"DPoP {held}") == (401, "PROOF_MISSING")
+        assert await send(f"DPoP {held}", thief.proof(AUDIENCE, token=held)) == (401, "PROOF_WRONG_KEY")
+        assert await send(f"DPoP {held}", bound.proof(AUDIENCE, token=bearer)) == (401, "PROOF_NOT_FOR_THIS_REQUEST")
+        elsewhere = bound.proof(f"{AUDIENCE}/other", token=held)
+        assert await send(f"DPoP {held}", elsewhere) == (401, "PROOF_NOT_FOR_THIS_REQUEST")
+        for nonsense in ("a.b.c", bearer[:-4] + "AAAA", "x" * 9_000 + ".y.z"):
+            assert await send(f"Bearer {nonsense}") == (401, "TOKEN_MALFORMED")
+        assert await send("Bearer none") == (401, "TOKEN_MISSING")
+        # The provider that cannot be asked denies.
+        plant.guard.access._kept.clear()
+        plant.transport.apps[8700] = None
+        assert await send(f"Bearer {bearer}") == (401, "TOKEN_MALFORMED")
+
+    plant.run(work())

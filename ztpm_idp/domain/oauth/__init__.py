@@ -1,0 +1,1 @@
+"""OAuth in the domain: clients, scope templates, assents of people, and the access tokens that follow."""

@@ -1,0 +1,1 @@
+"""The authorization server: OAuth 2.1 as MCP clients speak it, over the provider's own domain."""
