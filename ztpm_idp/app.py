@@ -78,7 +78,6 @@ _PARTS: Final = (
     login,
     audit,
     openid,
-    audit,
     points,
 )
 """Modules of the routes."""
