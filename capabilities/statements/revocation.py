@@ -38,6 +38,8 @@ ENTRIES: Final = 4_096
 """Most entries of one index; one that is cut, here or earlier, is asked for again from its last epoch."""
 NEVER_MS: Final = 2**53 - 1
 """Age of a view that was never made."""
+MANDATE_S: Final = 604_800
+"""Longest life of a mandate, seconds ([STM-16]); `statements.people.mandate` has the same."""
 FIRST_HEAD: Final = "0" * 64
 """Head of the first line before its first revocation."""
 
@@ -80,6 +82,23 @@ class RevocationEntry(Form, frozen=True):
     id: str
 
 
+class RevocationBase(Form, frozen=True):
+    """Beginning of an index without what has ended everywhere ([STM-18]).
+
+    Attributes:
+        epoch: up to here the index has only the entries that had not ended when this one was made; 0: it has no base.
+        head: of the line's chain at `epoch`.
+        through: epoch up to which the index tells everything that has not ended.
+    """
+
+    epoch: Whole = 0
+    head: HexDigest = FIRST_HEAD
+    through: Whole = 0
+
+
+NO_BASE: Final = RevocationBase()
+
+
 class RevocationIndex(Form, frozen=True):
     """Answer of a feed about revocations.
 
@@ -94,6 +113,7 @@ class RevocationIndex(Form, frozen=True):
             rest is to be asked for before it is acted on.
         line: of the store's history: 0, and a higher one after each restore.
         head: of the chain of the line's revocations at `epoch` (`first_head`, `next_head`).
+        base: where it was asked for: up to there entries that have ended are left out.
     """
 
     issuer: Url
@@ -105,10 +125,13 @@ class RevocationIndex(Form, frozen=True):
     entries: Annotated[tuple[RevocationEntry, ...], upto(ENTRIES)]
     line: Whole = 0
     head: HexDigest = FIRST_HEAD
+    base: RevocationBase = NO_BASE
 
     @property
     def last(self) -> int:
         """The epoch up to which this index tells everything; the index is whole when that is `epoch`."""
+        if self.base != NO_BASE:
+            return self.base.through
         return self.entries[-1].epoch if self.entries else self.since
 
 
@@ -223,4 +246,23 @@ def _read(claims: dict[str, object]) -> RevocationIndex:
     epochs = [index.since, *(entry.epoch for entry in index.entries)]
     if epochs != sorted(epochs) or any(epoch <= index.since for epoch in epochs[1:]) or epochs[-1] > index.epoch:
         raise malformed("entries out of order, or outside what was asked")
+    base = index.base
+    if base != NO_BASE and not (1 <= base.epoch <= index.epoch and epochs[-1] <= base.through <= index.epoch):
+        raise malformed("a base outside its index")
     return index
+
+
+def ended_after_s(kind: str, caps: Caps) -> int | None:
+    """Seconds after its revocation when a thing of this kind has ended at every enforcement point; None: never.
+
+    A token and its hops were made before, and live for the longest lifetime; that skew is added twice, once for the
+    reader's leniency and once for its clock. From a mandate tokens were drawn before, within its own longest life.
+    Parties, keys and audiences are never over: a store that was put back could lend to them again ([STM-18]).
+    """
+    match Revoked(kind):
+        case Revoked.TOKEN | Revoked.HOP:
+            return caps.lifetime_s + 2 * caps.skew_s
+        case Revoked.MANDATE:
+            return MANDATE_S + caps.lifetime_s + 2 * caps.skew_s
+        case _:
+            return None

@@ -21,6 +21,7 @@ import httpx2
 
 from capabilities.proof.proof import prove
 from capabilities.statements import registry, revocation
+from capabilities.statements.revocation import NO_BASE
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
@@ -28,6 +29,7 @@ from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
 from pep.provider.feed_confirmation import FeedConfirmation
 from pep.provider.feed_mark import FeedMark, KeptRevocations, signed_marks
+from pep.provider.feed_place import PUT_BACK, Place, first_place
 from pep.provider.trust_feed import HEADER, TrustFeed
 
 if TYPE_CHECKING:
@@ -60,7 +62,6 @@ BACKOFF_S: Final = 0.25
 """Shortest pause after a hint that failed, brought nothing new at once, or was not borne out."""
 TELL_TIMEOUT_S: Final = 10.0
 """Longest wait for the answer to a mark, of at most 256 KiB."""
-PUT_BACK: Final = "a database that was put back needs `ztpm idp restore`"
 RESTORING: Final = "RESTORING"
 """Code with which a provider answers that is being restored."""
 LONGEST_BACKOFF_S: Final = 8.0
@@ -342,42 +343,47 @@ class ProviderFollower:
 
         What each page revokes is in force and on disk.
         """
-        since, head, line = (0, "", -1) if known is None else (known.epoch, known.head, known.line)
-        whole = known is None
         try:
-            while True:
-                nonce = secrets.token_urlsafe(NONCE_BYTES)
+            if known is not None:
                 try:
-                    text = await self._get("/revocations", {"since": str(since), "nonce": nonce})
-                    index = self._hear(text, since=since, nonce=nonce)
-                    if since == 0:
-                        line, head = index.line, revocation.first_head(index.line)
-                    head = self._follow(index, line, head)
+                    return await self._pages(Place(known.line, known.epoch, known.head))
                 except FeedError as error:
-                    if whole or error.code not in (PepFault.FEED_ROLLED_BACK, PepFault.FEED_FORKED):
+                    if error.code not in (PepFault.FEED_ROLLED_BACK, PepFault.FEED_FORKED):
                         raise
-                    since, whole = 0, True  # a store that was restored: all that it knows is asked for
-                    continue
-                if index.last == index.epoch:
-                    return index
-                if not index.last > since:
-                    raise FeedError(PepFault.FEED_WRONG_RANGE, "a page that leads nowhere")
-                since = index.last
+            # A first pull, or a store that was restored: all of what it knows that has not ended is asked for.
+            index = await self._pages(None)
+            if (behind := self._mark.behind(index)) is None:
+                return index
+            # The base began after the mark: that the line goes on from the mark is shown by what lies between.
+            return await self._pages(behind, meets=index.base)
         finally:
             if not self._kept.synced:
                 await self._sync()
 
-    def _follow(self, index: RevocationIndex, line: int, head: str) -> str:
-        """The head of the line's chain after this page, which meets the mark and, at the end, the index."""
-        if index.line != line:
-            raise FeedError(PepFault.FEED_FORKED, f"line {index.line} after {line}")
-        for entry in index.entries:
-            head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
-            if self._mark.differs(index.line, entry.epoch, head):
-                raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {entry.epoch}: {PUT_BACK}")
-        if index.last == index.epoch and index.head != head:
-            raise FeedError(PepFault.FEED_FORKED, f"another history up to epoch {index.epoch}: {PUT_BACK}")
-        return head
+    async def _pages(self, place: Place | None, *, meets: revocation.RevocationBase = NO_BASE) -> RevocationIndex:
+        """The last index of everything after a place; None: from the newest base on.
+
+        Args:
+            place: of the chain, which each page goes on from.
+            meets: a base that the chain must meet.
+        """
+        since, base = (0, NO_BASE) if place is None else (place.epoch, meets)
+        begun, walk = place is not None, place
+        while True:
+            nonce = secrets.token_urlsafe(NONCE_BYTES)
+            query = {"since": str(since), "nonce": nonce} | ({} if begun else {"base": str(base.epoch)})
+            index = self._hear(await self._get("/revocations", query), since=since, nonce=nonce)
+            if walk is None:
+                base, begun = index.base, index.base == NO_BASE
+                walk = first_place(index, self._mark)
+            elif not begun and index.base.epoch != base.epoch:
+                raise FeedError(PepFault.FEED_WRONG_RANGE, "a page of another base")
+            walk = walk.after(index, self._mark, base=base)
+            if index.last == index.epoch:
+                return index
+            if not index.last > since:
+                raise FeedError(PepFault.FEED_WRONG_RANGE, "a page that leads nowhere")
+            since = index.last
 
     async def _sync(self) -> None:
         try:

@@ -17,6 +17,7 @@ from capabilities.statements import revocation
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, PepFault
 from pep.base.files import replace_file
+from pep.provider.feed_place import Place
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -65,6 +66,11 @@ class FeedMark:
         if index.line != self.line:
             return index.line > self.line
         return index.epoch >= self.epoch and index.registry_version >= self.registry_version
+
+    def behind(self, index: RevocationIndex) -> Place | None:
+        """Place of this mark, where it lies before the base of an index of its line; else None."""
+        between = self.line == index.line and 0 < self.epoch < index.base.epoch
+        return Place(self.line, self.epoch, self.head) if between and self.head else None
 
     def differs(self, line: int, epoch: int, head: str) -> bool:
         """True for a chain of this line that has another head at this epoch."""

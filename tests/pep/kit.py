@@ -534,6 +534,7 @@ class FakeIssuer:
         self.restoring, self.marks, self.mark_status = False, [], 200
         self.bundles, self.trust_hint = [], None
         self.confirmed = []
+        self.base_epoch, self.ended, self.heads = 0, frozenset(), {}
 
     def revoke(self, kind, identity):
         self.epoch += 1
@@ -581,12 +582,15 @@ class FakeIssuer:
         """No hints, unless a test gives them."""
         return httpx2.Response(404)
 
-    def index(self, *, since, nonce):
+    def index(self, *, since, nonce, base=None):
+        """The index, with a base at `base_epoch` where it is asked for; `ended` is then left out up to there."""
+        begun = self.base_epoch if base is not None else 0
         since, head = int(since), revocation.first_head(self.line)
         if since > self.epoch:
             return None
+        self.heads = {}
         for entry in self.entries:
-            head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
+            self.heads[entry.epoch] = head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
         fields = {
             "issuer": ISSUER,
             "line": self.line,
@@ -596,8 +600,13 @@ class FakeIssuer:
             "as_of_ms": int(self.clock.wall_s() * 1000),
             "nonce": nonce,
             "registry_version": self.registry_version,
-            "entries": tuple(e for e in self.entries if e.epoch > since)[: revocation.ENTRIES],
+            "entries": tuple(
+                e for e in self.entries if e.epoch > since and (e.epoch > begun or (e.kind, e.id) not in self.ended)
+            )[: revocation.ENTRIES],
         }
+        if begun:
+            through = fields["entries"][-1].epoch if len(fields["entries"]) == revocation.ENTRIES else self.epoch
+            fields["base"] = revocation.RevocationBase(begun, self.heads[begun], through)
         return unread(revocation, revocation.RevocationIndex(**{**fields, **self.lie}), self.signer)
 
     def conduct(self, *, since, nonce):

@@ -321,3 +321,133 @@ def test_revoked_things_survive_a_restart(tmp_path):
 def index_of(world):
     text = world.on_loop(feed.revocation_index(world.provider, world.app.state.heartbeat, since=0, nonce=NONCE))
     return revocation.open(text, world.trust.feed, DEFAULT).entries
+
+
+# --- bases -----------------------------------------------------------------------------------------------------------
+
+
+def rows(world, revoked):
+    """Puts revocations, (kind, id, at_ms), into the store as if they had been made then; the chain goes over them."""
+    import sqlalchemy as sa
+    from ztpm_idp.store import schema as t
+
+    async def go():
+        async with world.provider.store.write() as transaction:
+            made = [
+                {"epoch": epoch, "kind": kind, "id": id_, "by": "alice", "reason": "r", "at_ms": at_ms}
+                for epoch, (kind, id_, at_ms) in enumerate(revoked, start=1)
+            ]
+            await transaction._connection.execute(sa.insert(t.revocations), made)
+            await transaction._connection.execute(sa.update(t.counters).values(epoch=len(made)))
+            await transaction.revocations.begin(0)
+
+    world.on_loop(go())
+
+
+def based(world, since, base):
+    with world.anonymous() as http:
+        response = http.get(ISSUER + "/revocations", params={"since": str(since), "nonce": NONCE, "base": str(base)})
+    return response if response.status_code != 200 else revocation.open(response.text, world.trust.feed, DEFAULT)
+
+
+@pytest.mark.clause("STM-18")
+def test_a_base_leaves_out_what_has_ended_and_nothing_else(world):
+    """At the base's own revocation: a token's or hop's end is exact, a mandate's too, and parties stay for ever."""
+    now = 2_000_000_000_000
+    token_ms, mandate_ms = 86_410_000, 691_210_000
+    kinds = {
+        "token": token_ms,
+        "hop": token_ms,
+        "mandate": mandate_ms,
+        "agent": None,
+        "key": None,
+        "sponsor": None,
+        "audience": None,
+    }
+    made = [
+        (kind, f"{kind}-{age}", now - age)
+        for kind, end in kinds.items()
+        for age in ((end or 10**11) - 1, end or 10**11, (end or 10**11) + 1)
+    ]
+    made.sort(key=lambda row: row[2])
+    made += [("hop", f"{n:032x}", now) for n in range(256 - len(made))] + [
+        ("hop", f"{n:032x}", now) for n in range(400, 404)
+    ]
+    stored = [(kind, spelled(kind, id_), at_ms) for kind, id_, at_ms in made]
+    rows(world, stored)
+    index = based(world, 0, 0)
+    assert (index.base.epoch, index.base.through, index.epoch) == (256, 260, 260)
+    told = {(entry.kind, entry.id) for entry in index.entries}
+    left = [row for row in stored if row[:2] not in told]
+    assert {(kind, at_ms) for kind, _, at_ms in left} == {
+        (kind, now - end - 1) for kind, end in kinds.items() if end is not None
+    }
+    head = index.base.head
+    for entry in index.entries:
+        if entry.epoch > 256:
+            head = revocation.next_head(head, entry.epoch, entry.kind, entry.id)
+    assert head == index.head, "the chain goes on from the base"
+    whole = revocation.first_head(0)
+    for epoch, (kind, id_, _) in enumerate(stored[:256], start=1):
+        whole = revocation.next_head(whole, epoch, kind, id_)
+    assert whole == index.base.head
+    world.clock.at_s += 10**6
+    assert based(world, 0, 256).entries == index.entries, "a base is the same at any time"
+
+
+def spelled(kind, name):
+    import base64
+    import hashlib
+
+    digest = hashlib.sha256(name.encode()).digest()
+    match kind:
+        case "token":
+            return base64.urlsafe_b64encode(digest[:16]).rstrip(b"=").decode()
+        case "key":
+            return base64.urlsafe_b64encode(digest).rstrip(b"=").decode()
+        case "hop" | "mandate":
+            return name if len(name) == 32 else digest[:16].hex()
+        case "audience":
+            return f"http://127.0.0.1:8800/{digest[:4].hex()}"
+        case _:
+            return f"{kind}-{digest[:4].hex()}"
+
+
+@pytest.mark.clause("STM-18")
+def test_a_base_in_pages_tells_everything_once(world, monkeypatch):
+    from ztpm_idp.provider import feed
+
+    rows(
+        world,
+        [
+            ("agent" if n % 3 else "hop", f"a{n}" if n % 3 else f"{n:032x}", 1 if n < 200 else 10**12)
+            for n in range(1, 301)
+        ],
+    )
+    whole = based(world, 0, 0)
+    monkeypatch.setattr(feed, "INDEX_ENTRIES", 7)
+    seen, since = [], 0
+    while since < 300:
+        page = based(world, since, 256)
+        seen += page.entries
+        assert page.last > since
+        since = page.last
+    assert tuple(seen) == whole.entries
+    assert len(seen) == 300 - 66, "hops of long ago are left out"
+
+
+@pytest.mark.clause("STM-18")
+@pytest.mark.parametrize("base, code", [("1", "QUERY_MALFORMED"), ("x", "QUERY_MALFORMED"), ("256", "EPOCH_AHEAD")])
+def test_bases_that_are_none(world, base, code):
+    assert based(world, 0, base).json()["code"] == code
+    assert based(world, 0, 0).base == revocation.NO_BASE, "a short feed has none"
+
+
+@pytest.mark.clause("STM-18")
+def test_a_mandates_end_is_that_of_mandates():
+    from capabilities.statements.people import mandate
+
+    assert revocation.MANDATE_S == mandate.LIFETIME_S
+    assert {kind: revocation.ended_after_s(kind, DEFAULT) for kind in revocation.Revoked} == {
+        "token": 86_410, "hop": 86_410, "mandate": 691_210, "agent": None, "key": None, "sponsor": None, "audience": None,
+    }  # fmt: skip

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.statements import checkpoint, conduct, registry, revocation
 from capabilities.statements.people import answers
+from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
@@ -58,6 +59,8 @@ In base64 and with the rest they stay below the size of a statement (256 KiB).
 """
 INDEX_ENTRIES: Final = revocation.ENTRIES
 """Most entries of one index."""
+BASE_EPOCHS: Final = 256
+"""Epochs between two bases: so many entries at most does a new enforcement point hear of that have ended."""
 _ENTRY_BYTES: Final = 60
 """An entry without its id, as JSON, at most."""
 _EDGE_BYTES: Final = 80
@@ -84,10 +87,28 @@ class Deployment(Protocol):
     keys: IdpKeys
     store: Store
     snapshots: dict[str, tuple[tuple[int, int, int], str]]
+    base_heads: BaseHeads
 
     def now_ms(self) -> int:
         """The wall clock, milliseconds since the epoch."""
         ...
+
+
+class BaseHeads:
+    """Heads of the chain of revocations at bases, each worked out from the one before it."""
+
+    def __init__(self) -> None:
+        self._known: tuple[int, int, str] | None = None
+
+    async def at(self, view: Transaction, line: int, epoch: int) -> str:
+        """Head of this line at an epoch that was given out."""
+        known = self._known
+        after, head = (0, revocation.first_head(line))
+        if known is not None and known[0] == line and known[1] <= epoch:
+            after, head = known[1:]
+        head = await view.revocations.chained(head, after=after, through=epoch)
+        self._known = line, epoch, head
+        return head
 
 
 class Heartbeat:
@@ -119,12 +140,21 @@ class Heartbeat:
             self._served = everybody
 
 
-async def revocation_index(provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
+async def revocation_index(
+    provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str, base: int | None = None
+) -> str:
     """Signed index of the revocations after `since`.
 
     `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
     index that cannot hold all of them brings the oldest; that its last entry is below its epoch says that more is to
     come.
+
+    Args:
+        provider: of this deployment.
+        heartbeat: of its store.
+        since: what the caller knows.
+        nonce: echoed.
+        base: epoch of the base that the caller began with, 0 for the newest one; None: nothing is left out.
 
     Raises:
         StoreUnavailableError: the store cannot commit; there is no heartbeat then.
@@ -134,7 +164,7 @@ async def revocation_index(provider: Deployment, heartbeat: Heartbeat, *, since:
     await heartbeat.beat()
     async with provider.store.read() as view:
         await _serving(view)
-        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
+        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms, base=base)
 
 
 async def _serving(view: Transaction) -> Counters:
@@ -148,12 +178,23 @@ async def _serving(view: Transaction) -> Counters:
     return counters
 
 
-async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+async def _index(
+    provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int, base: int | None = None
+) -> str:
     counters = await view.counters()
-    found = await view.revocations.since(since, INDEX_ENTRIES)
-    if since > counters.epoch:
+    if max(since, base or 0) > counters.epoch:
         # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
         raise Problem(IdpCode.EPOCH_AHEAD)
+    begun = base or counters.epoch - counters.epoch % BASE_EPOCHS
+    if base is None or begun == 0:
+        found, beginning = await view.revocations.since(since, INDEX_ENTRIES), revocation.NO_BASE
+        kept = _that_fit(found)
+    else:
+        found = await view.revocations.living(since, INDEX_ENTRIES, base=begun, caps=DEFAULT)
+        kept = _that_fit(found)
+        cut = len(kept) < len(found) or len(found) == INDEX_ENTRIES
+        head = await provider.base_heads.at(view, counters.revocation_line, begun)
+        beginning = revocation.RevocationBase(begun, head, kept[-1].epoch if cut else counters.epoch)
     index = revocation.RevocationIndex(
         issuer=provider.settings.issuer,
         epoch=counters.epoch,
@@ -161,9 +202,10 @@ async def _index(provider: Deployment, view: Transaction, *, since: int, nonce: 
         as_of_ms=as_of_ms,
         nonce=nonce,
         registry_version=counters.registry_version,
-        entries=_that_fit(found),
+        entries=kept,
         line=counters.revocation_line,
         head=counters.revocation_head,
+        base=beginning,
     )
     return revocation.sign(index, provider.keys.feed)
 

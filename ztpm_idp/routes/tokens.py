@@ -15,9 +15,10 @@ from capabilities.token.static_verification import inspect_token
 from capabilities.values.errors import CapabilityError, FaultCode
 from capabilities.values.scope_json import restriction_from_json, scope_from_json
 from ztpm_idp.domain import commands
+from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.provider import wire
-from ztpm_idp.provider.feed import revocation_index
+from ztpm_idp.provider.feed import BASE_EPOCHS, revocation_index
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
     SCOPE_BYTES,
@@ -120,11 +121,17 @@ async def revoke(request: Request, call: Caller) -> dict[str, Any]:
 
 @router.get("/revocations", response_class=PlainTextResponse)
 async def revocations(request: Request) -> PlainTextResponse:
-    """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers."""
-    since, nonce = query_of(request, "since", "nonce")
-    known, echoed = since_of(since), nonce_of(nonce)
+    """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers.
+
+    With `base`, which is 0 or that of an earlier page, it begins with a base: without what has ended everywhere.
+    """
+    names = ("since", "nonce", "base") if "base" in request.query_params else ("since", "nonce")
+    since, nonce, *more = query_of(request, *names)
+    known, echoed, base = since_of(since), nonce_of(nonce), since_of(more[0]) if more else None
+    if base and base % BASE_EPOCHS:
+        raise Problem(IdpCode.QUERY_MALFORMED, "base")
     provider = provider_of(request)
-    text = await revocation_index(provider, heartbeat_of(request), since=known, nonce=echoed)
+    text = await revocation_index(provider, heartbeat_of(request), since=known, nonce=echoed, base=base)
     # The version of the trust bundle is a hint: whoever has an older one asks for it, and verifies it.
     hint = {TRUST_HINT: str(provider.rules.trust.version)}
     return PlainTextResponse(text, headers={"Cache-Control": "no-store", **hint})

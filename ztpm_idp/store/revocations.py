@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 import sqlalchemy as sa
 
-from capabilities.statements.revocation import first_head, next_head
+from capabilities.statements.revocation import ended_after_s, first_head, next_head
 from ztpm_idp.domain.events import RevocationKind, Revoked
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import schema as t
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
+    from capabilities.values.caps import Caps
     from ztpm_idp.store.counters import Counting
 
 _T = TypeVar("_T")
@@ -37,6 +38,28 @@ class Revocations:
             sa.select(c.epoch, c.kind, c.id).where(c.epoch > since).order_by(c.epoch).limit(most)
         )  # fmt: skip
         return [(epoch, kind, id_) for epoch, kind, id_ in found]
+
+    async def living(self, since: int, most: int, *, base: int, caps: Caps) -> list[tuple[int, str, str]]:
+        """As `since`, but up to epoch `base` without those that had ended when the revocation of `base` was made."""
+        c = t.revocations.c
+        made_ms = await self._connection.scalar(sa.select(c.at_ms).where(c.epoch == base))
+        passing = {kind.value: after_s for kind in RevocationKind if (after_s := ended_after_s(kind, caps)) is not None}
+        living = [
+            sa.and_(c.kind == kind, c.at_ms >= (made_ms or 0) - after_s * 1_000) for kind, after_s in passing.items()
+        ]
+        kept = sa.or_(c.epoch > base, c.kind.not_in(sorted(passing)), *living)
+        found = await self._connection.execute(
+            sa.select(c.epoch, c.kind, c.id).where(c.epoch > since, kept).order_by(c.epoch).limit(most)
+        )
+        return [(epoch, kind, id_) for epoch, kind, id_ in found]
+
+    async def chained(self, head: str, *, after: int, through: int) -> str:
+        """Head of the chain at epoch `through`, from that at `after` on."""
+        c = t.revocations.c
+        query = sa.select(c.epoch, c.kind, c.id).where(c.epoch > after, c.epoch <= through).order_by(c.epoch)
+        for epoch, kind, id_ in await self._connection.execute(query):
+            head = next_head(head, epoch, kind, id_)
+        return head
 
     async def epoch_of(self, what: tuple[str, str] | None) -> int | None:
         """The epoch at which this (kind, id) was revoked, or None."""

@@ -7,6 +7,7 @@ import pytest
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.errors import FeedError, PepFault
 from pep.provider.feed_mark import KeptRevocations
+from capabilities.statements import revocation
 from tests.pep.kit import ISSUER
 from tests.pep.provider.test_feed import World, full
 
@@ -218,3 +219,88 @@ def test_a_new_line_asks_for_the_whole_word_on_conduct(world):
     world.issuer.conduct_version = 0
     asyncio.run(world.follower.standings.pull())
     assert world.follower.conduct().age_ms == 0
+
+
+# --- bases -----------------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def fresh(tmp_path):
+    return World(tmp_path)
+
+
+def based(world, revocations=8, base=6):
+    """A feed whose first hops have ended: its base leaves them out."""
+    for number in range(revocations):
+        world.issuer.revoke("hop", f"{number:032x}")
+    world.issuer.base_epoch = base
+    world.issuer.ended = frozenset({("hop", f"{number:032x}") for number in range(4)})
+
+
+@pytest.mark.clause("STM-18")
+@pytest.mark.parametrize("page", [2, 3, 4_096])
+def test_a_new_point_begins_with_the_base_and_goes_on_from_its_head(fresh, monkeypatch, page):
+    monkeypatch.setattr(revocation, "ENTRIES", page)
+    based(fresh)
+    fresh.pull()
+    view = fresh.follower.view()
+    assert (view.epoch, len(view.revoked)) == (8, 4)
+    fresh.issuer.revoke("agent", "mover")
+    fresh.pull()
+    assert fresh.follower.view().epoch == 9
+    assert fresh.follower._mark.head == fresh.issuer.heads[9]
+
+
+@pytest.mark.clause("STM-18")
+def test_a_point_that_was_away_is_shown_what_lies_between_its_mark_and_the_base(fresh):
+    fresh.issuer.revoke("hop", "e" * 32)
+    fresh.issuer.revoke("agent", "early")
+    fresh.pull()
+    based(fresh)
+    fresh.restart()
+    fresh.issuer.asked.clear()
+    fresh.pull()
+    assert fresh.issuer.asked.count("/revocations") == 2
+    assert fresh.follower.view().epoch == 10
+    assert {("agent", "early"), ("hop", f"{0:032x}")} <= fresh.follower.view().revoked, "also what has ended since"
+
+
+@pytest.mark.clause("STM-18")
+def test_a_base_hides_no_other_history_from_a_point_that_was_away(fresh):
+    """The entries below the base, where the mark lies, are others than this point was told."""
+    fresh.issuer.revoke("hop", "e" * 32)
+    fresh.issuer.revoke("agent", "early")
+    fresh.pull()
+    fresh.issuer.entries.clear()
+    fresh.issuer.epoch = 0
+    fresh.issuer.revoke("hop", "f" * 32)
+    fresh.issuer.revoke("agent", "other")
+    based(fresh)
+    fresh.restart()
+    fresh.refused(PepFault.FEED_FORKED)
+
+
+@pytest.mark.clause("STM-18")
+@pytest.mark.parametrize("at", [6, 8])
+def test_a_base_with_another_head_than_the_mark_or_the_chain_is_refused(fresh, at):
+    """At the mark itself, or below it: the chain from the base does not meet the index."""
+    based(fresh, revocations=at)
+    fresh.pull()
+    fresh.restart()
+    fresh.issuer.lie = {"base": revocation.RevocationBase(6, "0" * 63 + "1", at)}
+    fresh.refused(PepFault.FEED_FORKED)
+
+
+@pytest.mark.clause("STM-18")
+def test_another_base_in_the_middle_is_refused(fresh, monkeypatch):
+    monkeypatch.setattr(revocation, "ENTRIES", 2)
+    based(fresh)
+    inner = fresh.issuer.index
+
+    def moving(**query):
+        text = inner(**query)
+        fresh.issuer.base_epoch = 7
+        return text
+
+    monkeypatch.setattr(fresh.issuer, "index", moving)
+    fresh.refused(PepFault.FEED_WRONG_RANGE)
