@@ -7,7 +7,7 @@ SHELL := /bin/bash
 # Programs that tests begin by the hundred read what the first of their kind has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign mutants constraints
+.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -51,6 +51,9 @@ soundness:  ## 20,000 motions, half of them lines, paths and streams, against Mu
 
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
+
+tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoint; how many were found last
+	$(RUN) python -m tests.ztpm_idp.campaign.tampering
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
