@@ -7,7 +7,8 @@ import logging
 import time
 import traceback
 from contextlib import asynccontextmanager
-from typing import TYPE_CHECKING, Any, Final
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
 from fastapi import FastAPI
 from fastapi.routing import APIRoute
@@ -47,17 +48,17 @@ from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Callable, Coroutine, Iterable
+    from collections.abc import AsyncIterator, Callable, Coroutine, Iterable, Mapping
 
     from fastapi import Request
     from fastapi.responses import Response
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-    from capabilities.statements.workload import Platform
+    from capabilities.statements.workload import AnyPlatform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
-    from ztpm_idp.keys.watched_file import WatchedFile
+    from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
 
@@ -89,12 +90,13 @@ def create_app(
     settings: Settings,
     keys: IdpKeys,
     *,
-    platform: Platform | None = None,
+    platform: AnyPlatform | None = None,
     policies: PolicySet | None = None,
     oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
+    publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     now: Callable[[], float] = time.time,
-    watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
+    watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> FastAPI:
     """The identity provider as an ASGI application.
 
@@ -103,12 +105,13 @@ def create_app(
     Args:
         settings: checked already; see `ztpm_idp.settings`.
         keys: the five private keys.
-        platform: the platform whose workload tokens are evidence of kind `jwt`; None: there is none.
+        platform: the platform whose word on workloads is trusted from the start; None: there is none.
+        publishers: raw public keys by name of each whose releases are trusted.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
         now: wall clock, seconds since the epoch.
-        watch: names the files that take effect while it serves (`ztpm_idp.watching`).
+        watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
     """
     path = "/" + settings.issuer.split("/", 3)[3]
     decided_by = load_policies(settings) if policies is None else policies
@@ -118,7 +121,14 @@ def create_app(
         store = await Store.open(settings.database_url)
         try:
             app.state.provider = Provider(
-                settings, keys, store, now, platform=platform, policies=decided_by, oauth=oauth_keys
+                settings,
+                keys,
+                store,
+                now,
+                platform=platform,
+                policies=decided_by,
+                oauth=oauth_keys,
+                publishers=publishers,
             )
             app.state.heartbeat = Heartbeat(app.state.provider)
             app.state.confirmations = Confirmations(store)

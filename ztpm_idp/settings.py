@@ -27,8 +27,9 @@ from ztpm_idp.domain.addresses import is_loopback
 from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.hardware_token import open_token
-from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, load_key, token_key
+from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, UnsafeError, load_key, token_key
 from ztpm_idp.login_settings import LoginProviderSettings, check_login_providers
+from ztpm_idp.platforms.stated import PLATFORMS, PUBLISHERS, Publisher, StatedPlatform, check_together
 
 if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
@@ -91,7 +92,7 @@ class Stated(BaseModel):
         _check_listener(self)
         _check_database(self.database_url)
         if fault := check_login_providers(self.login_providers):
-            raise _UnsafeError("login_providers", fault)
+            raise UnsafeError("login_providers", fault)
         return self
 
 
@@ -129,15 +130,16 @@ class FileSettings(Stated):
         key_ring_file: which keys there are, and which of them sign (`capabilities.rotation.rotation`); the private key
             of
             "root-2" lies beside it as `root-2.key`. With it none of the next six is stated, without it all of them.
-            Read once: a step of a rotation needs a restart.
+            A step of a rotation takes effect while it serves.
         pkcs11: the hardware module that holds those private keys of the ring which have no file.
         root_key_id: number of the root key, in every token.
         root_key_file, attester_key_file, feed_key_file, registry_key_file, ledger_key_file: one key for each role.
         oauth_key_files: keys of the authorization server, the one that signs first; all are published. Without one
             there is no authorization server here.
         platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
-            (Ed25519 or P-256, each with a `kid`). Both or neither; without them there is evidence of kind `key` alone.
-            The file is read once: a new key of the platform needs a restart.
+            (Ed25519, P-256 or RSA, each with a `kid`). Both or neither.
+        platforms: further platforms: SPIFFE trust domains and Kubernetes clusters.
+        publishers: those whose releases of agents' software are evidence of kind `release`.
     """
 
     key_ring_file: KeyFile = None
@@ -151,28 +153,33 @@ class FileSettings(Stated):
     oauth_key_files: list[str] = Field(default_factory=list)
     platform_trust_domain: str | None = None
     platform_jwks_file: str | None = None
+    platforms: Annotated[list[StatedPlatform], Field(max_length=PLATFORMS)] = []
+    publishers: Annotated[list[Publisher], Field(max_length=PUBLISHERS)] = []
 
     @model_validator(mode="after")
     def _keys(self) -> Self:
         for name in ("root_key_id", *KEY_FILES):
             if (getattr(self, name) is None) != (self.key_ring_file is not None):
                 why = "missing" if self.key_ring_file is None else "the key ring says it"
-                raise _UnsafeError(name, why)
+                raise UnsafeError(name, why)
         return self
 
     @model_validator(mode="after")
     def _hardware(self) -> Self:
         if self.pkcs11 is not None and self.key_ring_file is None:
-            raise _UnsafeError("pkcs11", "keys of a module are named by a key ring; key_ring_file is missing")
+            raise UnsafeError("pkcs11", "keys of a module are named by a key ring; key_ring_file is missing")
         return self
 
     @model_validator(mode="after")
     def _platform(self) -> Self:
         if (self.platform_trust_domain is None) != (self.platform_jwks_file is None):
             absent = "platform_jwks_file" if self.platform_jwks_file is None else "platform_trust_domain"
-            raise _UnsafeError(absent, "trust domain and key file go together")
+            raise UnsafeError(absent, "trust domain and key file go together")
         if self.platform_trust_domain is not None and not text.is_trust_domain(self.platform_trust_domain):
-            raise _UnsafeError("platform_trust_domain", "not the name of a trust domain")
+            raise UnsafeError("platform_trust_domain", "not the name of a trust domain")
+        check_together(self.platforms, self.publishers)
+        if any(each.name == f"spiffe://{self.platform_trust_domain}" for each in self.platforms):
+            raise UnsafeError("platforms", "platform_trust_domain once more")
         return self
 
     def settings(self, keys: IdpKeys | None = None) -> Settings:
@@ -305,63 +312,54 @@ def _validated(model: type[S], stated: dict[str, object]) -> S:
     except ValidationError as error:
         first = error.errors(include_url=False, include_context=True, include_input=False)[0]
         cause = first.get("ctx", {}).get("error")
-        if isinstance(cause, _UnsafeError):
+        if isinstance(cause, UnsafeError):
             raise SettingsError(cause.setting, cause.why) from None
         raise SettingsError(".".join(str(part) for part in first["loc"]) or "config", first["type"]) from None
-
-
-class _UnsafeError(ValueError):
-    """Carries a setting's name through pydantic."""
-
-    def __init__(self, setting: str, why: str) -> None:
-        super().__init__(why)
-        self.setting = setting
-        self.why = why
 
 
 def _check_issuer(issuer: str) -> None:
     try:
         text.url(issuer, most_bytes=DEFAULT.text_bytes)
     except ScopeError:
-        raise _UnsafeError("issuer", "not a canonical URL") from None
+        raise UnsafeError("issuer", "not a canonical URL") from None
     parts = urlsplit(issuer)
     if parts.scheme not in {"http", "https"}:
-        raise _UnsafeError("issuer", "not an HTTP URL")
+        raise UnsafeError("issuer", "not an HTTP URL")
     if not parts.path:
-        raise _UnsafeError("issuer", "needs a path, e.g. /ztpm: readers differ on what a URL without one is called")
+        raise UnsafeError("issuer", "needs a path, e.g. /ztpm: readers differ on what a URL without one is called")
     if parts.scheme == "http" and not is_loopback(parts.hostname or ""):
-        raise _UnsafeError("issuer", "plain HTTP beyond loopback")
+        raise UnsafeError("issuer", "plain HTTP beyond loopback")
 
 
 def _check_listener(settings: Stated) -> None:
     tls = (settings.tls_certificate_file, settings.tls_key_file)
     if any(tls) and not all(tls):
-        raise _UnsafeError("tls_certificate_file" if not tls[0] else "tls_key_file", "certificate and key go together")
+        raise UnsafeError("tls_certificate_file" if not tls[0] else "tls_key_file", "certificate and key go together")
     if not is_loopback(settings.host) and not all(tls):
-        raise _UnsafeError("host", "listening beyond loopback needs TLS")
+        raise UnsafeError("host", "listening beyond loopback needs TLS")
     if all(tls) and not settings.issuer.startswith("https://"):
-        raise _UnsafeError("issuer", "TLS is configured but the issuer is plain HTTP")
+        raise UnsafeError("issuer", "TLS is configured but the issuer is plain HTTP")
 
 
 def _check_database(database_url: str) -> None:
     try:
         url = sa.make_url(database_url)
     except sa.exc.ArgumentError:
-        raise _UnsafeError("database_url", "not a database URL") from None
+        raise UnsafeError("database_url", "not a database URL") from None
     if url.drivername == _SQLITE:
         _check_sqlite(url)
     elif url.drivername == _POSTGRES:
         _check_postgres(url)
     else:
-        raise _UnsafeError("database_url", f"the driver is {_SQLITE} or {_POSTGRES}")
+        raise UnsafeError("database_url", f"the driver is {_SQLITE} or {_POSTGRES}")
 
 
 def _check_sqlite(url: sa.URL) -> None:
     # A plain file and nothing else: options in the URL could put it into memory or loosen its durability.
     if not url.database or url.database.startswith((":", "file:")):
-        raise _UnsafeError("database_url", "a database in memory forgets revocations")
+        raise UnsafeError("database_url", "a database in memory forgets revocations")
     if url.query:
-        raise _UnsafeError("database_url", "options are not taken")
+        raise UnsafeError("database_url", "options are not taken")
 
 
 def _check_postgres(url: sa.URL) -> None:
@@ -370,11 +368,11 @@ def _check_postgres(url: sa.URL) -> None:
     The store turns TLS on by itself: an option could only turn it down.
     """
     if url.password is not None:
-        raise _UnsafeError("database_url", "a password in a file: it belongs in PGPASSFILE (~/.pgpass) or PGPASSWORD")
+        raise UnsafeError("database_url", "a password in a file: it belongs in PGPASSFILE (~/.pgpass) or PGPASSWORD")
     socket = url.query.get("host")
     if url.query and (set(url.query) != {"host"} or not isinstance(socket, str) or not socket.startswith("/")):
-        raise _UnsafeError("database_url", "the only option is host=/DIRECTORY, of a socket; TLS needs none")
+        raise UnsafeError("database_url", "the only option is host=/DIRECTORY, of a socket; TLS needs none")
     if (url.host is None) == (socket is None):
-        raise _UnsafeError("database_url", "one server: //USER@HOST/NAME, or //USER@/NAME?host=/DIRECTORY")
+        raise UnsafeError("database_url", "one server: //USER@HOST/NAME, or //USER@/NAME?host=/DIRECTORY")
     if not url.username or not url.database:
-        raise _UnsafeError("database_url", "names a user and a database: another's environment would choose them")
+        raise UnsafeError("database_url", "names a user and a database: another's environment would choose them")

@@ -14,6 +14,7 @@ from capabilities.statements import (
     mark,
     observation,
     registry,
+    release,
     revocation,
     ticket,
 )
@@ -32,7 +33,7 @@ class Signer(StrEnum):
 
     The first five are the roles of the trust bundle; root and attester sign tokens and no statement. The others are
     registered with the identity provider, but for the surveyor and the curators, whose keys the configuration of an
-    enforcement point names.
+    enforcement point names, and the publishers, whose keys that of the identity provider names.
     """
 
     ROOT = "root"
@@ -47,6 +48,7 @@ class Signer(StrEnum):
     SENSOR = "sensor"
     SURVEYOR = "surveyor"
     CURATOR = "curator"
+    PUBLISHER = "publisher"
 
 
 SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
@@ -67,6 +69,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         observation.KIND: Signer.SENSOR,
         opening.KIND: Signer.APPROVER,
         registry.KIND: Signer.REGISTRY,
+        release.KIND: Signer.PUBLISHER,
         response.KIND: Signer.PEP,
         revocation.KIND: Signer.FEED,
         ticket.KIND: Signer.PEP,

@@ -1,23 +1,25 @@
-"""Workload identity tokens: a platform's statement about the software that it runs, bound to the agent's key.
+"""Workload identity tokens: a platform's statement about a workload of its own, for the identity provider alone.
 
-The form is a JWT-SVID (SPIFFE) with two claims more: `cnf.jkt`, the thumbprint of the agent's key (RFC 7800, RFC 9449),
-and `measurement`, taken by the platform. Such a token is no authority and no proof: it is handed in inside the
-agent's own signed attestation, whose nonce keeps it from being replayed.
+A JWT-SVID of SPIFFE, or a projected service account token of Kubernetes. Such a token is a bearer: it is no authority
+and no proof, and counts only inside the agent's own signed attestation, once. Where a platform adds `cnf.jkt`, the
+thumbprint of the agent's key (RFC 7800, RFC 9449), and its `measurement` of the software, the token says more.
 
-The keys come from a file that the identity provider's settings name. A key brings its algorithm; the header of a token
-chooses neither, `kid` only says which of the known keys is meant.
+Keys come from what the identity provider's settings name. A key brings its algorithm; the header of a token chooses
+neither, `kid` only says which of the known keys is meant.
 """
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, assert_never
 
 import jwt
 
 from capabilities.keys import jws, keys
 from capabilities.statements.claims import Sha256, Thumbprint, Whole, malformed, read
+from capabilities.statements.platform_keys import KEY_SET_BYTES, RS256, OtherKeyError, PlatformKey, jwks, key_set
 from capabilities.values import strict_json, text
 from capabilities.values.errors import BadKeyError, CapabilityError, FaultCode, StatementError
 from capabilities.values.form import Form
@@ -27,53 +29,35 @@ if TYPE_CHECKING:
 
     from capabilities.values.caps import Caps
 
-KEYS: Final = 16
-"""Most keys of one platform: a rotation needs two."""
-KID_BYTES: Final = 128
-"""Longest key id; SPIRE's have 32 characters, a thumbprint 43."""
-KEY_SET_BYTES: Final = 16_384
-"""Largest key file: 16 keys of less than 1 KiB."""
+__all__ = [
+    "KEY_SET_BYTES", "AnyPlatform", "Cluster", "OtherKeyError", "Platform", "PlatformKey", "Workload", "digest", "jwks",
+    "key_set", "open", "sign",
+]  # fmt: skip
 
-_ENGINE: Final = jwt.PyJWS(algorithms=[jws.EDDSA, jws.ES256])
+_ENGINE: Final = jwt.PyJWS(algorithms=[jws.EDDSA, jws.ES256, RS256])
 _HEADER: Final = frozenset({"alg", "kid"})
 _TYPES: Final = frozenset({"JWT", "JOSE"})
 """JWT-SVID section 2: `alg`, `kid`, `typ` and no other member; `typ`, where it is stated, is one of these."""
 _SIGNATURE_BYTES: Final = 64
-"""Bytes of a signature of both algorithms (RFC 8032; RFC 7518 section 3.4)."""
-_COORDINATE_BYTES: Final = 32
-_REQUIRED: Final = frozenset({"sub", "aud", "exp", "iat", "cnf", "measurement"})
+"""Bytes of a signature of both algorithms of curves (RFC 8032; RFC 7518 section 3.4)."""
+_REQUIRED: Final = frozenset({"sub", "aud", "exp", "iat"})
+_BOUND: Final = frozenset({"cnf", "measurement"})
+"""Both or neither."""
 _OPTIONAL: Final = frozenset({"iss", "nbf", "jti"})
-_JWK_OPTIONAL: Final = frozenset({"alg", "use", "key_ops"})
-_USES: Final = frozenset({"sig", "jwt-svid"})
-"""RFC 7517; SPIFFE Trust Domain and Bundle section 4.2.2."""
-_SET_OPTIONAL: Final = frozenset({"spiffe_sequence", "spiffe_refresh_hint"})
-
-
-@dataclass(frozen=True, slots=True)
-class PlatformKey:
-    """A public key of the platform.
-
-    Attributes:
-        algorithm: `EdDSA` or `ES256`, and no other with this key.
-        raw: the raw key (`capabilities.keys.keys`).
-    """
-
-    algorithm: str
-    raw: bytes
-
-    @property
-    def public(self) -> keys.PublicKey:
-        """The key to verify with."""
-        return keys.public_key(self.raw)
+_CLUSTER_REQUIRED: Final = frozenset({"iss", "sub", "aud", "exp", "iat"})
+_CLUSTER_OPTIONAL: Final = frozenset({"nbf", "jti", "kubernetes.io"})
+_ACCOUNT: Final = "system:serviceaccount:"
+"""Starts `sub` of a service account, before its namespace and name (Kubernetes, Authenticating)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Platform:
-    """Platform whose word on workloads is trusted.
+    """SPIFFE platform whose word on workloads is trusted.
 
     Attributes:
         trust_domain: its name, e.g. "cell.example".
-        keys: by key id, at least one.
+        keys: of its JWT-SVIDs, by key id.
+        authorities: certificates of those who sign its X.509-SVIDs, DER.
 
     Raises:
         StatementError: `STATEMENT_MALFORMED` for a name that is none.
@@ -81,6 +65,7 @@ class Platform:
 
     trust_domain: str
     keys: Mapping[str, PlatformKey]
+    authorities: tuple[bytes, ...] = ()
 
     def __post_init__(self) -> None:
         if not text.is_trust_domain(self.trust_domain):
@@ -92,9 +77,56 @@ class Platform:
         """Its raw keys: nobody else may have one of them."""
         return frozenset(key.raw for key in self.keys.values())
 
+    @property
+    def root(self) -> str:
+        """Start of the ids of its workloads."""
+        return f"spiffe://{self.trust_domain}/"
+
     def holds(self, workload: str) -> bool:
         """True where a workload id belongs to this trust domain."""
-        return workload.startswith(f"spiffe://{self.trust_domain}/")
+        return workload.startswith(self.root)
+
+
+@dataclass(frozen=True, slots=True)
+class Cluster:
+    """Kubernetes cluster whose word on its service accounts is trusted.
+
+    Attributes:
+        name: by which the settings call it; the workload ids of its accounts start `k8s://NAME/`.
+        issuer: `iss` of its tokens.
+        keys: by key id.
+        lifetime_s: longest life of a token of it, seconds.
+
+    Raises:
+        StatementError: `STATEMENT_MALFORMED` for a name that is none.
+    """
+
+    name: str
+    issuer: str
+    keys: Mapping[str, PlatformKey]
+    lifetime_s: int
+
+    def __post_init__(self) -> None:
+        if not text.is_trust_domain(self.name):
+            raise StatementError(FaultCode.STATEMENT_MALFORMED, "not the name of a cluster")
+        object.__setattr__(self, "keys", MappingProxyType(dict(self.keys)))
+
+    @property
+    def all_keys(self) -> frozenset[bytes]:
+        """Its raw keys: nobody else may have one of them."""
+        return frozenset(key.raw for key in self.keys.values())
+
+    @property
+    def root(self) -> str:
+        """Start of the ids of its workloads."""
+        return f"k8s://{self.name}/"
+
+    def holds(self, workload: str) -> bool:
+        """True where a workload id belongs to this cluster."""
+        return workload.startswith(self.root)
+
+
+AnyPlatform = Platform | Cluster
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,11 +134,12 @@ class Workload:
     """Workload as its platform states it.
 
     Attributes:
-        id: `spiffe://trust-domain/path`.
+        id: `spiffe://trust-domain/path`, or `k8s://cluster/namespace/account`.
         audience: the verifier that it is for.
-        key_thumbprint: RFC 7638 thumbprint of the key that the workload holds.
-        measurement: SHA-256 over the software that the platform measured.
+        key_thumbprint: RFC 7638 thumbprint of the key that the workload holds; "" where the platform does not say.
+        measurement: SHA-256 over the software that the platform measured; empty where it does not say.
         issued_at, expires_at: seconds since the epoch.
+        token_id: `jti` of the token, or "".
     """
 
     id: str
@@ -115,104 +148,26 @@ class Workload:
     measurement: bytes
     issued_at: int
     expires_at: int
+    token_id: str = ""
 
 
-# --- keys ------------------------------------------------------------------------------------------------------------
-
-
-class OtherKeyError(BadKeyError):
-    """A key that a set rightly holds, for another use or of another algorithm."""
-
-
-def key_set(raw: bytes) -> tuple[dict[str, PlatformKey], tuple[str, ...]]:
-    """The usable keys of a JWKS (RFC 7517), by id, and the others in words.
-
-    A key for X.509 certificates, or of another type, curve or algorithm, is left out (SPIFFE Trust Domain and Bundle
-    section 4.2).
-
-    Raises:
-        StatementError: `STATEMENT_MALFORMED` when it is no strict JSON of that shape or too large.
-        BadKeyError: `KEY_MALFORMED` for a private or unknown member, no id or an id twice; `KEY_WRONG_ROLE` for a key
-            that is for signing; `OtherKeyError` when no key is usable.
-    """
-    if len(raw) > KEY_SET_BYTES:
-        raise StatementError(FaultCode.STATEMENT_MALFORMED, f"at most {KEY_SET_BYTES} bytes")
-    members = strict_json.parse_object(strict_json.without_mark(raw))
-    found = members.get("keys")
-    if not members.keys() <= {"keys", *_SET_OPTIONAL} or not isinstance(found, list) or not 1 <= len(found) <= KEYS:
-        raise StatementError(FaultCode.STATEMENT_MALFORMED, f"not a set of 1 to {KEYS} keys")
-    usable: list[tuple[str, PlatformKey]] = []
-    others: list[tuple[FaultCode, str]] = []
-    for place, value in enumerate(found):
-        try:
-            usable.append(_key(value))
-        except OtherKeyError as error:
-            others.append((error.code, f"keys[{place}]: {error.detail}"))
-    by_id = dict(usable)
-    if len(by_id) != len(usable) or len({key.raw for key in by_id.values()}) != len(usable):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "a key or a key id twice")
-    if not by_id:
-        raise OtherKeyError(others[0][0], f"no usable key; {'; '.join(why for _, why in others)}")
-    return by_id, tuple(why for _, why in others)
-
-
-def _key(value: object) -> tuple[str, PlatformKey]:
-    if not isinstance(value, dict):
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key")
-    if not isinstance(value.get("kty"), str) or value["kty"] == "oct" or "d" in value:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a public key")
-    use = value.get("use", "sig")
-    if isinstance(use, str) and use not in _USES:
-        raise OtherKeyError(FaultCode.KEY_WRONG_ROLE, f"for another use, {use[:16]!r}")
-    match value.get("kty"), value.get("crv"):
-        case "OKP", "Ed25519":
-            algorithm = jws.EDDSA
-        case "EC", "P-256":
-            algorithm = jws.ES256
-        case _:
-            kind = " ".join(str(value[each])[:16] for each in ("kty", "crv") if each in value)
-            raise OtherKeyError(FaultCode.KEY_MALFORMED, f"{kind or 'no type'}, neither Ed25519 nor P-256")
-    needed = {"kty", "crv", "x", "kid"} | ({"y"} if algorithm == jws.ES256 else set())
-    if not needed <= value.keys() <= needed | _JWK_OPTIONAL:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not the members of a public key")
-    kid = value["kid"]
-    if not isinstance(kid, str) or not 1 <= len(kid) <= KID_BYTES or not kid.isascii() or not kid.isprintable():
-        raise BadKeyError(FaultCode.KEY_MALFORMED, "not a key id")
-    if not isinstance(use, str) or value.get("key_ops", ["verify"]) != ["verify"]:
-        raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "not a key to verify with")
-    if value.get("alg", algorithm) != algorithm:
-        raise BadKeyError(FaultCode.KEY_WRONG_ROLE, "a key of another algorithm")
-    if algorithm == jws.EDDSA:
-        return kid, PlatformKey(algorithm, keys.check_raw(_coordinate(value["x"])))
-    return kid, PlatformKey(algorithm, keys.p256_raw(_coordinate(value["x"]), _coordinate(value["y"])))
-
-
-def _coordinate(value: object) -> bytes:
-    raw = keys.unb64u(value) if isinstance(value, str) else b""
-    if len(raw) != _COORDINATE_BYTES:
-        raise BadKeyError(FaultCode.KEY_MALFORMED, f"not {_COORDINATE_BYTES} bytes in base64url")
-    return raw
-
-
-def jwks(public: bytes) -> bytes:
-    """The JWKS of one raw key; its id is its thumbprint."""
-    member = {**jws.jwk(public), "kid": keys.thumbprint(public), "use": "sig", "alg": jws.algorithm_name(public)}
-    return strict_json.canonical({"keys": [member]})
-
-
-# --- tokens ----------------------------------------------------------------------------------------------------------
+def digest(token: str) -> bytes:
+    """SHA-256 of the signed part of a token: the same under each signature that verifies ([WLD-8])."""
+    return hashlib.sha256(token.rpartition(".")[0].encode()).digest()
 
 
 def sign(workload: Workload, key: keys.PrivateKey) -> str:
-    """The token, signed by a platform whose JWKS is that of `jwks`."""
-    claims = {
+    """The token, signed by a SPIFFE platform whose JWKS is that of `jwks`."""
+    claims: dict[str, object] = {
         "sub": workload.id,
         "aud": workload.audience,
         "iat": workload.issued_at,
         "exp": workload.expires_at,
-        "cnf": {"jkt": workload.key_thumbprint},
-        "measurement": workload.measurement.hex(),
     }
+    if workload.key_thumbprint or workload.measurement:
+        claims |= {"cnf": {"jkt": workload.key_thumbprint}, "measurement": workload.measurement.hex()}
+    if workload.token_id:
+        claims["jti"] = workload.token_id
     header: dict[str, object] = {"typ": "JWT", "kid": keys.thumbprint(keys.public_raw(key))}
     payload, domain = strict_json.canonical(claims), workload.id.removeprefix("spiffe://").partition("/")[0]
     usable, _ = key_set(jwks(keys.public_raw(key)))
@@ -220,7 +175,7 @@ def sign(workload: Workload, key: keys.PrivateKey) -> str:
     return jws.sign(header, payload, key)
 
 
-def open(token: str, platform: Platform, *, audience: str, at: float, caps: Caps) -> Workload:  # noqa: A001 - read as workload.open
+def open(token: str, platform: AnyPlatform, *, audience: str, at: float, caps: Caps) -> Workload:  # noqa: A001 - read as workload.open
     """Statement of the platform about one of its own workloads, to this audience, now.
 
     Args:
@@ -234,8 +189,14 @@ def open(token: str, platform: Platform, *, audience: str, at: float, caps: Caps
         StatementError: `STATEMENT_MALFORMED`, `STATEMENT_UNTRUSTED`, `WRONG_AUDIENCE`, `EXPIRED`, `NOT_YET_VALID` or
             `LIFETIME_TOO_LONG`.
     """
-    payload = _signed(token, platform, caps)  # [WLD-1], [WLD-2]
-    found = _claims(payload, platform)  # [WLD-3]
+    payload = _signed(token, platform.keys, caps)  # [WLD-1], [WLD-2]
+    match platform:  # [WLD-3], [WLD-6]
+        case Platform():
+            found, longest_s = _claims(payload, platform), caps.workload_token_lifetime_s
+        case Cluster():
+            found, longest_s = _account(payload, platform), platform.lifetime_s
+        case _:
+            assert_never(platform)
     # [WLD-4] for us, now, and only for a short while
     if found.audience != audience:
         raise StatementError(FaultCode.WRONG_AUDIENCE, "the token is for another audience")
@@ -243,12 +204,12 @@ def open(token: str, platform: Platform, *, audience: str, at: float, caps: Caps
         raise StatementError(FaultCode.EXPIRED, "the token is over")
     if not found.issued_at <= at + caps.skew_s:
         raise StatementError(FaultCode.NOT_YET_VALID, "the token is from the future")
-    if not 0 < found.expires_at - found.issued_at <= caps.workload_token_lifetime_s:
-        raise StatementError(FaultCode.LIFETIME_TOO_LONG, f"at most {caps.workload_token_lifetime_s} s")
+    if not 0 < found.expires_at - found.issued_at <= longest_s:
+        raise StatementError(FaultCode.LIFETIME_TOO_LONG, f"at most {longest_s} s")
     return found
 
 
-def _signed(token: str, platform: Platform, caps: Caps) -> bytes:
+def _signed(token: str, known: Mapping[str, PlatformKey], caps: Caps) -> bytes:
     # [WLD-1] bounded, one spelling, closed header
     parts = token.split(".")
     if len(token) > caps.workload_token_bytes or len(parts) != 3:
@@ -263,10 +224,10 @@ def _signed(token: str, platform: Platform, caps: Caps) -> bytes:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "not the header of a JWT-SVID")
     # [WLD-2] a key of the platform, with the key's own algorithm
     kid = header["kid"]
-    key = platform.keys.get(kid) if isinstance(kid, str) else None
+    key = known.get(kid) if isinstance(kid, str) else None
     if key is None:
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "signed by no key of the platform")
-    if header["alg"] != key.algorithm or len(signature) != _SIGNATURE_BYTES:
+    if header["alg"] != key.algorithm or (key.algorithm != RS256 and len(signature) != _SIGNATURE_BYTES):
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "another algorithm than the key's")
     try:
         verified = _ENGINE.decode_complete(token, key.public, algorithms=[key.algorithm])
@@ -277,8 +238,9 @@ def _signed(token: str, platform: Platform, caps: Caps) -> bytes:
     return payload
 
 
-class _Beginning(Form, frozen=True):
+class _Times(Form, frozen=True):
     iat: Whole
+    exp: Whole
     nbf: Whole = 0
 
 
@@ -289,13 +251,14 @@ class _Confirmation(Form, frozen=True):
 class _Binding(Form, frozen=True):
     cnf: _Confirmation
     measurement: Sha256
-    exp: Whole
 
 
 def _claims(payload: bytes, platform: Platform) -> Workload:
     # [WLD-3] exactly the known claims, each of its form; a workload of this trust domain
     members = strict_json.parse_object(payload)
-    if not _REQUIRED <= members.keys() <= _REQUIRED | _OPTIONAL:
+    bound = bool(members.keys() & _BOUND)
+    required = _REQUIRED | _BOUND if bound else _REQUIRED
+    if not required <= members.keys() <= required | _OPTIONAL:
         raise malformed("not the claims of a workload's token")
     try:
         workload = text.workload_id(members["sub"])
@@ -305,21 +268,60 @@ def _claims(payload: bytes, platform: Platform) -> Workload:
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "a workload of another trust domain")
     if members.get("iss", f"spiffe://{platform.trust_domain}") != f"spiffe://{platform.trust_domain}":
         raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "of another issuer")
-    begins = read(_Beginning, {name: members[name] for name in ("iat", "nbf") if name in members})
-    # `nbf` may only repeat or come before `iat`: a token that waits for later has no use here.
-    if begins.nbf > begins.iat:
-        raise StatementError(FaultCode.NOT_YET_VALID, "nbf is after iat")
-    audience = members["aud"]
-    if isinstance(audience, list) and len(audience) == 1:
-        audience = audience[0]
-    if not isinstance(audience, str):
-        raise StatementError(FaultCode.WRONG_AUDIENCE, "not exactly one audience")
-    bound = read(_Binding, {name: members[name] for name in ("cnf", "measurement", "exp")})
+    times, audience = _times(members), _audience(members["aud"])
+    binding = read(_Binding, {name: members[name] for name in _BOUND}) if bound else None
     return Workload(
         id=workload,
         audience=audience,
-        key_thumbprint=bound.cnf.jkt,
-        measurement=bound.measurement,
-        issued_at=begins.iat,
-        expires_at=bound.exp,
+        key_thumbprint="" if binding is None else binding.cnf.jkt,
+        measurement=b"" if binding is None else binding.measurement,
+        issued_at=times.iat,
+        expires_at=times.exp,
+        token_id=_token_id(members),
     )
+
+
+def _account(payload: bytes, cluster: Cluster) -> Workload:
+    # [WLD-6] a service account of this cluster, as itself and as what is stated beside
+    members = strict_json.parse_object(payload)
+    if not _CLUSTER_REQUIRED <= members.keys() <= _CLUSTER_REQUIRED | _CLUSTER_OPTIONAL:
+        raise malformed("not the claims of a service account's token")
+    if members["iss"] != cluster.issuer:
+        raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "of another issuer")
+    subject = members["sub"]
+    namespace, _, account = str(subject).removeprefix(_ACCOUNT).partition(":")
+    if not isinstance(subject, str) or subject != f"{_ACCOUNT}{namespace}:{account}":
+        raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "not a service account")
+    try:
+        workload = text.workload_id(f"k8s://{cluster.name}/{namespace}/{account}")
+    except CapabilityError:
+        raise StatementError(FaultCode.STATEMENT_MALFORMED, "sub is no service account") from None
+    beside = members.get("kubernetes.io", {})
+    named = beside.get("serviceaccount", {}) if isinstance(beside, dict) else None
+    if not isinstance(beside, dict) or not isinstance(named, dict):
+        raise malformed("kubernetes.io: not of its form")
+    if beside.get("namespace", namespace) != namespace or named.get("name", account) != account:
+        raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "two accounts in one token")
+    times = _times(members)
+    return Workload(workload, _audience(members["aud"]), "", b"", times.iat, times.exp, _token_id(members))
+
+
+def _times(members: dict[str, object]) -> _Times:
+    times = read(_Times, {name: members[name] for name in ("iat", "exp", "nbf") if name in members})
+    # `nbf` may only repeat or come before `iat`: a token that waits for later has no use here.
+    if times.nbf > times.iat:
+        raise StatementError(FaultCode.NOT_YET_VALID, "nbf is after iat")
+    return times
+
+
+def _audience(value: object) -> str:
+    if isinstance(value, list) and len(value) == 1:
+        value = value[0]
+    if not isinstance(value, str):
+        raise StatementError(FaultCode.WRONG_AUDIENCE, "not exactly one audience")
+    return value
+
+
+def _token_id(members: dict[str, object]) -> str:
+    found = members.get("jti", "")
+    return found if isinstance(found, str) else ""

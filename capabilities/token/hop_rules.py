@@ -106,6 +106,12 @@ def highest(kind: EvidenceKind, caps: Caps) -> Tier:
             return tier(caps.jwt_evidence_ceiling)
         case EvidenceKind.CLIENT:
             return tier(caps.client_evidence_ceiling)
+        case EvidenceKind.BEARER:
+            return tier(caps.bearer_evidence_ceiling)
+        case EvidenceKind.X509:
+            return tier(caps.x509_evidence_ceiling)
+        case EvidenceKind.RELEASE:
+            return tier(caps.release_evidence_ceiling)
         case _:
             assert_never(kind)
 
@@ -119,6 +125,12 @@ def longest_s(kind: EvidenceKind, caps: Caps) -> int:
             return caps.jwt_evidence_lifetime_s
         case EvidenceKind.CLIENT:
             return caps.client_evidence_lifetime_s
+        case EvidenceKind.BEARER:
+            return caps.bearer_evidence_lifetime_s
+        case EvidenceKind.X509:
+            return caps.x509_evidence_lifetime_s
+        case EvidenceKind.RELEASE:
+            return caps.release_evidence_lifetime_s
         case _:
             assert_never(kind)
 

@@ -55,12 +55,27 @@ class Caps:
     """Longest lifetime of a hop whose attestation is of kind `client`: a stolen bearer token may be used."""
     client_evidence_ceiling: int = 1
     """Highest tier under an attestation of kind `client`: what can be undone."""
+    bearer_evidence_lifetime_s: int = 3_600
+    """Longest lifetime of a hop whose attestation is of kind `bearer`; of the next two kinds likewise."""
+    bearer_evidence_ceiling: int = 3
+    """Highest tier under an attestation of kind `bearer`: nobody but the agent says what software it is."""
+    x509_evidence_lifetime_s: int = 3_600
+    x509_evidence_ceiling: int = 3
+    """Highest tier under an attestation of kind `x509`: the certificate tells the workload, not its software."""
+    release_evidence_lifetime_s: int = 3_600
+    release_evidence_ceiling: int = 3
+    """Highest tier under an attestation of kind `release`: what was published need not be what runs."""
     workload_token_lifetime_s: int = 300
     """Longest life of a platform's token, issue to expiry: SPIRE's default for a JWT-SVID, 5 min."""
     workload_token_bytes: int = 2_048
     """Most bytes of a platform's token.
 
     One with the longest ids has about 1.4 KiB; the evidence around it fits 4 KiB.
+    """
+    credential_bytes: int = 6_144
+    """Most bytes of an X.509-SVID's proof or a release.
+
+    Three certificates of 1 KiB, in base64 twice; the evidence around it fits 12 KiB.
     """
     nonce_age_s: int = 60
     """Oldest accepted attestation nonce."""

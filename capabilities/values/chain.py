@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Final
+from typing import Final, assert_never
 
 from capabilities.values.errors import FaultCode  # noqa: TC001 - a dataclass field: its annotation must resolve
 from capabilities.values.fast_dataclass import maker
@@ -24,6 +24,23 @@ class EvidenceKind(StrEnum):
     """Besides, a platform that the identity provider trusts signed its measurement of the software with this key."""
     CLIENT = "client"
     """An OAuth client was authorised by a person or mandate. Proves no key of its hop and no software."""
+    BEARER = "bearer"
+    """Besides, such a platform gave this workload a token, once: it names neither key nor software."""
+    X509 = "x509"
+    """Besides, the key of such a platform's certificate for this workload signed for the agent's key, just now."""
+    RELEASE = "release"
+    """Besides, a publisher that the identity provider trusts signed what the software is made of; not that it runs."""
+
+    @property
+    def vouched(self) -> bool:
+        """True where a platform stood by the agent at that moment, which a thief of its key alone cannot show."""
+        match self:
+            case EvidenceKind.KEY | EvidenceKind.RELEASE | EvidenceKind.CLIENT:
+                return False
+            case EvidenceKind.JWT | EvidenceKind.BEARER | EvidenceKind.X509:
+                return True
+            case _:
+                assert_never(self)
 
 
 @dataclass(frozen=True, slots=True)

@@ -47,6 +47,10 @@ _HIDDEN: Final = frozenset({"Cc", "Cf", "Co", "Cn", "Cs", "Zl", "Zp"})
 _TRUST_DOMAIN: Final = re.compile(r"[a-z0-9._-]{1,255}", re.ASCII)
 _WORKLOAD_ID: Final = re.compile(r"spiffe://[a-z0-9._-]{1,255}(/(?!\.{1,2}(/|\Z))[A-Za-z0-9._-]+)+", re.ASCII)
 """SPIFFE ID section 2: trust domain, then at least one segment, none of them `.` or `..`."""
+_ACCOUNT_ID: Final = re.compile(
+    r"k8s://[a-z0-9._-]{1,255}/[a-z0-9]([a-z0-9-]*[a-z0-9])?/[a-z0-9]([a-z0-9.-]*[a-z0-9])?"
+)
+"""Cluster, namespace (a DNS label) and service account (a DNS subdomain), as Kubernetes names them."""
 WORKLOAD_BYTES: Final = 256
 """Longest workload id (as `Caps.text_bytes`; SPIFFE ID section 2.3 allows 2048)."""
 THUMBPRINT: Final = re.compile(r"[A-Za-z0-9_-]{42}[AEIMQUYcgkosw048]", re.ASCII)
@@ -109,12 +113,14 @@ def is_trust_domain(value: object) -> bool:
 
 
 def workload_id(value: object) -> str:
-    """The value, a workload's SPIFFE ID of at most `WORKLOAD_BYTES`.
+    """The value, a workload's SPIFFE ID or a service account of a cluster, of at most `WORKLOAD_BYTES`.
 
     Raises:
         ScopeError: `STATEMENT_MALFORMED` otherwise.
     """
-    if not isinstance(value, str) or len(value) > WORKLOAD_BYTES or _WORKLOAD_ID.fullmatch(value) is None:
+    if not isinstance(value, str) or len(value) > WORKLOAD_BYTES:
+        raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a workload id")
+    if _WORKLOAD_ID.fullmatch(value) is None and _ACCOUNT_ID.fullmatch(value) is None:
         raise ScopeError(FaultCode.STATEMENT_MALFORMED, "not a workload id")
     return value
 

@@ -31,7 +31,7 @@ def test_every_clause_is_in_both():
         *(f"PRF-{n}" for n in range(1, 12)),
         *(f"SES-{n}" for n in range(1, 11)),
         *(f"STM-{n}" for n in range(1, 19)),
-        *(f"WLD-{n}" for n in range(1, 6)),
+        *(f"WLD-{n}" for n in range(1, 9)),
         *(f"TKT-{n}" for n in range(1, 11)),
         *(f"LOG-{n}" for n in range(1, 4)),
     }
@@ -62,6 +62,10 @@ def test_numbers_units_facts_and_kinds():
         DEFAULT.key_evidence_lifetime_s,
         DEFAULT.jwt_evidence_lifetime_s,
         DEFAULT.client_evidence_lifetime_s,
+        DEFAULT.bearer_evidence_lifetime_s,
+        DEFAULT.x509_evidence_lifetime_s,
+        DEFAULT.release_evidence_lifetime_s,
+        DEFAULT.credential_bytes,
         DEFAULT.workload_token_bytes,
         DEFAULT.workload_token_lifetime_s,
         DEFAULT.proof_bytes,
@@ -83,9 +87,12 @@ def test_numbers_units_facts_and_kinds():
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
         (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),
         (EvidenceKind.CLIENT, DEFAULT.client_evidence_ceiling),
+        (EvidenceKind.BEARER, DEFAULT.bearer_evidence_ceiling),
+        (EvidenceKind.X509, DEFAULT.x509_evidence_ceiling),
+        (EvidenceKind.RELEASE, DEFAULT.release_evidence_ceiling),
     ):
         assert f"| evidence kind `{kind}`: ceiling of the hop's scope | {ceiling} |" in SPEC
-    assert len(EvidenceKind) == 3
+    assert len(EvidenceKind) == 6
     assert all(f"`{unit}`" in SPEC for unit in Unit)
     assert f"    {fact.PREDICATE}(index, hop id, key, measurement, request digest, statement)\n" in SPEC
     rows = SPEC.split("### 2.1", 1)[1].split("### 2.2", 1)[0]

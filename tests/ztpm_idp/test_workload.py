@@ -140,7 +140,7 @@ def test_a_provider_without_a_platform_takes_nobodys_word(world):
 
 
 def test_the_same_evidence_never_counts_twice(world):
-    """The platform's token may be shown again while it lives; the agent's statement around it may not."""
+    """Neither the agent's statement nor the platform's token in it, in a new statement either."""
     planner, mover = world.agent("planner", role="planner", vouched=True), world.agent("mover", vouched=True)
     token = world.workload_token("mover")
     mover._workload = lambda: token
@@ -159,6 +159,9 @@ def test_the_same_evidence_never_counts_twice(world):
     forged = attestation.sign(stolen, world.private["planner"])
     error = refused(planner.delegate_with, lent.token, "mover", SLOWER, purpose="p", evidence=forged)
     assert error.code == "ATTESTATION_INVALID"
+    error = refused(planner.delegate, lent.token, mover, SLOWER, purpose="p")
+    assert error.code == "ATTESTATION_INVALID"
+    mover._workload = lambda: world.workload_token("mover")
     again = planner.delegate(lent.token, mover, SLOWER, purpose="p")
     assert chain_of(world, again.token).leaf.attestation.kind is EvidenceKind.JWT
 

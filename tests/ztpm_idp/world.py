@@ -102,6 +102,7 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "spent_credentials",
     "feed_points",
     "ledger_tiles",
     "ledger_index",
@@ -150,6 +151,7 @@ class World:
     platform_key: object = field(default_factory=keys.generate)
     platform: workload.Platform | None = None
     policies: object | None = None
+    publishers: dict = field(default_factory=dict)
     people: dict[str, Operator] = field(default_factory=dict)
     database: str = field(default_factory=lambda: DATABASE[0])
     agents: dict[str, Agent] = field(default_factory=dict)
@@ -225,6 +227,7 @@ class World:
             self.idp_keys,
             platform=self.platform,
             policies=self.policies,
+            publishers=self.publishers,
             oauth_keys=self.oauth_keys,
             now=self.clock,
         )
@@ -280,6 +283,7 @@ class World:
             measurement=MEASUREMENT,
             issued_at=at,
             expires_at=at + 300,
+            token_id=secrets.token_hex(16),
         )
         return workload.sign(workload.Workload(**(stated | changes)), signer or self.platform_key)
 

@@ -8,6 +8,7 @@ a real platform adds.
 
 from __future__ import annotations
 
+import secrets
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
@@ -59,6 +60,7 @@ class Attestor:
             measurement=measurement,
             issued_at=at,
             expires_at=at + DEFAULT.workload_token_lifetime_s,
+            token_id=secrets.token_hex(16),
         )
         return workload.sign(said, self.key)
 

@@ -12,6 +12,7 @@ from ztpm_idp.safe_files import check_files
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from capabilities.statements.workload import Platform
@@ -33,6 +34,7 @@ class ProviderDeployment:
         policies: the set that decides on delegations.
         login_providers: OpenID providers at which people may log in.
         oauth: keys of the authorization server; None: there is none.
+        publishers: raw public keys by name of each whose releases count.
     """
 
     settings: FileSettings
@@ -41,6 +43,7 @@ class ProviderDeployment:
     policies: PolicySet
     login_providers: tuple[LoginProvider, ...]
     oauth: OAuthKeys | None
+    publishers: Mapping[str, frozenset[bytes]]
 
 
 def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
@@ -65,4 +68,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         load_policies(settings, config.parent),
         load_login_providers(settings.login_providers, config.parent),
         oauth_keys.load(settings.oauth_key_files, config.parent, keys, passphrase),
+        {each.name: each.raw for each in settings.publishers},
     )

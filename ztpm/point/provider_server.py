@@ -14,7 +14,8 @@ import signal
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Final
 
 from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
@@ -26,13 +27,13 @@ from ztpm_idp.watching import watching
 
 if TYPE_CHECKING:
     import socket
-    from collections.abc import Callable, Iterable
+    from collections.abc import Callable, Iterable, Mapping
 
     from capabilities.statements.workload import Platform
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
-    from ztpm_idp.keys.watched_file import WatchedFile
+    from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
@@ -49,7 +50,8 @@ def serve(
     login_providers: tuple[LoginProvider, ...] = (),
     *,
     oauth: OAuthKeys | None = None,
-    watch: Callable[[Provider], Iterable[WatchedFile[Any]]] = lambda _: (),
+    publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
+    watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
 
@@ -58,9 +60,10 @@ def serve(
         keys: the five private keys.
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
-        oauth: keys of the authorization server, if there is one.
-        watch: names the files that take effect while it serves (`ztpm_idp.watching`).
         login_providers: OpenID providers at which people may log in.
+        oauth: keys of the authorization server, if there is one.
+        publishers: raw public keys by name of each whose releases count.
+        watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
 
     Raises:
         StoreNotOpenedError: the database cannot be had.
@@ -77,6 +80,7 @@ def serve(
         policies=policies,
         oauth_keys=oauth,
         login_providers=login_providers,
+        publishers=publishers,
         watch=watch,
     )
 
@@ -133,12 +137,12 @@ def main() -> int:
         # Taken out of the environment, so that no child and no dump of it has it.
         os.environ.pop(PASSPHRASE_VARIABLE, None)
         read = read_deployment(config, passphrase, at=time.time())
+        watch = watching(read.settings, config.parent, passphrase, read.keys)
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        watch = watching(read.settings, config.parent, passphrase)
         serve(
             read.settings.settings(read.keys),
             read.keys,
@@ -146,6 +150,7 @@ def main() -> int:
             read.policies,
             read.login_providers,
             oauth=read.oauth,
+            publishers=read.publishers,
             watch=watch,
         )
     except (StoreNotOpenedError, UnavailableError) as error:

@@ -67,7 +67,9 @@ class Agent(Caller):
         id, key, issuer: as registered.
         measurement: SHA-256 over its software; must be the registered software digest.
         workload: fetches a fresh workload token from the platform, for this identity provider and this key, as often as
-            evidence is made. None: evidence is of kind `key`, and no hop of it may carry tier 4.
+            evidence is made, or has a publisher's release. None: evidence is of kind `key`, and no hop of it may carry
+            tier 4.
+        svid: proves an X.509-SVID over a nonce (`capabilities.statements.x509_svid.prove`); comes before `workload`.
         transport: of `httpx2`, for tests.
         now: wall clock, seconds since the epoch.
     """
@@ -80,12 +82,14 @@ class Agent(Caller):
         measurement: bytes,
         *,
         workload: Callable[[], str] | None = None,
+        svid: Callable[[str], str] | None = None,
         transport: httpx2.BaseTransport | None = None,
         now: Callable[[], float] = time.time,
     ) -> None:
         super().__init__(id, key, issuer, transport=transport, now=now)
         self.measurement = measurement
         self._workload = workload
+        self._svid = svid
 
     @property
     def key(self) -> PrivateKey:
@@ -189,16 +193,22 @@ class Agent(Caller):
         auth = self.auth(token) if isinstance(token, str) else token.auth()
         return Tools(url, auth, patience_s=patience_s, asked=asked, renewal=renewal)
 
+    def _beside(self, nonce: str) -> str:
+        if self._svid is not None:
+            return self._svid(nonce)
+        return "" if self._workload is None else self._workload()
+
     def _evidence(self, delegator: str, request_digest: bytes) -> str:
+        nonce = self.nonce()
         stated = attestation.Evidence(
             agent=self.id,
             key_thumbprint=thumbprint(public_raw(self._key)),
-            nonce=self.nonce(),
+            nonce=nonce,
             delegator=delegator,
             request_digest=request_digest,
             measurement=self.measurement,
             at=int(self._now()),
-            workload="" if self._workload is None else self._workload(),
+            workload=self._beside(nonce),
         )
         return attestation.sign(stated, self._key)
 

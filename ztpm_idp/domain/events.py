@@ -96,10 +96,15 @@ class NonceGiven:
 
 @dataclass(frozen=True, slots=True)
 class NonceConsumed:
-    """A nonce is spent, on one hop or one attestation, for ever."""
+    """A nonce is spent, on one hop or one attestation, for ever; and with it a platform's token.
+
+    `credential` is the SHA-256 of that token, or empty, and `credential_until_ms` when it is over anyway.
+    """
 
     nonce: str
     purpose: str
+    credential: bytes = b""
+    credential_until_ms: int = 0
 
 
 @dataclass(frozen=True, slots=True)

@@ -94,7 +94,7 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         if command.by == command.sponsor:
             return Refusal(IdpCode.NOT_PERMITTED, "the caller is not a sponsor")
         return Refusal(IdpCode.SPONSOR_INACTIVE, "the person named is not an active sponsor")
-    if command.workload and not (rules.platform is not None and rules.platform.holds(command.workload)):
+    if command.workload and rules.platform_of(command.workload) is None:
         return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
     if not state.crowd < AGENTS_OF_ONE:
         return full(f"{AGENTS_OF_ONE} agents of one sponsor")

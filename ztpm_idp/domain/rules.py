@@ -2,19 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.keys.trust import TrustBundle
-    from capabilities.statements.workload import Platform
+    from capabilities.statements.workload import AnyPlatform
     from capabilities.values.caps import Caps
     from policies.decision.policy import PolicySet
 
 
 @dataclass(frozen=True, slots=True)
 class Rules:
-    """Frozen for the life of the process.
+    """Frozen; others take its place when keys or platforms change.
 
     Attributes:
         issuer: base URL of this identity provider.
@@ -24,7 +26,8 @@ class Rules:
         token_lifetime_s: longest life of a token issued here, at most that of the caps.
         nonce_age_s: oldest accepted attestation nonce.
         open_nonces: nonces that one agent may hold unused at a time.
-        platform: the platform whose word on workloads is trusted, or None: there is no evidence of kind `jwt` then.
+        platforms: those whose word on workloads is trusted now, none of them for the workloads of another.
+        publishers: raw public keys by name of each whose releases are trusted.
         open_asks: asks that may wait for people at a time; one agent's at most a third of them.
         policies: the set that decides on delegations, and whose parameters trust and behaviour use.
         root_key: raw public key that signs tokens now, and that recovers an administrator; empty: there is no recovery.
@@ -39,5 +42,10 @@ class Rules:
     open_nonces: int
     open_asks: int
     policies: PolicySet
-    platform: Platform | None = None
+    platforms: tuple[AnyPlatform, ...] = ()
+    publishers: Mapping[str, frozenset[bytes]] = field(default_factory=dict)
     root_key: bytes = b""
+
+    def platform_of(self, workload: str) -> AnyPlatform | None:
+        """The platform that a workload id belongs to, when it is trusted now."""
+        return next((platform for platform in self.platforms if platform.holds(workload)), None)

@@ -185,10 +185,7 @@ class HardwareKey(SigningKey):
 
 @functools.cache
 def _opened(library: str, label: str, pin: str) -> HardwareToken:
-    """The one session of this process with a token.
-
-    A module counts logins, and a ring is read again and again.
-    """
+    """The one session of this process with a token; a module counts logins."""
     return HardwareToken(library, label, pin)
 
 

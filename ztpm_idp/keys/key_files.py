@@ -43,6 +43,19 @@ class SettingsError(Exception):
         self.why = why
 
 
+class UnsafeError(ValueError):
+    """Carries a setting's name through pydantic.
+
+    Attributes:
+        setting, why: as of `SettingsError`.
+    """
+
+    def __init__(self, setting: str, why: str) -> None:
+        super().__init__(why)
+        self.setting = setting
+        self.why = why
+
+
 class SignerUnavailableError(Exception):
     """A key whose holder, such as a hardware module, does not sign now.
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
-from typing import TYPE_CHECKING, Final, Generic, TypeVar
+from typing import TYPE_CHECKING, Final, Generic, Protocol, TypeVar
 
 from ztpm_idp.keys.key_files import SettingsError
 
@@ -18,6 +18,14 @@ _LOG: Final = logging.getLogger(__name__)
 
 _T = TypeVar("_T")
 _Stamp = tuple[int, int, int] | None
+
+
+class Beside(Protocol):
+    """Task beside a provider, for as long as it serves."""
+
+    async def run(self) -> None:
+        """Goes on for ever."""
+        ...
 
 
 class WatchedFile(Generic[_T]):

@@ -6,6 +6,7 @@ Order of every change: load, decide, make the token if there is one, write, comm
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys.keys import public_raw
@@ -35,10 +36,10 @@ from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from capabilities.proof.proof import Proof
-    from capabilities.statements.workload import Platform
+    from capabilities.statements.workload import AnyPlatform
     from policies.decision.policy import PolicySet
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
@@ -73,22 +74,28 @@ class Done:
 def rules_of(
     settings: Settings,
     keys: IdpKeys,
-    platform: Platform | None,
+    platforms: tuple[AnyPlatform, ...],
     policies: PolicySet,
+    publishers: Mapping[str, frozenset[bytes]],
+    *,
     reserved: frozenset[bytes] = frozenset(),
 ) -> Rules:
-    """Rules that a deployment's settings, keys and policies fix for the domain; `reserved` keys are nobody's, too."""
+    """Rules that a deployment's settings, keys, platforms and policies fix for the domain.
+
+    `reserved` keys are nobody's, too.
+    """
     trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
     return Rules(
         issuer=settings.issuer,
         trust=trust,
         caps=DEFAULT,
         # Nobody who is registered may hold a key of the platform either, or one that was ours.
-        own_keys=keys.every_public | reserved | (frozenset() if platform is None else platform.all_keys),
+        own_keys=keys.every_public.union(reserved, *(each.all_keys for each in platforms), *publishers.values()),
         token_lifetime_s=settings.lifetimes.token_s,
         nonce_age_s=settings.lifetimes.nonce_s,
         open_nonces=settings.open_nonces,
-        platform=platform,
+        platforms=platforms,
+        publishers=publishers,
         open_asks=settings.open_asks,
         policies=policies,
         root_key=public_raw(keys.root),
@@ -105,9 +112,10 @@ class Provider:
     Args:
         settings, keys, store: of this deployment.
         now: wall clock, seconds since the epoch.
-        platform: the platform whose word on workloads is trusted, if any.
+        platform: the platform whose word on workloads is trusted from the start, if any.
         policies: the set that decides on delegations.
         oauth: keys of the authorization server, or None: there is none here.
+        publishers: raw public keys by name of each whose releases are trusted.
 
     Attributes:
         epochs: requests that wait for the next revocation.
@@ -124,12 +132,16 @@ class Provider:
         store: Store,
         now: Callable[[], float],
         *,
-        platform: Platform | None,
+        platform: AnyPlatform | None,
         policies: PolicySet,
         oauth: OAuthKeys | None = None,
+        publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     ) -> None:
         self._reserved = frozenset[bytes]() if oauth is None else frozenset(oauth.public.values())
-        self.rules = rules_of(settings, keys, platform, policies, self._reserved)
+        self._platforms: dict[str, AnyPlatform] = {} if platform is None else {"": platform}
+        self.rules = rules_of(
+            settings, keys, tuple(self._platforms.values()), policies, publishers, reserved=self._reserved
+        )
         self.oauth = oauth
         self.settings = settings
         self.keys = keys
@@ -153,12 +165,30 @@ class Provider:
         if (fault := ring_follows(self.keys.ring, keys.ring)) is not None:
             raise SettingsError(key_ring.SETTING, f"{fault.code}: {fault.detail}")
         key_ring.check_current(keys, at=self._now())
-        rules = rules_of(self.settings, keys, self.rules.platform, self.rules.policies, self._reserved)
         if self._reserved & keys.every_public:
             raise SettingsError(key_ring.SETTING, "a key of the authorization server: one key has one role")
-        if self.rules.platform is not None and self.rules.platform.all_keys & keys.every_public:
-            raise SettingsError(key_ring.SETTING, "a key of the platform: one key has one role")
-        self.keys, self.rules = keys, rules
+        if any(platform.all_keys & keys.every_public for platform in self.rules.platforms):
+            raise SettingsError(key_ring.SETTING, "a key of a platform: one key has one role")
+        self.keys, self.rules = keys, self._rules(keys)
+
+    def trust_platform(self, name: str, platform: AnyPlatform | None) -> None:
+        """Believes the word of this platform from now on, in place of what had this name; None: of none.
+
+        Raises:
+            SettingsError: for a key of the provider's own, or workloads that another platform has; nothing changes.
+        """
+        others = {known: each for known, each in self._platforms.items() if known != name}
+        if platform is not None:
+            if platform.all_keys & (self.keys.every_public | self._reserved):
+                raise SettingsError(name, "a key of the provider itself: one key has one role")
+            if any(each.holds(platform.root) or platform.holds(each.root) for each in others.values()):
+                raise SettingsError(name, "another platform has these workloads already")
+        self._platforms = others if platform is None else {**others, name: platform}
+        self.rules = self._rules(self.keys)
+
+    def _rules(self, keys: IdpKeys) -> Rules:
+        now, platforms = self.rules, tuple(self._platforms.values())
+        return rules_of(self.settings, keys, platforms, now.policies, now.publishers, reserved=self._reserved)
 
     def signed_trust(self) -> tuple[str, ...]:
         """The trust bundle, signed by each trusted registry key: once for each bundle, however often it is asked for.
@@ -244,7 +274,7 @@ class Provider:
                 if not tries_left:
                     raise
             except OnceOnlyError:
-                raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce is spent") from None
+                raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce, or the platform's token, is spent") from None
             except ConflictError:
                 raise Problem(IdpCode.CONFLICT) from None
             except CapabilityError as error:

@@ -8,8 +8,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import revocation
+from capabilities.token import hop_rules
 from capabilities.values import text
 from capabilities.values.caps import DEFAULT
+from capabilities.values.chain import EvidenceKind
 from capabilities.values.errors import BadKeyError, ScopeError, StatementError
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
@@ -18,7 +20,7 @@ from ztpm_idp.provider.body_json import BodyError, parse_json
 
 TEXT_BYTES: Final = 512
 """Longest purpose or reason, as in a token (`Caps.purpose_bytes`)."""
-DRAWN_S: Final = max(DEFAULT.key_evidence_lifetime_s, DEFAULT.jwt_evidence_lifetime_s)
+DRAWN_S: Final = max(hop_rules.longest_s(kind, DEFAULT) for kind in EvidenceKind)
 """Longest life of a drawn token, in seconds, that may be asked for."""
 URL_BYTES: Final = 256
 """Longest URL, as in a token (`Caps.text_bytes`)."""
@@ -82,6 +84,10 @@ Statement = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=4_096)
 ]
 """Compact JWS; its content is checked where it is opened."""
+EvidenceText = Annotated[
+    str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=12_288)
+]
+"""As `Statement`, with room for the certificates of an X.509-SVID (`Caps.credential_bytes`), in base64 once more."""
 AskText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]
@@ -182,7 +188,7 @@ class AgentBody(Body):
 class EvidenceBody(Body):
     """A stand-alone attestation."""
 
-    evidence: Statement
+    evidence: EvidenceText
 
 
 class TrustBody(Body):
@@ -257,7 +263,7 @@ class IssueBody(Body):
     """A request for a token."""
 
     request: IssueRequest
-    evidence: Statement
+    evidence: EvidenceText
 
 
 class DelegateRequest(Body):
@@ -272,7 +278,7 @@ class DelegateBody(Body):
     """A request for a further hop."""
 
     request: DelegateRequest
-    evidence: Statement
+    evidence: EvidenceText
 
 
 class MandateBody(Body):
@@ -292,7 +298,7 @@ class DrawBody(Body):
     """A request for a token from a mandate."""
 
     request: DrawRequest
-    evidence: Statement
+    evidence: EvidenceText
 
 
 class RevocationBody(Body):

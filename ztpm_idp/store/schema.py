@@ -143,6 +143,13 @@ nonces = sa.Table(
     sa.Column("spent_on", sa.String(64), nullable=True),
 )
 
+spent_credentials = sa.Table(
+    "spent_credentials",
+    metadata,
+    sa.Column("digest", sa.LargeBinary(32), primary_key=True),
+    sa.Column("until_ms", sa.BigInteger, nullable=False, index=True),
+)
+
 hops = sa.Table(
     "hops",
     metadata,

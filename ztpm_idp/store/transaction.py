@@ -92,6 +92,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
+CREDENTIAL_GRACE_MS = 3_600_000
+"""Milliseconds for which a spent token is remembered after its end: a clock that jumps back an hour revives none."""
 NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
@@ -449,6 +451,8 @@ class Transaction:
                 )
                 if spent.rowcount != 1:
                     raise OnceOnlyError
+                if event.credential:
+                    await self._spend(event.credential, until_ms=event.credential_until_ms, at_ms=at_ms)
             case AgentAttested(agent=agent):
                 await self._stand(agent, Standing.ACTIVE)
                 await self._connection.execute(
@@ -498,6 +502,21 @@ class Transaction:
 
     async def _registry_changed(self) -> None:
         await self._counting.next("registry_version")
+
+    async def _spend(self, credential: bytes, *, until_ms: int, at_ms: int) -> None:
+        """Spends a platform's token, remembered for as long as it could be shown, and a clock's jump more.
+
+        Raises:
+            OnceOnlyError: it was spent before.
+        """
+        c = t.spent_credentials.c
+        await self._connection.execute(
+            sa.delete(t.spent_credentials).where(c.until_ms < at_ms - CREDENTIAL_GRACE_MS)
+        )  # fmt: skip
+        known = await self._connection.execute(sa.select(c.digest).where(c.digest == credential))
+        if known.first() is not None:
+            raise OnceOnlyError
+        await self._connection.execute(sa.insert(t.spent_credentials).values(digest=credential, until_ms=until_ms))
 
     async def _stand(self, party: str, standing: Standing) -> None:
         # Revoked is for ever: no later event brings a party back.

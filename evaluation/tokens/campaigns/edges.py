@@ -46,6 +46,7 @@ ELSEWHERE: Final = {
     "nonce_age_s": "a rule of the identity provider",
     "workload_token_lifetime_s": "a platform's token, not ours",
     "workload_token_bytes": "a platform's token, not ours",
+    "credential_bytes": "a platform's or publisher's, not ours",
     "jwt_evidence_ceiling": "the highest tier that there is: nothing is above it",
     **dict.fromkeys(("datalog_ms", "datalog_facts", "datalog_iterations"), "a limit of the engine, not of an input"),
     **dict.fromkeys(("session_lifetime_s", "frame_bytes"), "a bound of sessions"),
@@ -271,10 +272,18 @@ def _of_evidence() -> Iterator[Edge]:
         return _mint(replace(whole, not_before=ends - DEFAULT.lifetime_s - distance, not_after=ends))
 
     long = FaultCode.LIFETIME_TOO_LONG
+
+    def ceiling_of(kind: str, distance: int) -> FaultCode | None:
+        by = replace(hop, attestation=replace(hop.attestation, kind=type(hop.attestation.kind)(kind)))
+        return _mint(replace(whole, ceiling=Tier(getattr(DEFAULT, f"{kind}_evidence_ceiling") + distance)), by)
+
     yield Edge("key_evidence_ceiling", "by mint", FaultCode.HOP_NOT_ATTESTED, ceiling, early=True)
     yield Edge("client_evidence_ceiling", "by mint", FaultCode.HOP_NOT_ATTESTED, of_client, early=True)
+    for kind in ("bearer", "x509", "release"):
+        reached = partial(ceiling_of, kind)
+        yield Edge(f"{kind}_evidence_ceiling", "by mint", FaultCode.HOP_NOT_ATTESTED, reached, early=True)
     yield Edge("lifetime_s", "by mint", long, lifetime, early=True)
-    for kind in ("key", "jwt", "client"):
+    for kind in ("key", "jwt", "client", "bearer", "x509", "release"):
         cap = f"{kind}_evidence_lifetime_s"
         yield Edge(cap, "by mint", long, partial(of_kind, kind, getattr(DEFAULT, cap)), early=True)
 

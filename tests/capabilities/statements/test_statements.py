@@ -37,6 +37,7 @@ from capabilities.statements import (
     mark,
     observation,
     registry,
+    release,
     revocation,
     statement_form,
     ticket,
@@ -278,7 +279,9 @@ KNOWN = mark.Mark(
     at=NOW,
 )
 
+RELEASED = release.Release("acme", "planner-1.4", *(bytes([n]) * 32 for n in range(4)), NOW, NOW + 86_400)
 KINDS = {
+    release: RELEASED,
     attestation: EVIDENCE,
     revocation: INDEX,
     registry: SNAPSHOT,

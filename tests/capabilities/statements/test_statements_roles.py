@@ -57,6 +57,7 @@ def test_every_kind_has_a_signer_and_a_row_in_the_specification():
         Signer.APPROVER: "a registered approver", Signer.SPONSOR: "the sponsor", Signer.PEP: "the PEP", Signer.SENSOR: "a registered sensor",
         Signer.SURVEYOR: "the person that the enforcement point's configuration names",
         Signer.CURATOR: "a curator that the enforcement point's configuration names",
+        Signer.PUBLISHER: "a publisher that the identity provider's configuration names",
     }  # fmt: skip
     spec = (ROOT / "docs" / "spec.md").read_text().partition("\n## 5. ")[2]
     for kind, role in SIGNER_OF.items():

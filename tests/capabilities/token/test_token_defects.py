@@ -609,7 +609,7 @@ def test_a_hop_is_bounded_by_its_own_kind_of_evidence():
     # A `jwt` hop below a `key` hop has what is left, and cannot bring the tier back.
     assert found(Forge.hop(mint_root(), stated, attestation=JWT)) == (FaultCode.NOT_NARROWER, "TOK-6")
     # A kind that nobody knows is no kind.
-    assert found(Forge.authority(fact=stating(evidence="x509")))[0] is FaultCode.CHAIN_BROKEN
+    assert found(Forge.authority(fact=stating(evidence="tpm")))[0] is FaultCode.CHAIN_BROKEN
 
 
 @pytest.mark.clause("TOK-6.9", "TOK-7", "BLK-11", "BLK-12")

@@ -1,4 +1,4 @@
-"""Changed copies of a ledger before the holder of a checkpoint: each must be found, whoever made it (F6).
+"""Changed copies of a ledger before the holder of a checkpoint: each must be found (F6).
 
     python -m tests.ztpm_idp.campaign.tampering [--entries 10000] [--trials 10000] [--seed 1]
 
@@ -32,7 +32,9 @@ from ztpm_idp import ledger_file
 
 ISSUER = "https://idp.example/ztpm"
 EVERY = 100
-"""Entries between two states of an honest walk, from which the check of a copy begins where it is the same up to there."""
+"""Entries between two states of an honest walk.
+
+The check of a copy begins at the last state up to which it is the same."""
 TOLD = 1_000
 """Copies after which it says that it is still at work."""
 WAYS = ("flip", "delete", "reorder", "truncate", "fork", "splice")
@@ -77,7 +79,9 @@ class Scene:
         return kept
 
     def found(self, lines: list[bytes]) -> ledger_file.DefectCode | None:
-        """The defect of a copy; what it has in common with the ledger up to a walk's state is not walked again."""
+        """The defect of a copy.
+
+        Entries that it has in common with the ledger up to a walk's state are not walked again."""
         same = next((n for n, (a, b) in enumerate(zip(lines, self.honest, strict=False)) if a != b), len(lines))
         at = min(same // EVERY, len(self.walks) - 1)
         walk = twin(self.walks[at])

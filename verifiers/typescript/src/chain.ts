@@ -43,6 +43,9 @@ export const EVIDENCE: Readonly<Record<string, { readonly ceiling: number; reado
   key: { ceiling: 3, seconds: 3_600 },
   jwt: { ceiling: 4, seconds: 3_600 },
   client: { ceiling: 1, seconds: 600 },
+  bearer: { ceiling: 3, seconds: 3_600 },
+  x509: { ceiling: 3, seconds: 3_600 },
+  release: { ceiling: 3, seconds: 3_600 },
 };
 
 const ALL = ["agent", "at", "evidence", "purpose"];

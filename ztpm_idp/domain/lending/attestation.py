@@ -1,8 +1,7 @@
 """Attestation as a rule: a nonce of ours, young, this agent's, signed by it over delegator and request, spent once.
 
-Evidence of kind `key` proves that the agent's key is there and that its holder states the registered
-software. It does not prove that this software runs. Evidence of kind `jwt` holds a platform's token as well: then the
-platform says that it measured the registered software in the workload that it knows to hold this key.
+Evidence of kind `key` proves that the agent's key is there and that its holder states the registered software. It does
+not prove that this software runs. What is handed in besides makes it of another kind (`domain.lending.evidence`).
 """
 
 from __future__ import annotations
@@ -10,15 +9,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import attestation, workload
-from capabilities.values.chain import EvidenceKind
-from capabilities.values.errors import CapabilityError, FaultCode, StatementError
+from capabilities.statements import attestation
+from capabilities.values.errors import FaultCode, StatementError
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import AgentAttested, NonceConsumed, NonceGiven
+from ztpm_idp.domain.lending.evidence import shown
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, Standing
 from ztpm_idp.domain.registry import active_person
 
 if TYPE_CHECKING:
+    from capabilities.values.chain import EvidenceKind
     from ztpm_idp.domain.commands import Attest, GiveNonce
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
@@ -114,8 +114,6 @@ def judge(
 ) -> AcceptedEvidence | Refusal:
     """The nonce that this evidence spends and the evidence's kind, or why it is refused.
 
-    Evidence with a platform's token counts as kind `jwt` or not at all: it never falls back to kind `key`.
-
     Args:
         rules: of the deployment.
         state: holds the agent's nonces.
@@ -151,30 +149,11 @@ def judge(
     skew_ms = rules.caps.skew_s * 1_000
     if not nonce.given_ms - skew_ms <= stated.at * 1_000 + 999 or not stated.at * 1_000 <= at_ms + skew_ms:
         return _invalid("the evidence was not made between the nonce and now")
-    # 6. The platform's token, where there is one, is of this very agent.
-    if stated.workload and (unproven := _unproven(rules, agent, stated.workload, at_ms)) is not None:
-        return unproven
-    return AcceptedEvidence(
-        NonceConsumed(nonce.nonce, purpose), EvidenceKind.JWT if stated.workload else EvidenceKind.KEY
-    )
-
-
-def _unproven(rules: Rules, agent: RegisteredAgent, token: str, at_ms: int) -> Refusal | None:
-    """Refusal where the platform's token does not prove this agent, or None ([WLD-1] to [WLD-5])."""
-    if rules.platform is None:
-        return _invalid("this provider trusts no platform")
-    try:
-        found = workload.open(token, rules.platform, audience=rules.issuer, at=at_ms / 1_000, caps=rules.caps)
-    except CapabilityError as error:
-        return _invalid(f"workload token: {error.code}")
-    # [WLD-5] the registered workload, with the agent's key, running the registered software
-    if not agent.workload or found.id != agent.workload:
-        return _invalid("the workload token is of another workload than the agent's")
-    if found.key_thumbprint != agent.thumbprint:
-        return _invalid("the workload token is bound to another key")
-    if found.measurement != agent.software_digest:
-        return _invalid("the platform measured other software than what is registered")
-    return None
+    # 6. What is handed in besides, by the verifier of its kind, is of this very agent.
+    found = shown(rules, agent, stated, at_ms / 1_000)
+    if isinstance(found, Refusal):
+        return found
+    return AcceptedEvidence(NonceConsumed(nonce.nonce, purpose, found.credential, found.until * 1_000), found.kind)
 
 
 def _is_young(rules: Rules, given_ms: int, at_ms: int) -> bool:

@@ -14,7 +14,7 @@ from capabilities.statements.people.vote import digest_of
 from capabilities.statements.statement_form import signer_thumbprint
 from capabilities.token import hop_rules
 from capabilities.values.algebra import meet
-from capabilities.values.chain import EvidenceKind, Sponsor
+from capabilities.values.chain import Sponsor
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.scope import Scope
 from policies.words.reason_table import Reason
@@ -29,6 +29,7 @@ from ztpm_idp.domain.state import MandateRecord
 
 if TYPE_CHECKING:
     from capabilities.statements.people.mandate import Mandate
+    from capabilities.values.chain import EvidenceKind
     from ztpm_idp.domain.commands import DrawToken, SignMandate
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
@@ -114,8 +115,8 @@ def draw(rules: Rules, state: State, command: DrawToken, at_ms: int) -> Outcome:
     )  # fmt: skip
     if isinstance(shown, Refusal):
         return shown
-    if shown.kind is EvidenceKind.KEY and not at_ms <= (promised.at + KEY_EVIDENCE_S) * 1_000:
-        return Refusal(IdpCode.MANDATE_NEEDS_PLATFORM, f"evidence of kind key draws for {KEY_EVIDENCE_S} s")
+    if not shown.kind.vouched and not at_ms <= (promised.at + KEY_EVIDENCE_S) * 1_000:
+        return Refusal(IdpCode.MANDATE_NEEDS_PLATFORM, f"evidence of kind {shown.kind} draws for {KEY_EVIDENCE_S} s")
     # 4. No more than the sponsor promised, and no more than the sponsor could sign now.
     at = at_ms // 1_000
     longest_s = min(command.lifetime_s, rules.token_lifetime_s, hop_rules.longest_s(shown.kind, rules.caps))

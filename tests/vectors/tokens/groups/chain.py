@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from capabilities.values import algebra
+from capabilities.values.chain import EvidenceKind
 from capabilities.values.errors import FaultCode
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
@@ -393,6 +394,10 @@ EVIDENCE = group(
         "TOK-6",
         {
             "Tier four on the word of a key": lambda: authority(TOP),
+            **{
+                f"Tier four on evidence of kind {kind}": lambda kind=kind: authority(TOP, evidence=kind)
+                for kind in ("bearer", "x509", "release")
+            },
             "Tier four kept below a platform's word": lambda: hop(
                 authority(TOP, evidence="jwt"), Restriction(delegates=frozenset()), parent=TOP
             ),
@@ -430,7 +435,7 @@ EVIDENCE = group(
             lambda kind=kind: authority(lasting(HOUR), evidence=kind),
             Accepted(lasting(HOUR)),
         )
-        for kind in ("key", "jwt")
+        for kind in EvidenceKind
     ),
     faults(
         FaultCode.LIFETIME_TOO_LONG,
@@ -440,7 +445,7 @@ EVIDENCE = group(
                 f"A second longer than evidence of kind {kind} lasts": lambda kind=kind: authority(
                     lasting(HOUR + 1), evidence=kind
                 )
-                for kind in ("key", "jwt")
+                for kind in EvidenceKind
             },
             "A hop that keeps a window longer than its own evidence": lambda: hop(
                 authority(lasting(HOUR)), LESS, parent=SMALL, at=NOW - 11
