@@ -29,6 +29,7 @@ from ztpm_idp.routes import (
     approvals,
     audit,
     conduct,
+    devices,
     ledger,
     login,
     mandates,
@@ -80,6 +81,7 @@ _PARTS: Final = (
     audit,
     openid,
     points,
+    devices,
 )
 """Modules of the routes."""
 NOTICE: Final = b"ztpm-notice"

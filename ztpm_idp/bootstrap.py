@@ -33,7 +33,7 @@ class FirstPerson:
         id: lower-case ASCII.
         name: as shown to people.
         key: raw public key.
-        roles: of "sponsor", "approver", "admin".
+        roles: of "sponsor", "approver", "admin", "auditor".
     """
 
     id: str

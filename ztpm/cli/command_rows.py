@@ -87,6 +87,12 @@ ROWS: Final = (
         (("run", "ztpm.cli.rtde_run:run"), ("connect", "ztpm.cli.rtde_run:connect")),
     ),
     CommandRow(
+        "login",
+        PEOPLE,
+        "ztpm.cli.provider.login:login",
+        "Log in this command line by a browser, or with --browser a browser by an operator key.",
+    ),
+    CommandRow(
         "revoke",
         PEOPLE,
         "ztpm.cli.provider.token:revoke",
@@ -126,6 +132,7 @@ ROWS: Final = (
         PEOPLE,
         "ztpm.cli.provider.people:app",
         "People: who may do what. Two people change approvers and administrators.",
+        (("login", "ztpm.cli.provider.login:propose"), ("login-end", "ztpm.cli.provider.login:end")),
     ),
     CommandRow(
         "keys",

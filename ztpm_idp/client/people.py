@@ -16,10 +16,10 @@ class PeopleCaller(Caller):
     """Requests about people."""
 
     def register_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> None:  # noqa: A002
-        """A person who only lends is registered.
+        """A person who only lends or only reads is registered.
 
         Raises:
-            ClientError: `TWO_PEOPLE_NEEDED` for other roles than "sponsor": see `propose_person`.
+            ClientError: `TWO_PEOPLE_NEEDED` for other roles than "sponsor" and "auditor": see `propose_person`.
         """
         self._post("/people", {"id": id, "name": name, "key": b64u(key), "roles": list(roles)})
 
@@ -38,7 +38,7 @@ class PeopleCaller(Caller):
         return found
 
     def propose_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> str:  # noqa: A002
-        """A person waits to be registered, with roles out of "sponsor", "approver", "admin"; the change's id."""
+        """A person waits to be registered, with roles as "approver" or "admin"; the change's id."""
         body = {"id": id, "name": name, "key": b64u(key), "roles": list(roles)}
         return str(self._post("/changes/person", body)["change_id"])
 

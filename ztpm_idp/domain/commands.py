@@ -32,7 +32,7 @@ class Initialise:
 
 @dataclass(frozen=True, slots=True)
 class RegisterPerson:
-    """An administrator registers a person who only lends."""
+    """An administrator registers a person who only lends or only reads."""
 
     by: str
     id: str

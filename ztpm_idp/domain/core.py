@@ -40,8 +40,18 @@ from ztpm_idp.domain.commands import (
     VouchAgent,
 )
 from ztpm_idp.domain.lending import attestation, issuance, mandates
-from ztpm_idp.domain.login import sessions
-from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login import devices, sessions
+from ztpm_idp.domain.login.commands import (
+    AnswerDevice,
+    AskDevice,
+    EndLogin,
+    EndSessionKey,
+    EnterCode,
+    LogIn,
+    LogOut,
+    OfferLogin,
+    PollDevice,
+)
 from ztpm_idp.domain.oauth import deciding as oauth
 from ztpm_idp.domain.oauth.commands import (
     Assent,
@@ -65,7 +75,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
 
-BESIDE = Initialise | Recover | CompleteRecovery | RestoreStore | TakeBack
+BESIDE = Initialise | Recover | CompleteRecovery | RestoreStore | TakeBack | AskDevice | PollDevice
 """Commands without a registered caller."""
 WHILE_RESTORING = (
     RestoreStore
@@ -179,6 +189,8 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return upkeep.decide(rules, state, command)
         case OfferLogin() | LogIn() | LogOut() | EndLogin():
             return sessions.login(state, command, at_ms)
+        case AskDevice() | PollDevice() | EnterCode() | AnswerDevice() | EndSessionKey():
+            return devices.device(rules, state, command, at_ms)
         case _:
             assert_never(command)
 

@@ -48,14 +48,7 @@ from ztpm_idp.domain.events import (
     VoteCast,
 )
 from ztpm_idp.domain.login.entries import login_entry
-from ztpm_idp.domain.login.events import (
-    AccessEnded,
-    LoginAdded,
-    LoginEnded,
-    LoginOffered,
-    SessionBegun,
-    SessionEnded,
-)
+from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.oauth import events as oauth
 from ztpm_idp.domain.oauth.entries import entry_of as oauth_entry
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
@@ -76,6 +69,8 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
 
     The trace of a nonce is the act that it was spent on; the trace of an agent's conduct is the records about it.
     """
+    if isinstance(event, LoginEvent):
+        return login_entry(event)
     match event:
         case PartyRegistered(party=party):
             return f"{kind_of(party)}-registered", _party(party)
@@ -225,8 +220,6 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "agents-held", {"agents": list(agents)}
         case StoreResumed(unheard=unheard, signed=signed):
             return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
-        case LoginOffered() | SessionBegun() | SessionEnded() | LoginAdded() | LoginEnded() | AccessEnded():
-            return login_entry(event)
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}
         case (

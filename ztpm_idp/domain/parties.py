@@ -20,6 +20,8 @@ class PersonRole(StrEnum):
     SPONSOR = "sponsor"
     APPROVER = "approver"
     ADMIN = "admin"
+    AUDITOR = "auditor"
+    """It reads the ledger, and all that people read; it changes nothing."""
 
 
 class Standing(StrEnum):
@@ -70,7 +72,7 @@ class RegisteredPerson:
     @property
     def privileged(self) -> bool:
         """True for an approver or administrator, whom two people make and change."""
-        return not self.roles <= {PersonRole.SPONSOR}
+        return bool(self.roles & {PersonRole.APPROVER, PersonRole.ADMIN})
 
 
 @dataclass(frozen=True, slots=True)

@@ -37,7 +37,7 @@ RECOVERED = "the root key recovered an administrator"
 
 
 def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outcome:
-    """Registers a person who only lends, for an administrator."""
+    """Registers a person who only lends or only reads, for an administrator."""
     if active_person(state, command.by, PersonRole.ADMIN) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "an administrator registers people")
     person = _person(command.id, command.key, command.name, command.roles)

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.changes import Change
-    from ztpm_idp.domain.login.records import Offer, Session
+    from ztpm_idp.domain.login.records import Device, Offer, Session, SessionKey
     from ztpm_idp.domain.oauth.records import OAuthWanted
     from ztpm_idp.domain.parties import Party, RegisteredPep, Standing
 
@@ -231,6 +231,10 @@ class Wanted:
     """A login link, by the digest of its secret."""
     login: str | None = None
     """A login at another provider: its owner."""
+    devices: bool = False
+    """Every device that may wait for a person."""
+    session_keys_of: str | None = None
+    """A person: its session-bound keys."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -274,6 +278,9 @@ class State:
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
         sessions: of the wanted person, those that may last, oldest first.
         offer: the wanted login link.
+        devices: those that may wait for a person.
+        session_keys: of the wanted person.
+        session_key: the one that signed the command, if any.
         login_owner: the person whose login the wanted one is, if any.
     """
 
@@ -312,3 +319,6 @@ class State:
     sessions: tuple[Session, ...] = ()
     offer: Offer | None = None
     login_owner: str | None = None
+    devices: tuple[Device, ...] = ()
+    session_keys: tuple[SessionKey, ...] = ()
+    session_key: SessionKey | None = None

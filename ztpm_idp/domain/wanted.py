@@ -44,7 +44,17 @@ from ztpm_idp.domain.commands import (
 )
 from ztpm_idp.domain.conduct import concerned
 from ztpm_idp.domain.events import RevocationKind
-from ztpm_idp.domain.login.commands import EndLogin, LogIn, LogOut, OfferLogin
+from ztpm_idp.domain.login.commands import (
+    AnswerDevice,
+    AskDevice,
+    EndLogin,
+    EndSessionKey,
+    EnterCode,
+    LogIn,
+    LogOut,
+    OfferLogin,
+    PollDevice,
+)
 from ztpm_idp.domain.oauth import commands as oauth
 from ztpm_idp.domain.oauth.wanted import wanted as wanted_by_oauth
 from ztpm_idp.domain.state import (
@@ -176,6 +186,14 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), sessions_of=by, offer=offer, login=login)
         case EndLogin(by=by, login=login):
             return Wanted(parties=frozenset({by}), login=login)
+        case AskDevice(device=device):
+            return Wanted(keys=frozenset({device.key}), devices=True)
+        case PollDevice():
+            return Wanted(devices=True)
+        case EnterCode(by=by) | AnswerDevice(by=by):
+            return Wanted(parties=frozenset({by}), sessions_of=by, session_keys_of=by, devices=True)
+        case EndSessionKey(by=by):
+            return Wanted(parties=frozenset({by}), session_keys_of=by)
         case LogOut(by=by):
             return Wanted(parties=frozenset({by}), sessions_of=by)
         case _:

@@ -44,10 +44,7 @@ SKEW_S: Final = 30
 ATTEMPT_S: Final = 600
 """Seconds that a person has for logging in at the provider."""
 MAX_AGE_S: Final = ABSOLUTE_MS // 1_000
-"""Greatest age of a login at the provider, in seconds: that of a session.
-
-A page may ask for a newer one.
-"""
+"""Greatest age of a login at the provider, in seconds, as of a session; a page may ask for less."""
 TOKEN_BYTES: Final = 16_384
 """Longest identity token."""
 _ENDPOINTS: Final = ("authorization_endpoint", "token_endpoint", "jwks_uri")

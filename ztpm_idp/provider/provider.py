@@ -23,6 +23,7 @@ from ztpm_idp.domain.commands import CompleteRecovery, Delegate
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.domain.locks import EVERYTHING, locks_of
+from ztpm_idp.domain.login.devices import within
 from ztpm_idp.domain.oauth.events import AccessMade
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Command
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.locks import Locks
+    from ztpm_idp.domain.login.records import SessionKey
     from ztpm_idp.domain.parties import Party
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.state import Wanted
@@ -256,8 +258,13 @@ class Provider:
         )
         return ", ".join(told)
 
-    async def run(self, command: Command, *, actor: str) -> Done:
+    async def run(self, command: Command, *, actor: str, session_key: SessionKey | None = None) -> Done:
         """The command is done, durably.
+
+        Args:
+            command: parsed strictly.
+            actor: for the ledger.
+            session_key: the session-bound key that signed it, which bounds it; None: the caller's own key did.
 
         Raises:
             Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
@@ -267,7 +274,7 @@ class Provider:
         locks = locks_of(command, needed)
         for tries_left in reversed(range(TRIES)):
             try:
-                outcome, done = await self._decided(command, needed, locks, actor=actor)
+                outcome, done = await self._decided(command, needed, locks, actor=actor, session_key=session_key)
             except LocksTooFewError:
                 locks = EVERYTHING
             except AgainError:
@@ -291,7 +298,7 @@ class Provider:
         return done
 
     async def _decided(
-        self, command: Command, needed: Wanted, locks: Locks, *, actor: str
+        self, command: Command, needed: Wanted, locks: Locks, *, actor: str, session_key: SessionKey | None
     ) -> tuple[Outcome, Done | None]:
         """The command in one transaction: its outcome, and what it has done unless it is refused."""
         at_ms = self.now_ms()
@@ -299,7 +306,11 @@ class Provider:
         async with self.store.write(locks) as transaction:
             state = await transaction.load(needed, young_ms=young_ms)
             before = await transaction.counters()
-            outcome = decide(self.rules, state, command, at_ms)
+            seen: State | Refusal = state
+            if session_key is not None:
+                held = await transaction.devices.session_key(session_key.key)
+                seen = within(state, command, held, at_ms)
+            outcome = seen if isinstance(seen, Refusal) else decide(self.rules, seen, command, at_ms)
             if isinstance(outcome, Refusal):
                 written, done = outcome.recorded, None
                 if written:

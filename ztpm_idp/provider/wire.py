@@ -116,7 +116,7 @@ class PersonBody(Body):
     id: Name
     name: ShortText
     key: KeyText
-    roles: Annotated[list[Annotated[PersonRole, Field(strict=False)]], Field(min_length=1, max_length=3)]
+    roles: Annotated[list[Annotated[PersonRole, Field(strict=False)]], Field(min_length=1, max_length=len(PersonRole))]
 
 
 class KeyBody(Body):
@@ -138,6 +138,18 @@ class EndLoginBody(Body):
 
     issuer: LoginIssuer
     subject: LoginSubject
+
+
+class DeviceBody(Body):
+    """A command line that asks for its key to be confirmed; the key is the one that signs the request."""
+
+    name: ShortText
+
+
+class DevicePollBody(Body):
+    """A command line that asks how it stands."""
+
+    device_code: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{43}$")]
 
 
 class EndBody(Body):

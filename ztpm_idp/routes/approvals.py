@@ -24,6 +24,7 @@ from ztpm_idp.routes.caller import (
     authenticated,
     authenticated_within,
     body_of,
+    in_session,
     nonce_of,
     provider_of,
     query_of,
@@ -31,6 +32,7 @@ from ztpm_idp.routes.caller import (
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
 Asker = Annotated[Call, Depends(authenticated_within(ASK_BYTES))]
 _UNSTORED = {"Cache-Control": "no-store"}
 
@@ -59,7 +61,7 @@ async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
 
 
 @router.get("/approvals")
-async def list_asks(request: Request, call: Caller) -> JSONResponse:
+async def list_asks(request: Request, call: Bound) -> JSONResponse:
     """The asks in one state, for people, the oldest first; those that are over for at most ten minutes."""
     _only_people(call)
     (state,) = query_of(request, "state")
@@ -79,7 +81,7 @@ async def list_asks(request: Request, call: Caller) -> JSONResponse:
 
 
 @router.get("/approvals/{ask_id}")
-async def read_ask(request: Request, ask_id: str, call: Caller) -> JSONResponse:
+async def read_ask(request: Request, ask_id: str, call: Bound) -> JSONResponse:
     """An ask as it was signed, how it stands, and its votes as they were signed; for people."""
     _only_people(call)
     provider = provider_of(request)
@@ -132,7 +134,7 @@ async def open_tier_4(request: Request, call: Caller) -> JSONResponse:
 
 
 @router.get("/openings")
-async def list_openings(request: Request, call: Caller) -> JSONResponse:
+async def list_openings(request: Request, call: Bound) -> JSONResponse:
     """The openings that are not over, as they were signed, for people."""
     _only_people(call)
     provider = provider_of(request)

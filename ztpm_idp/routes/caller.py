@@ -17,6 +17,8 @@ from capabilities.values.strict_json import canonical
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import SignedRequest
+from ztpm_idp.domain.login.devices import carried
+from ztpm_idp.domain.parties import RegisteredPerson, Standing
 from ztpm_idp.provider.body_json import BodyError, parse_json
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import Body, parse_body
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable
 
     from capabilities.proof.proof import Proof
+    from ztpm_idp.domain.login.records import SessionKey
     from ztpm_idp.domain.parties import Party
     from ztpm_idp.provider.feed import Heartbeat
     from ztpm_idp.provider.provider import Provider
@@ -81,10 +84,12 @@ class Call(ProvenCall):
     Attributes:
         party: who calls.
         token: the token of `Authorization: DPoP`, decoded; the proof names it.
+        session_key: the session-bound key that signed, which bounds what is done; `party` has its roles alone.
     """
 
     party: Party
     token: bytes | None
+    session_key: SessionKey | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,6 +158,26 @@ async def authenticated_with(request: Request, raw: bytes) -> Call:
     return await _authenticated(request, raw)
 
 
+def in_session(body_bytes: int = SMALL_BYTES) -> Callable[[Request], Awaitable[Call]]:
+    """Dependency of a route that session-bound keys may call, too; it hands `Call.session_key` on to `Provider.run`."""
+
+    async def within(request: Request) -> Call:
+        return await _authenticated(request, await read_body(request, body_bytes=body_bytes), session_keys=True)
+
+    return within
+
+
+async def by_any_key(request: Request) -> ProvenCall:
+    """The call of a key that nobody has registered, when its proof is for exactly this request.
+
+    Raises:
+        Problem: as `authenticated`.
+    """
+    # Not used up: a stranger's proof is stored nowhere, and what it may ask for is bounded and good for its key alone.
+    _, (key, _, raw, sent) = _proven(request, await read_body(request, body_bytes=SMALL_BYTES))
+    return ProvenCall(key, raw, sent)
+
+
 async def by_root(request: Request) -> RootCall:
     """The call, when its proof is by the provider's root key and for exactly this request.
 
@@ -167,15 +192,35 @@ async def by_root(request: Request) -> RootCall:
     return RootCall(key, raw, sent)
 
 
-async def _authenticated(request: Request, raw: bytes) -> Call:
+async def _authenticated(request: Request, raw: bytes, *, session_keys: bool = False) -> Call:
     proof, (key, token, raw, sent) = _proven(request, raw)
     provider = provider_of(request)
-    party = await provider.caller(proof)
+    bound: SessionKey | None = None
+    try:
+        party = await provider.caller(proof)
+    except Problem as problem:
+        found = await _session_bound(provider, key) if problem.code is IdpCode.CALLER_UNKNOWN else None
+        if found is None:
+            raise
+        if not session_keys:
+            raise Problem(IdpCode.SESSION_KEY_TOO_WEAK, "an operator key does this") from None
+        await provider.use_up(proof)
+        party, bound = found
     place = (request.scope.get("extensions") or {}).get(PLACE)
     if place is not None:
         place.proven(f"{type(party).__name__} {party.id}")
     request.state.notice = await provider.notice(party)
-    return Call(key, raw, sent, party, token)
+    return Call(key, raw, sent, party, token, bound)
+
+
+async def _session_bound(provider: Provider, key: bytes) -> tuple[RegisteredPerson, SessionKey] | None:
+    """The active person for whom this session-bound key signs now, with the roles that it carries, and the key."""
+    async with provider.store.read() as view:
+        held = await view.devices.session_key(key)
+        person = None if held is None else await view.party(held.person)
+    if held is None or held.over(provider.now_ms()) or not isinstance(person, RegisteredPerson):
+        return None
+    return (carried(person, held), held) if person.standing is Standing.ACTIVE else None
 
 
 def _proven(request: Request, raw: bytes) -> tuple[Proof, tuple[bytes, bytes | None, bytes, SignedRequest]]:

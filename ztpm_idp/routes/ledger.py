@@ -15,10 +15,20 @@ from ztpm_idp.provider import wire
 from ztpm_idp.provider.body_json import BODY_BYTES
 from ztpm_idp.provider.feed import ledger_export
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, authenticated_within, body_of, provider_of, query_of, since_of
+from ztpm_idp.routes.caller import (
+    Call,
+    authenticated,
+    authenticated_within,
+    body_of,
+    in_session,
+    provider_of,
+    query_of,
+    since_of,
+)
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
 Batch = Annotated[Call, Depends(authenticated_within(BODY_BYTES))]
 
 
@@ -31,7 +41,7 @@ async def take_records(request: Request, call: Batch) -> dict[str, int]:
 
 
 @router.get("/ledger/export", response_class=StreamingResponse)
-async def export(request: Request, call: Caller) -> StreamingResponse:
+async def export(request: Request, call: Bound) -> StreamingResponse:
     """Every entry as one JSON line, then the signed checkpoint of the last.
 
     With `first` and `last`, which are given together, the entries of that range.

@@ -118,9 +118,12 @@ async def show_account(request: Request) -> Response:
     found = await session.signed_in(request)
     if found is None:
         return session.to_login(request, back_to=f"{prefix_of(provider_of(request))}/login/account", fresh_s=0)
+    provider = provider_of(request)
+    async with provider.store.read() as view:
+        keys = await view.devices.session_keys_of(found.person.id)
     return page(
         "account.html",
-        prefix=prefix_of(provider_of(request)),
+        prefix=prefix_of(provider),
         token=browser_of(request).form_token,
         person=found.person.id,
         name=found.person.name,
@@ -129,6 +132,11 @@ async def show_account(request: Request) -> Response:
         method=" ".join([found.how.method.value, *(f"({', '.join(found.amr)})" for _ in found.amr[:1])]),
         login=found.how.login,
         ends=_time(found.ends_ms),
+        keys=[
+            {"name": each.name, "thumbprint": thumbprint(each.key), "ends": _time(each.ends_ms)}
+            for each in keys
+            if not each.over(provider.now_ms())
+        ],
     )
 
 

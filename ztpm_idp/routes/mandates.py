@@ -26,6 +26,7 @@ from ztpm_idp.routes.caller import (
     authenticated,
     authenticated_within,
     body_of,
+    in_session,
     provider_of,
     query_of,
 )
@@ -38,6 +39,7 @@ if TYPE_CHECKING:
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
 Promiser = Annotated[Call, Depends(authenticated_within(ASK_BYTES))]
 _UNSTORED = {"Cache-Control": "no-store"}
 
@@ -52,7 +54,7 @@ async def sign_mandate(request: Request, call: Promiser) -> JSONResponse:
 
 
 @router.get("/mandates")
-async def list_mandates(request: Request, call: Caller) -> JSONResponse:
+async def list_mandates(request: Request, call: Bound) -> JSONResponse:
     """Mandates that the caller signed or may draw from, the newest first; every one for an administrator."""
     query_of(request)
     async with provider_of(request).store.read() as view:
@@ -62,7 +64,7 @@ async def list_mandates(request: Request, call: Caller) -> JSONResponse:
 
 
 @router.get("/mandates/{mandate_id}")
-async def read_mandate(request: Request, mandate_id: str, call: Caller) -> JSONResponse:
+async def read_mandate(request: Request, mandate_id: str, call: Bound) -> JSONResponse:
     """A mandate as it was signed, how it stands, and the newest tokens that were drawn from it."""
     async with provider_of(request).store.read() as view:
         mandate = await view.lending.mandate(mandate_id) if ID.fullmatch(mandate_id) else None
@@ -109,7 +111,7 @@ async def draw_token(request: Request, mandate_id: str, call: Caller) -> dict[st
 
 
 def _sees_all(call: Call) -> bool:
-    return isinstance(call.party, RegisteredPerson) and PersonRole.ADMIN in call.party.roles
+    return isinstance(call.party, RegisteredPerson) and bool(call.party.roles & {PersonRole.ADMIN, PersonRole.AUDITOR})
 
 
 async def _row(request: Request, view: Transaction, mandate_id: str) -> dict[str, object]:

@@ -16,17 +16,18 @@ from ztpm_idp.domain.login.commands import EndLogin
 from ztpm_idp.domain.parties import RegisteredPerson
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, RootCall, authenticated, body_of, by_root, provider_of
+from ztpm_idp.routes.caller import Call, RootCall, authenticated, body_of, by_root, in_session, provider_of
 from ztpm_idp.routes.registry import end
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
 Root = Annotated[RootCall, Depends(by_root)]
 
 
 @router.post("/people", status_code=201, openapi_extra=body_of(wire.PersonBody))
 async def register_person(request: Request, call: Caller) -> dict[str, str]:
-    """An administrator registers a person who only lends; any other is proposed at `/changes/person`."""
+    """An administrator registers a person who only lends or reads; any other is proposed at `/changes/person`."""
     body = call.body(wire.PersonBody)
     command = commands.RegisterPerson(call.party.id, body.id, body.name, unb64u(body.key), frozenset(body.roles))
     await provider_of(request).run(command, actor=call.party.id)
@@ -34,7 +35,7 @@ async def register_person(request: Request, call: Caller) -> dict[str, str]:
 
 
 @router.get("/people")
-async def list_people(request: Request, call: Caller) -> list[dict[str, Any]]:
+async def list_people(request: Request, call: Bound) -> list[dict[str, Any]]:
     """Every person, for people, with all keys that sign for it now, and its logins at other providers."""
     of_people(call)
     async with provider_of(request).store.read() as view:
@@ -119,7 +120,7 @@ async def recover(request: Request, call: Root) -> dict[str, str]:
 
 
 @router.get("/changes")
-async def list_changes(request: Request, call: Caller) -> list[dict[str, Any]]:
+async def list_changes(request: Request, call: Bound) -> list[dict[str, Any]]:
     """The changes of people that wait, for people, oldest first."""
     of_people(call)
     at_ms = provider_of(request).now_ms()

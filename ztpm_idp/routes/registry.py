@@ -20,14 +20,15 @@ from ztpm_idp.domain.parties import RegisteredAgent, RegisteredTool
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import registry_snapshot
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, provider_of, query_of
+from ztpm_idp.routes.caller import Call, authenticated, body_of, in_session, provider_of, query_of
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
 
 
 @router.post("/agents", status_code=201, openapi_extra=body_of(wire.AgentBody))
-async def register_agent(request: Request, call: Caller) -> dict[str, str]:
+async def register_agent(request: Request, call: Bound) -> dict[str, str]:
     """A sponsor, or an administrator for one, registers an agent."""
     body = call.body(wire.AgentBody)
     command = commands.RegisterAgent(
@@ -40,12 +41,12 @@ async def register_agent(request: Request, call: Caller) -> dict[str, str]:
         sponsor=body.sponsor,
         workload=body.workload,
     )
-    await provider_of(request).run(command, actor=call.party.id)
+    await provider_of(request).run(command, actor=call.party.id, session_key=call.session_key)
     return {"id": body.id, "status": "registered"}
 
 
 @router.get("/agents")
-async def list_agents(request: Request, call: Caller) -> list[dict[str, Any]]:  # noqa: ARG001  being registered is all that is asked
+async def list_agents(request: Request, call: Bound) -> list[dict[str, Any]]:  # noqa: ARG001  being registered is all that is asked
     """Every agent, for every registered caller.
 
     `trust_by` has the score of each delegator that is not the policy's prior, as enforcement points are told of it;
@@ -84,24 +85,28 @@ async def attest(request: Request, id_: str, call: Caller) -> dict[str, str]:
 
 
 @router.post("/agents/{id_}/suspend", openapi_extra=body_of(wire.ReasonBody))
-async def suspend_agent(request: Request, id_: str, call: Caller) -> dict[str, str]:
+async def suspend_agent(request: Request, id_: str, call: Bound) -> dict[str, str]:
     """The agent's sponsor, or an administrator, suspends it, and all authority through it, until it is restored."""
     body = call.body(wire.ReasonBody)
-    await provider_of(request).run(commands.SuspendAgent(call.party.id, id_, body.reason), actor=call.party.id)
+    await provider_of(request).run(
+        commands.SuspendAgent(call.party.id, id_, body.reason), actor=call.party.id, session_key=call.session_key
+    )
     return {"id": id_, "status": "suspended"}
 
 
 @router.post("/agents/{id_}/retire", openapi_extra=body_of(wire.ReasonBody))
-async def retire_agent(request: Request, id_: str, call: Caller) -> dict[str, int]:
+async def retire_agent(request: Request, id_: str, call: Bound) -> dict[str, int]:
     """The agent and everything below it are dead, for ever."""
     return await end(request, call, RevocationKind.AGENT, id_)
 
 
 @router.post("/agents/{id_}/trust", openapi_extra=body_of(wire.TrustBody))
-async def state_trust(request: Request, id_: str, call: Caller) -> dict[str, Any]:
+async def state_trust(request: Request, id_: str, call: Bound) -> dict[str, Any]:
     """The agent's sponsor, or an administrator, states its trust."""
     body = call.body(wire.TrustBody)
-    await provider_of(request).run(commands.StateTrust(call.party.id, id_, body.permille), actor=call.party.id)
+    await provider_of(request).run(
+        commands.StateTrust(call.party.id, id_, body.permille), actor=call.party.id, session_key=call.session_key
+    )
     return {"id": id_, "trust_permille": body.permille}
 
 
@@ -166,5 +171,7 @@ async def end(request: Request, call: Call, kind: RevocationKind, id_: str) -> d
         revocation.check_id(kind, id_)
     except StatementError:
         raise Problem(IdpCode.NOT_FOUND) from None
-    done = await provider_of(request).run(commands.Revoke(call.party.id, kind, id_, reason), actor=call.party.id)
+    done = await provider_of(request).run(
+        commands.Revoke(call.party.id, kind, id_, reason), actor=call.party.id, session_key=call.session_key
+    )
     return {"epoch": done.epoch}

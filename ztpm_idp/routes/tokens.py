@@ -27,6 +27,7 @@ from ztpm_idp.routes.caller import (
     authenticated_within,
     body_of,
     heartbeat_of,
+    in_session,
     nonce_of,
     provider_of,
     query_of,
@@ -40,11 +41,13 @@ router = APIRouter()
 TRUST_HINT: Final = "ztpm-trust"
 """Header with the version of the trust bundle."""
 Caller = Annotated[Call, Depends(authenticated)]
+Bound = Annotated[Call, Depends(in_session())]
+Sponsor = Annotated[Call, Depends(in_session(SCOPE_BYTES))]
 Lender = Annotated[Call, Depends(authenticated_within(SCOPE_BYTES))]
 
 
 @router.post("/tokens", status_code=201, openapi_extra=body_of(wire.IssueBody))
-async def issue(request: Request, call: Lender) -> dict[str, Any]:
+async def issue(request: Request, call: Sponsor) -> dict[str, Any]:
     """A sponsor lends authority to an agent; the proof is the sponsor's signature over the request."""
     body = call.body(wire.IssueBody)
     try:
@@ -62,7 +65,8 @@ async def issue(request: Request, call: Lender) -> dict[str, Any]:
         hop_id=secrets.token_hex(16),
         signed=call.signed,
     )
-    return made(await provider_of(request).run(command, actor=call.party.id))
+    done = await provider_of(request).run(command, actor=call.party.id, session_key=call.session_key)
+    return made(done)
 
 
 @router.post("/tokens/delegate", status_code=201, openapi_extra=body_of(wire.DelegateBody))
@@ -104,7 +108,7 @@ def named(token: bytes, provider: Provider) -> frozenset[str]:
 
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))
-async def revoke(request: Request, call: Caller) -> dict[str, Any]:
+async def revoke(request: Request, call: Bound) -> dict[str, Any]:
     """Revokes a token, hop, agent, key, sponsor or audience, for ever.
 
     The answer is its epoch or a later one, and whether this provider knows such a thing: one that it never made or
@@ -115,8 +119,8 @@ async def revoke(request: Request, call: Caller) -> dict[str, Any]:
     provider = provider_of(request)
     async with provider.store.read() as view:  # before: after the commit nothing may stand between it and its answer
         known = await view.knows(body.kind, body.id)
-    epoch = (await provider.run(command, actor=call.party.id)).epoch
-    return {"epoch": epoch, "known": known, "at_ms": provider.now_ms()}
+    done = await provider.run(command, actor=call.party.id, session_key=call.session_key)
+    return {"epoch": done.epoch, "known": known, "at_ms": provider.now_ms()}
 
 
 @router.get("/revocations", response_class=PlainTextResponse)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from ztpm_idp.domain.login.events import LoginEvent
+    from ztpm_idp.domain.login.events import SessionEvent
 
 
 class Sessions:
@@ -73,7 +73,7 @@ class Sessions:
             sa.update(t.sessions).where(t.sessions.c.session_id == session_id).values(seen_ms=at_ms)
         )
 
-    async def write(self, event: LoginEvent, *, at_ms: int) -> None:
+    async def write(self, event: SessionEvent, *, at_ms: int) -> None:
         """The event is in its tables."""
         match event:
             case LoginOffered(offer=offer):

@@ -48,15 +48,8 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.locks import WHOLE, Locks, party
-from ztpm_idp.domain.login.events import (
-    AccessEnded,
-    LoginAdded,
-    LoginEnded,
-    LoginOffered,
-    SessionBegun,
-    SessionEnded,
-)
-from ztpm_idp.domain.oauth import events as oauth
+from ztpm_idp.domain.login.events import DeviceEvent, SessionEvent
+from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.parties import (
     Party,
     PersonRole,
@@ -66,7 +59,7 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.state import Journal, Nonce, State
-from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolChanged
+from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, postgres, rows
 from ztpm_idp.store import schema as t
@@ -74,6 +67,7 @@ from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
+from ztpm_idp.store.devices import Devices
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.oauth import OAuth
@@ -121,6 +115,7 @@ class Transaction:
         self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)
         self.sessions = Sessions(connection)
+        self.devices = Devices(connection)
 
     # --- reading ---------------------------------------------------------------------------------------------------
 
@@ -144,12 +139,13 @@ class Transaction:
         behind = frozenset() if mandate is None else frozenset({mandate.sponsor, mandate.agent})
         parties = await self._parties(wanted.parties | met | behind)
         living = met | wanted.conduct_of | (frozenset() if wanted.mandates_of is None else {wanted.mandates_of})
+        waiting = await self.devices.devices() if wanted.devices else ()
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
         counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
         crowd, crowd_of_all = await counts.count(self._connection, wanted.crowd)
         return State(
             parties=parties,
-            key_owners=await self._key_owners(wanted.keys),
+            key_owners=await self._key_owners(wanted.keys | {device.key for device in waiting}),
             nonces=await self._nonces(wanted.nonces_of, young_ms),
             hops=await self.lending.hops(wanted),
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
@@ -186,6 +182,8 @@ class Transaction:
             tool=await self.upkeep.tool(wanted.tool),
             sessions=await self.sessions.sessions_of(wanted.sessions_of),
             offer=await self.sessions.offer(wanted.offer),
+            devices=waiting,
+            session_keys=await self.devices.session_keys_of(wanted.session_keys_of),
             login_owner=await self.sessions.login_owner(wanted.login),
         )
 
@@ -290,7 +288,8 @@ class Transaction:
         c = t.parties.c
         found = await self._connection.execute(sa.select(c.key, c.id).where(c.key.in_(sorted(keys))))
         now = {bytes(key): id_ for key, id_ in found} | await self.people.owners(keys)
-        return now | await self.upkeep.former_owners(keys) | await self.oauth.key_owners(keys)
+        more = await self.upkeep.former_owners(keys) | await self.oauth.key_owners(keys)
+        return now | more | await self.devices.owners(keys)
 
     async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
         if agent is None:
@@ -395,6 +394,19 @@ class Transaction:
         return after.epoch
 
     async def _write(self, event: Event, actor: str, at_ms: int) -> None:
+        if isinstance(event, SessionEvent):
+            await self.sessions.write(event, at_ms=at_ms)
+            return
+        if isinstance(event, DeviceEvent):
+            await self.devices.write(event, at_ms=at_ms)
+            return
+        if isinstance(event, OAuthEvent):
+            await self.oauth.write(event, at_ms=at_ms)
+            return
+        if isinstance(event, UpkeepEvent):
+            await self.upkeep.write(event, at_ms=at_ms)
+            await self._registry_changed()
+            return
         match event:
             case PartyRegistered(party=party):
                 for insert in rows.party_inserts(party, at_ms):
@@ -480,23 +492,6 @@ class Transaction:
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():
                 await self.restoring.write(event)
-            case (
-                oauth.ClientRegistered()
-                | oauth.TemplateDeclared()
-                | oauth.TemplateEnded()
-                | oauth.AssentGiven()
-                | oauth.CodeSpent()
-                | oauth.RefreshSpent()
-                | oauth.RefreshMade()
-                | oauth.AccessMade()
-                | oauth.FamilyEnded()
-            ):
-                await self.oauth.write(event, at_ms=at_ms)
-            case PartSuspended() | PartRestored() | KeyReplaced() | ToolChanged():
-                await self.upkeep.write(event, at_ms=at_ms)
-                await self._registry_changed()
-            case LoginOffered() | SessionBegun() | SessionEnded() | LoginAdded() | LoginEnded() | AccessEnded():
-                await self.sessions.write(event, at_ms=at_ms)
             case _:
                 assert_never(event)
 

@@ -62,6 +62,8 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
         "empty",
         "sessions_of",
         "offer",
+        "devices",
+        "session_keys_of",
         "login",
         "oauth",
     }

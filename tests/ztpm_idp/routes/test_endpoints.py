@@ -223,6 +223,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
         *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
         "/login/links", "/changes/login", "/logins/end",
+        "/login/links", "/changes/login", "/logins/end", "/login/devices", "/login/devices/poll",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",

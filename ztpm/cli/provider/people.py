@@ -50,6 +50,7 @@ class Role(StrEnum):
     SPONSOR = "sponsor"
     APPROVER = "approver"
     ADMIN = "admin"
+    AUDITOR = "auditor"
 
 
 @app.command("new-key")
@@ -87,11 +88,11 @@ def register(
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Register a sponsor, or propose an approver or administrator, whom another administrator confirms."""
+    """Register a sponsor or auditor, or propose an approver or administrator, whom another administrator confirms."""
     raw, roles = raw_of(public), [each.value for each in role]
     known_name(person)
     with _caller(signer) as caller:
-        if set(roles) == {Role.SPONSOR.value}:
+        if set(roles) <= {Role.SPONSOR.value, Role.AUDITOR.value}:
             caller.register_person(person, shown or person, raw, roles)
             _say("Registered.", {"id": person}, as_json=as_json)
             return

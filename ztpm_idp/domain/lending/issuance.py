@@ -6,7 +6,7 @@ The result is the content of the token's block.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from capabilities.statements.revocation import RevocationView
 from capabilities.token import block, hop_rules
@@ -15,6 +15,7 @@ from capabilities.token.verify import Verifier
 from capabilities.values.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.explanation import explain
+from capabilities.values.scope import Tier
 from policies.words.reason_table import Reason
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
@@ -38,6 +39,12 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.state import State
 
 
+OPERATOR_KEY: Final = "operator-key"
+"""Method of a sponsor who signed the request itself."""
+SESSION_KEY_CEILING: Final = Tier(3)
+"""Highest tier that a session-bound key lends: a safety-critical act starts at a person's own key."""
+
+
 def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     """A new token's authority block, when a sponsor lends to an agent that is attested for exactly this."""
     # 1. The caller is a sponsor, now.
@@ -54,7 +61,15 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     if isinstance(shown, Refusal):
         return shown
     # 3. The scope keeps the profile's rules and what this kind of evidence can carry.
-    sponsor = Sponsor(issuer=rules.issuer, subject=command.by, method="operator-key", authenticated_at=at_ms // 1_000)
+    # A request signed with an operator key is an authentication of this instant; a session-bound key was confirmed in
+    # a session, and its person was there when that session's login was made.
+    bound = state.session_key
+    method, authenticated_ms = (OPERATOR_KEY, at_ms) if bound is None else (bound.how.method.value, bound.how.at_ms)
+    sponsor = Sponsor(
+        issuer=rules.issuer, subject=command.by, method=method, authenticated_at=authenticated_ms // 1_000
+    )
+    if bound is not None and command.scope.ceiling > SESSION_KEY_CEILING:
+        return Refusal(FaultCode.ABOVE_CEILING, f"a session-bound key lends at most tier {int(SESSION_KEY_CEILING)}")
     lent = Lent(
         purpose=command.purpose,
         scope=command.scope,

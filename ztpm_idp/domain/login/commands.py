@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ztpm_idp.domain.login.records import Authentication
+    from ztpm_idp.domain.login.records import Authentication, Device
     from ztpm_idp.domain.parties import PersonRole
 
 
@@ -54,4 +54,47 @@ class EndLogin:
     login: str
 
 
-LoginCommand = OfferLogin | LogIn | LogOut | EndLogin
+@dataclass(frozen=True, slots=True)
+class AskDevice:
+    """A command line asks for its key to be confirmed; nobody registered is behind it yet."""
+
+    device: Device
+
+
+@dataclass(frozen=True, slots=True)
+class PollDevice:
+    """A command line asks again; `key` is the one whose possession it proved."""
+
+    key: bytes
+    digest: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class EnterCode:
+    """A person entered a code in a session; one under which no device waits is counted."""
+
+    by: str
+    session_id: str
+    user_code: str
+
+
+@dataclass(frozen=True, slots=True)
+class AnswerDevice:
+    """A person confirms the device of a code in a session, or declines it."""
+
+    by: str
+    session_id: str
+    user_code: str
+    confirmed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class EndSessionKey:
+    """A person ends a session-bound key of its own; `thumbprint` names it."""
+
+    by: str
+    thumbprint: str
+
+
+DeviceCommand = AskDevice | PollDevice | EnterCode | AnswerDevice | EndSessionKey
+LoginCommand = OfferLogin | LogIn | LogOut | EndLogin | DeviceCommand

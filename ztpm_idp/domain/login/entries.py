@@ -4,7 +4,21 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain.login.events import AccessEnded, LoginAdded, LoginEnded, LoginOffered, SessionBegun, SessionEnded
+from capabilities.keys.keys import thumbprint
+from ztpm_idp.domain.login.events import (
+    AccessEnded,
+    CodeWrong,
+    DeviceAnswered,
+    DeviceAsked,
+    DevicePolled,
+    LoginAdded,
+    LoginEnded,
+    LoginOffered,
+    SessionBegun,
+    SessionEnded,
+    SessionKeyAdded,
+    SessionKeyEnded,
+)
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.login.events import LoginEvent
@@ -16,8 +30,21 @@ Json = dict[str, object]
 def login_entry(event: LoginEvent) -> tuple[str, Json] | None:
     """Kind and body of the event's ledger entry; None for an event that other entries imply."""
     match event:
-        case LoginOffered():
+        case LoginOffered() | DeviceAsked() | DevicePolled() | CodeWrong():
             return None
+        case DeviceAnswered(person=person, confirmed=confirmed):
+            return "device-confirmed" if confirmed else "device-declined", {"person": person}
+        case SessionKeyAdded(session_key=made):
+            return "session-key-added", {
+                "key": thumbprint(made.key),
+                "person": made.person,
+                "name": made.name,
+                "roles": sorted(role.value for role in made.roles),
+                "ends_ms": made.ends_ms,
+                "authentication": _how(made.how),
+            }
+        case SessionKeyEnded(key=key, person=person):
+            return "session-key-ended", {"key": thumbprint(key), "person": person}
         case SessionBegun(session=session):
             return "session-begun", {
                 "session_id": session.session_id,

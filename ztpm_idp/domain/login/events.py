@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ztpm_idp.domain.login.records import Offer, Session
+    from ztpm_idp.domain.login.records import Device, Offer, Session, SessionKey
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,4 +55,53 @@ class AccessEnded:
     person: str
 
 
-LoginEvent = LoginOffered | SessionBegun | SessionEnded | LoginAdded | LoginEnded | AccessEnded
+@dataclass(frozen=True, slots=True)
+class DeviceAsked:
+    """A device waits. Not in the ledger: strangers ask."""
+
+    device: Device
+
+
+@dataclass(frozen=True, slots=True)
+class DevicePolled:
+    """A device asked again, and may ask once more after so long. Not in the ledger."""
+
+    digest: bytes
+    interval_s: int
+
+
+@dataclass(frozen=True, slots=True)
+class CodeWrong:
+    """A code was entered under which nobody waits. Not in the ledger, but for the end of a session."""
+
+    session_id: str
+    wrong: int
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceAnswered:
+    """A person confirmed a device, or declined it; its code is spent."""
+
+    digest: bytes
+    person: str
+    confirmed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKeyAdded:
+    """A command line's key signs for a person from now on."""
+
+    session_key: SessionKey
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKeyEnded:
+    """A session-bound key is over before its time."""
+
+    key: bytes
+    person: str
+
+
+DeviceEvent = DeviceAsked | DevicePolled | CodeWrong | DeviceAnswered | SessionKeyAdded | SessionKeyEnded
+SessionEvent = LoginOffered | SessionBegun | SessionEnded | LoginAdded | LoginEnded | AccessEnded
+LoginEvent = SessionEvent | DeviceEvent

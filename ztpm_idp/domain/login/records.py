@@ -94,3 +94,87 @@ class Offer:
     def over(self, at_ms: int) -> bool:
         """True where it may not be opened any more."""
         return not self.made_ms <= at_ms < self.made_ms + OFFER_MS
+
+
+DEVICE_MS: Final = 600_000
+"""Milliseconds for which a device waits to be confirmed."""
+DEVICE_INTERVAL_S: Final = 5
+"""Seconds between two questions of a device (RFC 8628 section 3.2); as many more after each one that comes early."""
+DEVICES: Final = 256
+"""Most devices that wait at a time: strangers ask, and each is a row."""
+DEVICES_OF_ONE: Final = 8
+"""Most devices of one address that wait at a time."""
+WRONG_CODES: Final = 10
+"""Codes that a session may enter and that nobody waits under; then it is over (RFC 8628 section 5.1)."""
+ENROL_FRESH_S: Final = 600
+"""Greatest age of the login with which a device is confirmed, in seconds."""
+SESSION_KEY_MS: Final = 43_200_000
+"""Longest life of a session-bound key, from the authentication on: a working day."""
+KEYS_OF_ONE: Final = 8
+"""Most living session-bound keys of one person; the next one ends the oldest."""
+
+
+class DeviceState(StrEnum):
+    """Standing of a device that asked to be logged in."""
+
+    WAITING = "waiting"
+    CONFIRMED = "confirmed"
+    DECLINED = "declined"
+
+
+@dataclass(frozen=True, slots=True)
+class Device:
+    """Command line that asks for its key to be confirmed.
+
+    Attributes:
+        digest: SHA-256 of the code by which it asks again.
+        user_code: eight letters that the person enters.
+        key: raw public key, whose possession it proved.
+        name: what it calls itself.
+        address: from which it asked, as this provider saw it.
+        made_ms, polled_ms: when it asked first and last, wall clock.
+        interval_s: least seconds between two questions.
+        state: how it stands.
+        person: who confirmed it, or None.
+    """
+
+    digest: bytes
+    user_code: str
+    key: bytes
+    name: str
+    address: str
+    made_ms: int
+    polled_ms: int
+    interval_s: int = DEVICE_INTERVAL_S
+    state: DeviceState = DeviceState.WAITING
+    person: str | None = None
+
+    def over(self, at_ms: int) -> bool:
+        """True where nobody may confirm it any more."""
+        return not self.made_ms <= at_ms < self.made_ms + DEVICE_MS
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKey:
+    """Key of a command line that a person confirmed: it signs for the person for some hours, within some roles.
+
+    Attributes:
+        key: raw public key.
+        person: whose it is.
+        name: what the command line called itself.
+        how: the authentication of the session in which it was confirmed.
+        roles: most that it carries.
+        made_ms, ends_ms: wall clock.
+    """
+
+    key: bytes
+    person: str
+    name: str
+    how: Authentication
+    roles: frozenset[PersonRole]
+    made_ms: int
+    ends_ms: int
+
+    def over(self, at_ms: int) -> bool:
+        """True where it signs for nobody any more."""
+        return not self.made_ms <= at_ms < self.ends_ms

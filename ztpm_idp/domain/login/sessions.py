@@ -18,7 +18,6 @@ from ztpm_idp.domain.login.records import (
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 
 if TYPE_CHECKING:
-    from ztpm_idp.domain.login.commands import LoginCommand
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.state import State
 
@@ -26,7 +25,7 @@ SOFTWARE_KEY: Final = "swk"
 """Method of an operator key in a file: proof of possession of a software-secured key (RFC 8176 section 2)."""
 
 
-def login(state: State, command: LoginCommand, at_ms: int) -> Outcome:
+def login(state: State, command: OfferLogin | LogIn | LogOut | EndLogin, at_ms: int) -> Outcome:
     """The events of a command about logging in."""
     person = state.parties.get(command.by)
     if not isinstance(person, RegisteredPerson) or person.standing is not Standing.ACTIVE:
