@@ -7,7 +7,7 @@ SHELL := /bin/bash
 # Programs that tests begin by the hundred read what the first of their kind has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints
+.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints insecure-settings
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -57,6 +57,9 @@ tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoi
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
+
+insecure-settings:  ## each insecure or empty setting of an identity provider keeps it from starting and is named; how many, last
+	$(RUN) python -m tests.ztpm.point.test_insecure_settings
 
 constraints:  ## pin the whole set with hashes, without naming an index
 	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q

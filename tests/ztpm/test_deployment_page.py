@@ -1,6 +1,5 @@
 """docs/deployment.md says what the code says: its configuration is taken, its ports are ours, what it names is there."""
 
-import importlib
 import json
 import re
 import subprocess
@@ -91,14 +90,7 @@ def test_towards_the_robot_goes_nothing_but_the_gateways_tcp():
 
 
 def test_what_it_names_is_there():
-    named = re.findall(r"`((?:capabilities|policies|pep|ztpm|ztpm_idp)(?:\.\w+)+)`", PAGE)
-    assert len(named) > 3
-    for name in named:
-        module, _, rest = name.partition(".")
-        found = importlib.import_module(module)
-        for part in rest.split("."):
-            module = f"{module}.{part}"
-            found = getattr(found, part, None) or importlib.import_module(module)
+    assert re.findall(r"`((?:capabilities|policies|pep|ztpm|ztpm_idp)(?:\.\w+)+)`", PAGE) == []  # commands do all of it
     (table,) = re.findall(r"\| code \|.*?\n\n", PAGE, re.DOTALL)
     codes = re.findall(r"`([A-Z_]{5,})`", table)
     assert codes

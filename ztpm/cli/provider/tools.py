@@ -121,11 +121,14 @@ def digest_of(definition: Path | None, tool: str) -> str:
     """SHA-256 (hex) of the definition in a file, which must be that tool's; or the command ends."""
     if definition is None:
         return ""
-    from mcp.types import Tool
     from pydantic import ValidationError
 
     from pep.mcp.tool_digest import definition_digest
 
+    try:
+        from mcp_types import Tool
+    except ImportError:
+        fail("UNUSABLE", "--definition: the MCP SDK is not installed (ztpm[pep]); --digest needs none")
     try:
         stated = Tool.model_validate(json.loads(definition.read_text("utf-8-sig")))
     except OSError as error:
