@@ -103,6 +103,42 @@ def bench_decide(
     _run(BENCH, quick=quick, seed=seed, plot=plot, as_json=as_json)
 
 
+@bench.command("idp", epilog="Example: ztpm eval bench idp --quick")
+def bench_idp(
+    *,
+    quick: Quick = False,
+    database: Annotated[
+        list[str] | None, typer.Option(help="sqlite, postgresql, or the URL of an empty one; may be repeated.")
+    ] = None,
+    agents: Annotated[int, typer.Option(min=100, max=100_000, help="Registered agents.")] = 10_000,
+    as_json: AsJson = False,
+) -> None:
+    """The identity provider's operations beside a bare endpoint that proves, signs and commits one row."""
+    from evaluation.harness.timing import WrongAnswerError
+    from evaluation.idp.bench import last_line, tables
+    from evaluation.idp.databases import KINDS
+    from evaluation.idp.run import run
+    from ztpm.base.processes import ChildError
+
+    sizes: dict[str, Any] = {"batch": 20, "rounds": 1, "workers": (1,)} if quick else {}
+    try:
+        if as_json:
+            result = run(database or KINDS, agents=agents, told=_nothing, **sizes)
+        else:
+            with console.status("") as status:
+                result = run(database or KINDS, agents=agents, told=status.update, **sizes)
+    except (WrongAnswerError, ChildError) as error:
+        fail("NOT_MEASURED", str(error))
+    if as_json:
+        say_json(result.to_json())
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(last_line(result))
+
+
 @bench.command("pit", epilog="Example: ztpm eval bench pit --quick")
 def bench_pit(
     *,

@@ -1,0 +1,1 @@
+"""The identity provider's commands beside a bare endpoint on the same database."""
