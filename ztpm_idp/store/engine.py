@@ -24,6 +24,7 @@ from ztpm_idp.store.errors import (
     UnsafeDatabaseError,
 )
 from ztpm_idp.store.migrate import upgrade
+from ztpm_idp.store.sqlite_driver import connect
 from ztpm_idp.store.transaction import Transaction
 
 if TYPE_CHECKING:
@@ -217,7 +218,7 @@ class Store:
 
 
 def _sqlite_engine(url: sa.URL) -> AsyncEngine:
-    engine = create_async_engine(url, hide_parameters=True)
+    engine = create_async_engine(url, hide_parameters=True, connect_args={"async_creator_fn": connect})
     _make_sqlite_safe(engine)
     _make_private(url.database)
     return engine
