@@ -34,7 +34,7 @@ from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import BaseHeads, read_back
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError
+from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError, ProofUse, ProofUsedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -71,6 +71,19 @@ class Done:
 
     def __repr__(self) -> str:
         return f"Done(epoch={self.epoch}, events={len(self.events)})"
+
+
+@dataclass(slots=True)
+class OneUse:
+    """The one use of a proof that came with a request.
+
+    Attributes:
+        proof: valid for exactly this request.
+        spent: True once that is durable.
+    """
+
+    proof: Proof
+    spent: bool = False
 
 
 def rules_of(
@@ -214,6 +227,16 @@ class Provider:
         Raises:
             Problem: `CALLER_UNKNOWN`, `CALLER_INACTIVE`, or `REPLAYED` for a proof that was used before.
         """
+        party = await self.known(proof)
+        await self.use_up(proof)
+        return party
+
+    async def known(self, proof: Proof) -> Party:
+        """The registered party that made this proof, which is to be used up before anything is answered.
+
+        Raises:
+            Problem: `CALLER_UNKNOWN` or `CALLER_INACTIVE`.
+        """
         async with self.store.read() as view:
             party = await view.party_of_key(proof.key)
             due = None if party is not None else await view.people.due(proof.key, at_ms=self.now_ms())
@@ -230,7 +253,6 @@ class Provider:
             raise Problem(IdpCode.CALLER_UNKNOWN if refused is None else refused.code)
         if isinstance(party, RegisteredPerson) and proof.key not in party.keys:
             raise Problem(IdpCode.CALLER_INACTIVE)
-        await self.use_up(proof)
         return party
 
     async def use_up(self, proof: Proof) -> None:
@@ -239,10 +261,15 @@ class Provider:
         Raises:
             Problem: `REPLAYED` for a proof that was used before.
         """
-        caps, at_ms = self.rules.caps, self.now_ms()
-        expires_ms = (proof.iat + caps.proof_age_s + caps.skew_s) * 1_000
-        if not await self.store.first_use(key=proof.key, jti=proof.jti, expires_ms=expires_ms, at_ms=at_ms):
+        use = self._use_of(proof)
+        if not await self.store.first_use(key=use.key, jti=use.jti, expires_ms=use.expires_ms, at_ms=use.at_ms):
             raise Problem(FaultCode.REPLAYED)
+
+    def _use_of(self, proof: Proof) -> ProofUse:
+        caps = self.rules.caps
+        return ProofUse(
+            proof.key, proof.jti, expires_ms=(proof.iat + caps.proof_age_s + caps.skew_s) * 1_000, at_ms=self.now_ms()
+        )
 
     async def notice(self, party: Party) -> str:
         """The recovery that waits, for an administrator to be told of with every answer; else nothing."""
@@ -258,13 +285,21 @@ class Provider:
         )
         return ", ".join(told)
 
-    async def run(self, command: Command, *, actor: str, session_key: SessionKey | None = None) -> Done:
+    async def run(
+        self,
+        command: Command,
+        *,
+        actor: str,
+        session_key: SessionKey | None = None,
+        once: OneUse | None = None,
+    ) -> Done:
         """The command is done, durably.
 
         Args:
             command: parsed strictly.
             actor: for the ledger.
             session_key: the session-bound key that signed it, which bounds it; None: the caller's own key did.
+            once: of the proof that came with it: in the same commit it is used up, also by a refusal.
 
         Raises:
             Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
@@ -274,12 +309,16 @@ class Provider:
         locks = locks_of(command, needed)
         for tries_left in reversed(range(TRIES)):
             try:
-                outcome, done = await self._decided(command, needed, locks, actor=actor, session_key=session_key)
+                outcome, done = await self._decided(
+                    command, needed, locks, actor=actor, session_key=session_key, once=once
+                )
             except LocksTooFewError:
                 locks = EVERYTHING
             except AgainError:
                 if not tries_left:
                     raise
+            except ProofUsedError:
+                raise Problem(FaultCode.REPLAYED) from None
             except OnceOnlyError:
                 raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce, or the platform's token, is spent") from None
             except ConflictError:
@@ -298,12 +337,20 @@ class Provider:
         return done
 
     async def _decided(
-        self, command: Command, needed: Wanted, locks: Locks, *, actor: str, session_key: SessionKey | None
+        self,
+        command: Command,
+        needed: Wanted,
+        locks: Locks,
+        *,
+        actor: str,
+        session_key: SessionKey | None,
+        once: OneUse | None,
     ) -> tuple[Outcome, Done | None]:
         """The command in one transaction: its outcome, and what it has done unless it is refused."""
         at_ms = self.now_ms()
+        use = None if once is None or once.spent else self._use_of(once.proof)
         young_ms = at_ms - self.rules.nonce_age_s * 1_000
-        async with self.store.write(locks) as transaction:
+        async with self.store.write(locks, use=use) as transaction:
             state = await transaction.load(needed, young_ms=young_ms)
             before = await transaction.counters()
             seen: State | Refusal = state
@@ -320,6 +367,8 @@ class Provider:
                 written = _kept(outcome, token)
                 done = Done(outcome, await transaction.append(written, actor=actor, at_ms=at_ms), token)
             await read_back(self, transaction, written, before=before, at_ms=at_ms)
+        if once is not None:
+            once.spent = True  # with the commit; where it was rolled back, the use was, too
         return outcome, done
 
     async def hinted(self) -> None:

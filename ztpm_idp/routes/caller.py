@@ -21,10 +21,11 @@ from ztpm_idp.domain.login.devices import carried
 from ztpm_idp.domain.parties import RegisteredPerson, Standing
 from ztpm_idp.provider.body_json import BodyError, parse_json
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.provider.provider import OneUse
 from ztpm_idp.provider.wire import Body, parse_body
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable
+    from collections.abc import AsyncIterator, Awaitable, Callable
 
     from capabilities.proof.proof import Proof
     from ztpm_idp.domain.login.records import SessionKey
@@ -84,11 +85,13 @@ class Call(ProvenCall):
     Attributes:
         party: who calls.
         token: the token of `Authorization: DPoP`, decoded; the proof names it.
+        once: use of the proof, for the one command that the request is about.
         session_key: the session-bound key that signed, which bounds what is done; `party` has its roles alone.
     """
 
     party: Party
     token: bytes | None
+    once: OneUse
     session_key: SessionKey | None = None
 
 
@@ -144,6 +147,26 @@ def authenticated_within(body_bytes: int) -> Callable[[Request], Awaitable[Call]
     return within
 
 
+def commanding_within(body_bytes: int, *, session_keys: bool = False) -> Callable[[Request], AsyncIterator[Call]]:
+    """Dependency of a route that is one command: its proof is used up in the command's own commit.
+
+    With `session_keys` such keys may call, too; the route hands `Call.session_key` on to `Provider.run`.
+
+    The proof is used up before the answer leaves, also where the command is refused; so it must end with the route
+    (`Depends(..., scope="function")`).
+    """
+
+    async def within(request: Request) -> AsyncIterator[Call]:
+        call = await _known(request, await read_body(request, body_bytes=body_bytes), session_keys=session_keys)
+        try:
+            yield call
+        finally:
+            if not call.once.spent:
+                await provider_of(request).use_up(call.once.proof)
+
+    return within
+
+
 async def authenticated(request: Request) -> Call:
     """The call, when its proof is by a registered party and for exactly this request.
 
@@ -193,24 +216,31 @@ async def by_root(request: Request) -> RootCall:
 
 
 async def _authenticated(request: Request, raw: bytes, *, session_keys: bool = False) -> Call:
+    call = await _known(request, raw, session_keys=session_keys)
+    await provider_of(request).use_up(call.once.proof)
+    call.once.spent = True
+    return call
+
+
+async def _known(request: Request, raw: bytes, *, session_keys: bool) -> Call:
+    """The call of a registered party, or of a session-bound key; its proof is still to be used up."""
     proof, (key, token, raw, sent) = _proven(request, raw)
     provider = provider_of(request)
     bound: SessionKey | None = None
     try:
-        party = await provider.caller(proof)
+        party = await provider.known(proof)
     except Problem as problem:
         found = await _session_bound(provider, key) if problem.code is IdpCode.CALLER_UNKNOWN else None
         if found is None:
             raise
         if not session_keys:
             raise Problem(IdpCode.SESSION_KEY_TOO_WEAK, "an operator key does this") from None
-        await provider.use_up(proof)
         party, bound = found
     place = (request.scope.get("extensions") or {}).get(PLACE)
     if place is not None:
         place.proven(f"{type(party).__name__} {party.id}")
     request.state.notice = await provider.notice(party)
-    return Call(key, raw, sent, party, token, bound)
+    return Call(key, raw, sent, party, token, OneUse(proof), bound)
 
 
 async def _session_bound(provider: Provider, key: bytes) -> tuple[RegisteredPerson, SessionKey] | None:

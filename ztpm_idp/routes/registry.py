@@ -20,11 +20,21 @@ from ztpm_idp.domain.parties import RegisteredAgent, RegisteredTool
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import registry_snapshot
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, in_session, provider_of, query_of
+from ztpm_idp.routes.caller import (
+    SMALL_BYTES,
+    Call,
+    authenticated,
+    body_of,
+    commanding_within,
+    in_session,
+    provider_of,
+    query_of,
+)
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
 Bound = Annotated[Call, Depends(in_session())]
+Attesting = Annotated[Call, Depends(commanding_within(SMALL_BYTES), scope="function")]
 
 
 @router.post("/agents", status_code=201, openapi_extra=body_of(wire.AgentBody))
@@ -77,10 +87,11 @@ async def list_agents(request: Request, call: Bound) -> list[dict[str, Any]]:  #
 
 
 @router.post("/agents/{id_}/attestations", openapi_extra=body_of(wire.EvidenceBody))
-async def attest(request: Request, id_: str, call: Caller) -> dict[str, str]:
+async def attest(request: Request, id_: str, call: Attesting) -> dict[str, str]:
     """Attests an agent's key and software; it is active from then on."""
     body = call.body(wire.EvidenceBody)
-    await provider_of(request).run(commands.Attest(call.party.id, id_, body.evidence), actor=call.party.id)
+    command = commands.Attest(call.party.id, id_, body.evidence)
+    await provider_of(request).run(command, actor=call.party.id, once=call.once)
     return {"id": id_, "status": "active"}
 
 
@@ -142,12 +153,12 @@ async def register_tool(request: Request, call: Caller) -> dict[str, str]:
 
 
 @router.post("/nonces", status_code=201, openapi_extra=body_of(wire.NothingBody))
-async def give_nonce(request: Request, call: Caller) -> dict[str, Any]:
+async def give_nonce(request: Request, call: Attesting) -> dict[str, Any]:
     """A fresh nonce for the calling agent's next evidence."""
     call.body(wire.NothingBody)
     provider = provider_of(request)
     nonce = secrets.token_urlsafe(24)
-    await provider.run(commands.GiveNonce(call.party.id, nonce), actor=call.party.id)
+    await provider.run(commands.GiveNonce(call.party.id, nonce), actor=call.party.id, once=call.once)
     return {"nonce": nonce, "expires_at": provider.now_ms() // 1_000 + provider.rules.nonce_age_s}
 
 

@@ -22,12 +22,11 @@ from ztpm_idp.provider.feed import BASE_EPOCHS, revocation_index
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
     SCOPE_BYTES,
+    SMALL_BYTES,
     Call,
-    authenticated,
-    authenticated_within,
     body_of,
+    commanding_within,
     heartbeat_of,
-    in_session,
     nonce_of,
     provider_of,
     query_of,
@@ -40,10 +39,9 @@ if TYPE_CHECKING:
 router = APIRouter()
 TRUST_HINT: Final = "ztpm-trust"
 """Header with the version of the trust bundle."""
-Caller = Annotated[Call, Depends(authenticated)]
-Bound = Annotated[Call, Depends(in_session())]
-Sponsor = Annotated[Call, Depends(in_session(SCOPE_BYTES))]
-Lender = Annotated[Call, Depends(authenticated_within(SCOPE_BYTES))]
+Revoker = Annotated[Call, Depends(commanding_within(SMALL_BYTES, session_keys=True), scope="function")]
+Sponsor = Annotated[Call, Depends(commanding_within(SCOPE_BYTES, session_keys=True), scope="function")]
+Lender = Annotated[Call, Depends(commanding_within(SCOPE_BYTES), scope="function")]
 
 
 @router.post("/tokens", status_code=201, openapi_extra=body_of(wire.IssueBody))
@@ -65,7 +63,7 @@ async def issue(request: Request, call: Sponsor) -> dict[str, Any]:
         hop_id=secrets.token_hex(16),
         signed=call.signed,
     )
-    done = await provider_of(request).run(command, actor=call.party.id, session_key=call.session_key)
+    done = await provider_of(request).run(command, actor=call.party.id, session_key=call.session_key, once=call.once)
     return made(done)
 
 
@@ -92,7 +90,7 @@ async def delegate(request: Request, call: Lender) -> dict[str, Any]:
         signed=call.signed,
         agents=named(call.token, provider),
     )
-    return made(await provider.run(command, actor=call.party.id))
+    return made(await provider.run(command, actor=call.party.id, once=call.once))
 
 
 def named(token: bytes, provider: Provider) -> frozenset[str]:
@@ -108,7 +106,7 @@ def named(token: bytes, provider: Provider) -> frozenset[str]:
 
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))
-async def revoke(request: Request, call: Bound) -> dict[str, Any]:
+async def revoke(request: Request, call: Revoker) -> dict[str, Any]:
     """Revokes a token, hop, agent, key, sponsor or audience, for ever.
 
     The answer is its epoch or a later one, and whether this provider knows such a thing: one that it never made or
@@ -119,7 +117,7 @@ async def revoke(request: Request, call: Bound) -> dict[str, Any]:
     provider = provider_of(request)
     async with provider.store.read() as view:  # before: after the commit nothing may stand between it and its answer
         known = await view.knows(body.kind, body.id)
-    done = await provider.run(command, actor=call.party.id, session_key=call.session_key)
+    done = await provider.run(command, actor=call.party.id, session_key=call.session_key, once=call.once)
     return {"epoch": done.epoch, "known": known, "at_ms": provider.now_ms()}
 
 

@@ -6,17 +6,21 @@ from ztpm_idp.store.errors import (
     ConflictError,
     LocksTooFewError,
     OnceOnlyError,
+    ProofUsedError,
     RestoreError,
     StoreError,
     StoreNotOpenedError,
     StoreUnavailableError,
 )
+from ztpm_idp.store.proof_use import ProofUse
 
 __all__ = [
     "AgainError",
     "ConflictError",
     "LocksTooFewError",
     "OnceOnlyError",
+    "ProofUse",
+    "ProofUsedError",
     "RestoreError",
     "Store",
     "StoreError",

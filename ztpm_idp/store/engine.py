@@ -19,11 +19,13 @@ from ztpm_idp.store.errors import (
     AgainError,
     ConflictError,
     NewerDatabaseError,
+    ProofUsedError,
     StoreNotOpenedError,
     StoreUnavailableError,
     UnsafeDatabaseError,
 )
 from ztpm_idp.store.migrate import upgrade
+from ztpm_idp.store.proof_use import ProofUse
 from ztpm_idp.store.sqlite_driver import connect
 from ztpm_idp.store.transaction import Transaction
 
@@ -107,15 +109,17 @@ class Store:
         await self._engine.dispose()
 
     @asynccontextmanager
-    async def write(self, locks: Locks = EVERYTHING) -> AsyncIterator[Transaction]:
+    async def write(self, locks: Locks = EVERYTHING, *, use: ProofUse | None = None) -> AsyncIterator[Transaction]:
         """A transaction during which nothing changes of what these locks name, but by itself.
 
         Durable when the block has ended without an exception.
 
         Args:
             locks: of `domain.locks`; without any, no other transaction changes state meanwhile.
+            use: of the proof that came with the command: it is used up if and only if the rest holds.
 
         Raises:
+            ProofUsedError: that proof was used before; nothing holds.
             ConflictError: a unique constraint was hit; nothing holds.
             AgainError: nothing holds, and the same may be tried again.
             StoreUnavailableError: nothing may be taken to hold.
@@ -125,6 +129,8 @@ class Store:
         async with self._write_connection(nullcontext() if urgent else self._writer) as connection:
             transaction = Transaction(connection, locks if self._postgres else None)
             await transaction.lock()
+            if use is not None:
+                await self._use_up(connection, use)
             yield transaction
 
     @asynccontextmanager
@@ -164,23 +170,32 @@ class Store:
             key: raw public key that signed the proof.
             jti: its id.
             expires_ms: when the proof is too old anyway, wall clock.
-            at_ms: now; ids that expired long ago are forgotten from time to time.
+            at_ms: now.
 
         Raises:
             StoreUnavailableError: it cannot be said, so nothing may be permitted.
         """
-        sweep = self._swept_ms is None or not self._swept_ms <= at_ms < self._swept_ms + SWEEP_MS
         try:
             async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
-                if sweep:
-                    await connection.execute(_FORGET, {"at_ms": at_ms})
-                await connection.execute(
-                    _USE_UP, {"key": key, "jti": jti, "forget_ms": expires_ms + PROOF_GRACE_MS}
-                )  # fmt: skip
-        except ConflictError:
+                await self._use_up(connection, ProofUse(key, jti, expires_ms, at_ms))
+        except ProofUsedError:
             return False
-        self._swept_ms = at_ms if sweep else self._swept_ms
         return True
+
+    async def _use_up(self, connection: AsyncConnection, use: ProofUse) -> None:
+        """The proof is used up if this transaction commits.
+
+        Raises:
+            ProofUsedError: it was used before.
+        """
+        if self._swept_ms is None or not self._swept_ms <= use.at_ms < self._swept_ms + SWEEP_MS:
+            self._swept_ms = use.at_ms  # one that is rolled back is made up for a minute later
+            await connection.execute(_FORGET, {"at_ms": use.at_ms})
+        row = {"key": use.key, "jti": use.jti, "forget_ms": use.expires_ms + PROOF_GRACE_MS}
+        try:
+            await connection.execute(_USE_UP, row)
+        except IntegrityError:
+            raise ProofUsedError from None
 
     async def beat(self) -> None:
         """A change was committed just now: the store can commit.

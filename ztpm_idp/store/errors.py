@@ -48,6 +48,10 @@ class OnceOnlyError(StoreError):
     """Something that happens once has happened already, in another transaction."""
 
 
+class ProofUsedError(StoreError):
+    """A proof was used before: nothing of the command that came with it holds."""
+
+
 class ConflictError(StoreError):
     """Conflict of a unique constraint with a row that another transaction made first."""
 

@@ -69,6 +69,8 @@ class Lending:
 
     async def mandate(self, mandate_id: str | None) -> MandateRecord | None:
         """The mandate, when there is one."""
+        if mandate_id is None:
+            return None
         found = await self._mandates(t.mandates.c.mandate_id == mandate_id)
         return found[0] if found else None
 
