@@ -7,7 +7,7 @@ SHELL := /bin/bash
 # Programs that tests begin by the hundred read what the first of their kind has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints insecure-settings
+.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints insecure-settings approval-defects approval-mutants approval-storm
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -63,3 +63,12 @@ insecure-settings:  ## each insecure or empty setting of an identity provider ke
 
 constraints:  ## pin the whole set with hashes, without naming an index
 	uv pip compile pyproject.toml --all-extras --group dev --generate-hashes --no-emit-index-url --no-header --universal --python-version 3.11 -o constraints.txt -q
+
+approval-defects:  ## D2: every defect of an approval alone and 300 pairs, at the gate; the figure last
+	$(RUN) python -m tests.pep.people.campaign defects
+
+approval-mutants:  ## D3: 500 changes of what was approved, and names that deceive; the figure last
+	$(RUN) python -m tests.pep.people.campaign mutants
+
+approval-storm:  ## D4: 10,000 asks by 20 agents in an hour; the figure last
+	$(RUN) python -m tests.pep.people.campaign storm

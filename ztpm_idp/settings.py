@@ -69,6 +69,8 @@ class Stated(BaseModel):
             seconds of reading each they take one person four minutes, inside the life of an ask; a queue too long
             to be read in time is approved unread.
         login_providers: OpenID providers at which people may log in.
+        asks_a_minute, asks_an_hour: asks that are shown for each active approver. By default 6 and 30: more
+            of them are approved unread.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -80,6 +82,8 @@ class Stated(BaseModel):
     lifetimes: Lifetimes = Lifetimes()
     open_nonces: Annotated[int, Field(ge=1, le=4_096)] = 256
     open_asks: Annotated[int, Field(ge=1, le=STANDING_ASKS)] = 24
+    asks_a_minute: Annotated[int, Field(ge=1, le=10_000)] = 6
+    asks_an_hour: Annotated[int, Field(ge=1, le=10_000)] = 30
     policy: Annotated[str, Field(min_length=1)] = "paper-default"
     client_documents: bool = False
     tls_certificate_file: str | None = None

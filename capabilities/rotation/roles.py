@@ -22,7 +22,7 @@ from capabilities.statements import (
     trust as trust_bundle,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, mandate, opening, vote
+from capabilities.statements.people import answers, ask, envelope, mandate, opening, vote
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -60,6 +60,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         cell.KIND: Signer.SURVEYOR,
         checkpoint.KIND: Signer.LEDGER,
         conduct.KIND: Signer.FEED,
+        envelope.KIND: Signer.APPROVER,
         intent.KIND: Signer.APPROVER,
         mandate.KIND: Signer.SPONSOR,
         manifest.KIND: Signer.CURATOR,

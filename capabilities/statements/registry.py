@@ -75,6 +75,7 @@ class RegistrySnapshot(Form, frozen=True):
         approvers: each key once. A person may have several, and is one approver.
         peps: enforcement points that serve the audience; a caller knows by the key that it talks to one.
         suspended: agents that a person suspended: until it is restored, each is as one that is revoked.
+        passkeys: of approvers, each key once and none of it an approver's other key; they make votes by passkey alone.
     """
 
     issuer: Url
@@ -87,6 +88,7 @@ class RegistrySnapshot(Form, frozen=True):
     approvers: Annotated[tuple[PartyEntry, ...], upto(APPROVERS)]
     peps: Annotated[tuple[PartyEntry, ...], upto(PEPS)]
     suspended: Annotated[tuple[AgentId, ...], upto(SUSPENDED)] = ()
+    passkeys: Annotated[tuple[PartyEntry, ...], upto(APPROVERS)] = ()
 
     def tool(self, name: str) -> ToolEntry | None:
         """The tool of this name, or None."""
@@ -110,7 +112,8 @@ def sign(snapshot: RegistrySnapshot, key: PrivateKey) -> str:
     members = plain(snapshot)
     with_keys = {
         name: [{**entry, "key": key_forms.b64u(entry["key"])} for entry in members[name]]
-        for name in ("sensors", "approvers", "peps")
+        for name in ("sensors", "approvers", "peps", "passkeys")
+        if name in members
     }
     return statement_form.seal(KIND, members | with_keys, key, _read)
 
@@ -129,7 +132,7 @@ def _read(claims: dict[str, object]) -> RegistrySnapshot:
     unique(snapshot.tools, lambda tool: tool.name, "a tool")
     unique(snapshot.sensors, lambda sensor: sensor.id, "a sensor")
     unique(snapshot.trust, lambda entry: entry.agent, "an agent")
-    unique(snapshot.approvers, lambda entry: entry.key, "an approver's key")
+    unique(snapshot.approvers + snapshot.passkeys, lambda entry: entry.key, "an approver's key")
     unique(snapshot.peps, lambda entry: entry.id, "an enforcement point")
     unique(snapshot.suspended, lambda agent: agent, "a suspended agent")
     return snapshot

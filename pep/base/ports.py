@@ -122,6 +122,10 @@ class Approvers(Protocol):
         """Person by raw public key, of which a person may have several; empty while no snapshot has been verified."""
         ...
 
+    def passkeys(self) -> Mapping[bytes, str]:
+        """Person by raw public key of a passkey, which makes votes by passkey and nothing else."""
+        ...
+
 
 class ReplayStore(Protocol):
     """Proof ids seen. Storing is the check: one call, atomic."""

@@ -29,9 +29,19 @@ from pep.people.deferral import (
     key_of,
     opened_body,
 )
+from pep.people.envelopes import Envelopes
 from pep.people.openings import Openings
 from pep.people.recovery import reopen
-from pep.people.votes import RejectedStatement, VerifiedOpening, VerifiedVote, read_opening, read_vote
+from pep.people.votes import (
+    RejectedStatement,
+    VerifiedEnvelope,
+    VerifiedOpening,
+    VerifiedVote,
+    read_envelope,
+    read_opening,
+    read_vote,
+    registered,
+)
 from policies.evidence.evidence import ApprovalReading
 from policies.words.reason_table import Reason
 
@@ -50,6 +60,8 @@ if TYPE_CHECKING:
 
 CAPACITY: Final = answers_statement.ASKS
 """Open deferrals held at once: as many as the provider can answer in one statement."""
+BESIDE: Final = frozenset({"open", "used", "withdrawn", "expired"})
+"""States of an answer beside which an envelope counts; beside a denial none does."""
 KEPT: Final = 1_024
 """Deferrals held in all; beyond it the oldest one that is not open is forgotten and counts for nothing."""
 KEPT_S: Final = 600
@@ -87,6 +99,7 @@ class Asks:
         self._lock = threading.Lock()
         self._deferrals: OrderedDict[str, Deferral] = OrderedDict()
         self._leaves = Openings()
+        self._envelopes = Envelopes()
         self._rejected_openings: set[str] = set()
         self._high_s = 0.0
 
@@ -105,14 +118,17 @@ class Asks:
         chain = evidence.chain
         if not isinstance(chain, Chain):
             return evidence
-        registered = self._approvers.approvers()
+        known = registered(self._approvers)
         with self._lock:
             now_s, approval, named = self._wall_s(), None, ""
-            if (chosen := self._choose(holder_of(chain, request), registered, now_s)) is not None:
+            if (chosen := self._choose(holder_of(chain, request), known, now_s)) is not None:
                 deferral, counted, standing = chosen
                 approval = deferral.reserve(request.request_id, evidence.at_ms, counted, standing)
                 named = approval.opening_id
-            opening = self._leaves.reading(chain, request, registered, named=named, now_s=now_s, at_ms=evidence.at_ms)
+            if approval is None or approval.state in BESIDE:
+                inside = self._envelopes.reading(chain, request, evidence, known, now_s=now_s)
+                approval = approval if inside is None else inside
+            opening = self._leaves.reading(chain, request, known, named=named, now_s=now_s, at_ms=evidence.at_ms)
         return replace(evidence, approval=approval, opening=opening)
 
     def _choose(
@@ -137,10 +153,11 @@ class Asks:
         if decision.approval is None:
             return True
         with self._lock:
-            deferral = self._deferrals.get(decision.approval.ask_id)
+            id_, request_id, use = decision.approval.ask_id, decision.request_id, decision.approval.use
+            deferral = self._deferrals.get(id_)
             if deferral is None:
-                return False
-            request_id, use, opening_id = decision.request_id, decision.approval.use, deferral.question.opening_id
+                return self._envelopes.consume(id_, request_id, use, self._clock.monotonic_ms())
+            opening_id = deferral.question.opening_id
             if opening_id and not self._leaves.consume(opening_id, request_id):
                 return False
             if deferral.consume(request_id, use, self._clock.monotonic_ms()):
@@ -153,6 +170,7 @@ class Asks:
         with self._lock:
             for deferral in self._deferrals.values():
                 deferral.release(request_id)
+            self._envelopes.release(request_id)
 
     def give_back(self, decision: Decision) -> None:
         """Returns the use of a PERMIT, of which the journal says that nothing was or can be sent."""
@@ -163,6 +181,8 @@ class Asks:
             if deferral is not None:
                 deferral.give_back(decision.request_id, decision.approval.use)
                 self._leaves.give_back(deferral.question.opening_id, decision.request_id)
+            else:
+                self._envelopes.give_back(decision.approval.ask_id, decision.request_id, decision.approval.use)
 
     # -- questions, beside the event loop
 
@@ -314,10 +334,10 @@ class Asks:
             return None if deferral is None else deferral.state
 
     def matter(self) -> int:
-        """Number of deferrals and openings that a word of the provider could change."""
+        """Number of deferrals, openings and envelopes that a word of the provider could change."""
         with self._lock:
             live = sum(d.state in {AskState.OPEN, AskState.GRANTED} for d in self._deferrals.values())
-            return live + len(self._leaves)
+            return live + len(self._leaves) + len(self._envelopes)
 
     # -- answers, beside the event loop
 
@@ -331,8 +351,8 @@ class Asks:
         Raises:
             pep.base.errors.JournalError: when an answer could not be recorded; it then does not count.
         """
-        registered = self._approvers.approvers()
-        if not registered:
+        known = registered(self._approvers)
+        if not known:
             # No registry was read yet, or it has no approver: no vote can be verified, and none is condemned for it.
             return
         with self._writing:
@@ -340,22 +360,23 @@ class Asks:
                 with self._lock:
                     deferral = self._deferrals.get(answered.ask_id)
                 if deferral is not None:
-                    self._count(deferral, answered.votes, registered, sent_ms)
-            self._take_leaves(answers.openings, registered, sent_ms)
+                    self._count(deferral, answered.votes, known, sent_ms)
+            self._take_leaves(answers.openings, sent_ms)
+            self._take_envelopes(answers.envelopes, sent_ms)
 
-    def _count(self, deferral: Deferral, texts: Iterable[str], registered: Mapping[bytes, str], sent_ms: int) -> None:
+    def _count(self, deferral: Deferral, texts: Iterable[str], known: Mapping[bytes, str], sent_ms: int) -> None:
         ballots, ask = dict(deferral.ballots), deferral.ask
         for text in texts:
             digest = _digest(text)
             if digest in ballots or digest in deferral.rejected:
                 continue
-            read = read_vote(text, deferral.question, ask.text, registered, at=self._wall_s(), caps=self._caps)
+            read = read_vote(text, deferral.question, ask.text, self._approvers, at=self._wall_s(), caps=self._caps)
             if isinstance(read, VerifiedVote):
                 ballots[digest] = read
             elif len(deferral.rejected) < answers_statement.VOTES:
                 self._reject("vote", ask.ask_id, digest, read)
                 deferral.rejected.add(digest)
-        counted = replace(deferral, ballots=ballots).count(registered)
+        counted = replace(deferral, ballots=ballots).count(known)
         state = ANSWERED.get(counted.count, deferral.state)
         if state is not deferral.state and deferral.state in {AskState.OPEN, AskState.GRANTED}:
             if deferral.state is AskState.OPEN and not self._clock.monotonic_ms() < ask.expires_ms:
@@ -368,10 +389,10 @@ class Asks:
             deferral.not_after = max((ballot.vote.not_after for ballot in ballots.values()), default=0)
             deferral.word_ms = sent_ms if deferral.word_ms is None else max(deferral.word_ms, sent_ms)
 
-    def _take_leaves(self, texts: Iterable[str], registered: Mapping[bytes, str], sent_ms: int) -> None:
-        known, taken = self._leaves.by_text(), []
+    def _take_leaves(self, texts: Iterable[str], sent_ms: int) -> None:
+        approvers, before, taken = self._approvers.approvers(), self._leaves.by_text(), []
         for text in texts:
-            leave = known.get(text) or read_opening(text, self._asker.audience, registered, caps=self._caps)
+            leave = before.get(text) or read_opening(text, self._asker.audience, approvers, caps=self._caps)
             digest = _digest(text)
             if isinstance(leave, VerifiedOpening):
                 taken.append(leave)
@@ -380,6 +401,19 @@ class Asks:
                 self._rejected_openings.add(digest)
         with self._lock:
             self._leaves.replace(taken, sent_ms=sent_ms)
+
+    def _take_envelopes(self, texts: Iterable[str], sent_ms: int) -> None:
+        approvers, before, taken = self._approvers.approvers(), self._envelopes.by_text(), []
+        for text in texts:
+            envelope = before.get(text) or read_envelope(text, self._asker.audience, approvers, caps=self._caps)
+            digest = _digest(text)
+            if isinstance(envelope, VerifiedEnvelope):
+                taken.append(envelope)
+            elif digest not in self._rejected_openings and len(self._rejected_openings) < KEPT:
+                self._reject("envelope", "", digest, envelope)
+                self._rejected_openings.add(digest)
+        with self._lock:
+            self._envelopes.replace(taken, sent_ms=sent_ms)
 
     def _reject(self, what: str, ask_id: str, digest: str, rejected: RejectedStatement) -> None:
         """A statement that does not count is on record, once."""
@@ -407,6 +441,8 @@ class Asks:
                 self._deferrals[ask.ask_id] = deferral
             for opening_id, request_id in remains.opening_uses:
                 self._leaves.recover(opening_id, request_id)
+            for envelope_id, use, request_id in remains.envelope_uses:
+                self._envelopes.recover(envelope_id, request_id, use)
             self._forget()
 
 

@@ -35,11 +35,13 @@ class RecoveredState:
     Attributes:
         asks: those that are open or answered.
         opening_uses: (opening id, request id) of every act that rested on an opening.
+        envelope_uses: (envelope id, use, request id) of every act inside an envelope.
         high_s: the latest wall time in the journal, seconds since the epoch.
     """
 
     asks: tuple[RecoveredAsk, ...]
     opening_uses: frozenset[tuple[str, str]]
+    envelope_uses: frozenset[tuple[str, int, str]]
     high_s: float
 
 
@@ -56,6 +58,7 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
     """
     asks: dict[str, RecoveredAsk] = {}
     over: set[str] = set()
+    inside: dict[tuple[str, int], str] = {}
     high_ms = 0
     for record in records:
         body = record["body"]
@@ -81,11 +84,18 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
                 used = asks[use["ask_id"]].used
                 if used.get(use["use"]) == body["request_id"]:
                     del used[use["use"]]
+            case "decision" if (use := body.get("approval")) is not None:
+                # of no ask, so of an envelope
+                inside[use["ask_id"], use["use"]] = body["request"]["id"]
+            case "outcome" if (use := body.get("returned")) is not None:
+                if inside.get((use["ask_id"], use["use"])) == body["request_id"]:
+                    del inside[use["ask_id"], use["use"]]
             case _:
                 pass
     uses = {(left.question.opening_id, request_id) for left in asks.values() for request_id in left.used.values()}
     return RecoveredState(
         asks=tuple(left for ask_id, left in asks.items() if ask_id not in over),
         opening_uses=frozenset((opening_id, request_id) for opening_id, request_id in uses if opening_id),
+        envelope_uses=frozenset((id_, use, request_id) for (id_, use), request_id in inside.items()),
         high_s=high_ms / 1000,
     )

@@ -10,19 +10,23 @@ from enum import Enum, StrEnum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
+from capabilities.statements.people import envelope as envelope_statement
 from capabilities.statements.people import opening as opening_statement
+from capabilities.statements.people import passkey_vote
 from capabilities.statements.people import vote as vote_statement
+from capabilities.statements.people.assertion import relying_party
 from capabilities.statements.statement_form import signer_thumbprint
-from capabilities.values.errors import CapabilityError
+from capabilities.values.errors import CapabilityError, FaultCode, StatementError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from capabilities.statements.people.ask import Ask
+    from capabilities.statements.people.envelope import Envelope
     from capabilities.statements.people.opening import Opening
     from capabilities.statements.people.vote import Vote
     from capabilities.values.caps import Caps
-    from capabilities.values.errors import FaultCode
+    from pep.base.ports import Approvers
 
 VOTE_LIFETIME_S: Final = 3_600
 """Longest validity of a vote from its signing, the provider's rule too."""
@@ -38,6 +42,7 @@ class VoteFault(StrEnum):
     VOTE_OUT_OF_TIME = "VOTE_OUT_OF_TIME"
     NOT_PERMITTED = "NOT_PERMITTED"
     OPENING_NOT_FOR_US = "OPENING_NOT_FOR_US"
+    ENVELOPE_NOT_FOR_US = "ENVELOPE_NOT_FOR_US"
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +67,15 @@ class VerifiedOpening:
 
     text: str
     opening: Opening
+    key: bytes
+
+
+@dataclass(frozen=True, slots=True)
+class VerifiedEnvelope:
+    """A verified envelope, its text, and the raw key that signed it."""
+
+    text: str
+    envelope: Envelope
     key: bytes
 
 
@@ -94,27 +108,25 @@ class Tally:
 
 
 def read_vote(
-    text: str, question: Ask, question_text: str, approvers: Mapping[bytes, str], *, at: float, caps: Caps
+    text: str, question: Ask, question_text: str, people: Approvers, *, at: float, caps: Caps
 ) -> VerifiedVote | RejectedStatement:
-    """The vote, when a registered approver signed it, in time, for exactly this ask.
+    """The vote, when a registered approver signed it or made it by passkey, in time, for exactly this ask.
 
     Args:
         text: of the vote.
-        question: the ask.
+        question: the ask; its issuer names the relying party of passkeys.
         question_text: its text, which the vote binds.
-        approvers: registered approvers by raw key.
+        people: registered approvers.
         at: now, seconds since the epoch.
         caps: bounds.
     """
     try:
-        vote = vote_statement.open(text, list(approvers), caps)
+        vote, key = _opened(text, question, people, caps)
     except CapabilityError as error:
         return RejectedStatement(error.code)
-    signer = signer_thumbprint(text)
-    key = _own_key(approvers, vote.approver, signer)
     if key is None:
         return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
-    if signer == question.agent_key:
+    if keys.thumbprint(key) == question.agent_key:
         return RejectedStatement(VoteFault.NOT_PERMITTED)
     asked = (question.ask_id, question.nonce, vote_statement.digest_of(question_text))
     if (vote.ask_id, vote.nonce, vote.ask_digest) != asked:
@@ -123,6 +135,29 @@ def read_vote(
     if not (signed_in_time and vote.at < vote.not_after <= vote.at + VOTE_LIFETIME_S + caps.skew_s):
         return RejectedStatement(VoteFault.VOTE_OUT_OF_TIME)
     return VerifiedVote(text, vote, key)
+
+
+def _opened(text: str, question: Ask, people: Approvers, caps: Caps) -> tuple[Vote, bytes | None]:
+    """The vote, and the key or passkey of its own author that made it; None where that is another person's.
+
+    Raises:
+        CapabilityError: as `vote.open` and `passkey_vote.open`.
+    """
+    if passkey_vote.is_one(text):
+        party = relying_party(question.issuer)
+        if party is None:
+            raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "no passkey belongs to an address")
+        passkeys = people.passkeys()
+        vote, key = passkey_vote.open(text, list(passkeys), ask=question, party=party)
+        return vote, key if passkeys[key] == vote.approver else None
+    approvers = people.approvers()
+    vote = vote_statement.open(text, list(approvers), caps)
+    return vote, _own_key(approvers, vote.approver, signer_thumbprint(text))
+
+
+def registered(people: Approvers) -> dict[bytes, str]:
+    """Registered approvers by raw key, passkeys too: however many a person has, they are one voter."""
+    return {**people.passkeys(), **people.approvers()}
 
 
 def read_opening(
@@ -146,6 +181,29 @@ def read_opening(
     if opening.audience != audience:
         return RejectedStatement(VoteFault.OPENING_NOT_FOR_US)
     return VerifiedOpening(text, opening, key)
+
+
+def read_envelope(
+    text: str, audience: str, approvers: Mapping[bytes, str], *, caps: Caps
+) -> VerifiedEnvelope | RejectedStatement:
+    """The envelope, when a registered approver signed it for this audience.
+
+    Args:
+        text: of the envelope.
+        audience: canonical URL of this server.
+        approvers: registered approvers by raw key.
+        caps: bounds.
+    """
+    try:
+        envelope = envelope_statement.open(text, list(approvers), caps)
+    except CapabilityError as error:
+        return RejectedStatement(error.code)
+    key = _own_key(approvers, envelope.approver, signer_thumbprint(text))
+    if key is None:
+        return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
+    if envelope.audience != audience:
+        return RejectedStatement(VoteFault.ENVELOPE_NOT_FOR_US)
+    return VerifiedEnvelope(text, envelope, key)
 
 
 def _own_key(approvers: Mapping[bytes, str], person: str, signer: str) -> bytes | None:

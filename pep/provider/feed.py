@@ -144,6 +144,7 @@ class ProviderFollower:
         self._ended = 0
         self._over = asyncio.Event()
         self._approvers: dict[bytes, str] = {}
+        self._passkeys: dict[bytes, str] = {}
         self._peps: dict[str, bytes] = {}
         self.trusts = TrustFeed(self._get, trust, caps=caps, clock=clock, incident=incident)
         self.trusts.followers.append(self._trust_newer)
@@ -190,6 +191,10 @@ class ProviderFollower:
     def approvers(self) -> Mapping[bytes, str]:
         """The registered approvers, by raw key."""
         return self._approvers
+
+    def passkeys(self) -> Mapping[bytes, str]:
+        """The registered approvers, by raw key of a passkey."""
+        return self._passkeys
 
     def peps(self) -> Mapping[str, bytes]:
         """The registered enforcement points of this audience, by id."""
@@ -334,6 +339,7 @@ class ProviderFollower:
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
             self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
+            self._passkeys = {passkey.key: passkey.id for passkey in snapshot.passkeys}
             self._peps = {pep.id: pep.key for pep in snapshot.peps}
         suspended = frozenset((str(revocation.Revoked.AGENT), agent) for agent in snapshot.suspended)
         self._known = AcceptedFeed(index.line, index.epoch, index.head, sent_ms, snapshot, suspended)

@@ -204,7 +204,7 @@ class Registry:
 
     def __init__(self):
         self.tools = {n: RegisteredTool(n, "d" * 64, b.name, b.base_tier) for n, b in ARM_TOOLS.items()}
-        self.trust, self.known, self.people = {}, {}, {}
+        self.trust, self.known, self.people, self.held = {}, {}, {}, {}
         self.word = ConductWord(0, {}, {})
 
     def conduct(self):
@@ -221,6 +221,9 @@ class Registry:
 
     def approvers(self):
         return self.people
+
+    def passkeys(self):
+        return self.held
 
     def add_sensor(self, name="camera-1", *, calibration=CALIBRATION, transit_ms=20):
         key = keys.generate()
@@ -529,6 +532,7 @@ class FakeIssuer:
         self.registry_audience = None
         self.shipped, self.through = [], 0
         self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
+        self.envelopes = []
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.asked = []
         self.restoring, self.marks, self.mark_status = False, [], 200
@@ -682,6 +686,7 @@ class FakeIssuer:
                 answers_statement.AnsweredAsk(ask_id, "open", tuple(self.votes.get(ask_id, ()))) for ask_id in self.asks
             ),
             "openings": tuple(self.openings),
+            "envelopes": tuple(self.envelopes),
         }
         lie = self.answers_lie
         text = unread(answers_statement, answers_statement.Answers(**{**fields, **lie}), self.answers_signer)

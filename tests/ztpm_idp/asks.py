@@ -11,7 +11,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
 from msgspec import structs
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
+from tests.ztpm_idp.world import AUDIENCE, World
 
 from capabilities.keys import keys
 from capabilities.statements.people import answers, ask, opening, vote
@@ -46,7 +46,7 @@ class Cell:
             nonce=secrets.token_hex(16),
             pep=PEP,
             audience=AUDIENCE,
-            issuer=ISSUER,
+            issuer=changes.get("issuer") or self.world.issuer,
             sponsor="alice",
             token_id="g" * 22,
             agent=agent,
@@ -83,12 +83,12 @@ class Cell:
         content = body if isinstance(body, bytes) else json.dumps(body).encode()
         with self.world.anonymous() as http:
             return http.post(
-                ISSUER + path, content=content, auth=ProofAuth(self.world.private[who], now=self.world.clock)
+                self.world.issuer + path, content=content, auth=ProofAuth(self.world.private[who], now=self.world.clock)
             )  # fmt: skip
 
     def get(self, who: str, path: str) -> httpx2.Response:
         with self.world.anonymous() as http:
-            return http.get(ISSUER + path, auth=ProofAuth(self.world.private[who], now=self.world.clock))
+            return http.get(self.world.issuer + path, auth=ProofAuth(self.world.private[who], now=self.world.clock))
 
     def taken(self, **changes) -> tuple[str, str]:
         """The id and text of an ask that the provider took."""

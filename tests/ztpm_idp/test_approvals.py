@@ -636,3 +636,19 @@ def test_the_feed_keeps_the_words_of_the_statement():
     assert {state.value for state in AskState} == answers.STATES
     assert {answer.value for answer in Answer} == vote.ANSWERS
     assert feed.answers_for
+
+
+def test_people_are_asked_so_often_in_a_minute_and_in_an_hour_and_no_more(tmp_path):
+    """Two approvers here: twice two asks a minute, twice three an hour."""
+    with World(tmp_path, settings_changes={"asks_a_minute": 2, "asks_an_hour": 3}) as world:
+        cell = Cell(world)
+        began = world.clock.at_s
+
+        def taken(at_s):
+            world.clock.at_s = began + at_s
+            answer = cell.post("cell-1", "/approvals", {"ask": cell.text(expires_at=cell.now + 20)})
+            return answer.status_code == 201 or answer.json()["code"]
+
+        assert [taken(at) for at in (0, 21, 30, 42, 59)] == [True, True, True, True, "ASK_BUDGET_SPENT"]
+        assert [taken(at) for at in (61, 82, 600)] == [True, True, "ASK_BUDGET_SPENT"]
+        assert [taken(at) for at in (3_599, 3_601)] == ["ASK_BUDGET_SPENT", True]

@@ -7,6 +7,7 @@ import json
 import pytest
 from capabilities.values.caps import DEFAULT
 from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.test_lending import chain_of
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 
 from capabilities.keys import keys
@@ -340,3 +341,69 @@ def test_only_the_root_key_recovers(trio):
     holder.recover("erin", "Erin", raw)
     trio.clock.at_s += 8 * DAY_S  # nobody came
     assert code_of(by(trio, "erin", "erin").persons) == "CALLER_UNKNOWN"
+
+
+# --- roles, and what is left behind ---------------------------------------------------------------------------------------
+
+
+def test_roles_are_changed_by_two_and_what_stood_on_them_ends(world):
+    alice, dan = world.people["alice"], world.people["dan"]
+    world.person("eve", "sponsor", "approver")
+    eve = by(world, "eve", "eve")
+    cell = Cell(world)
+    token = lend(world, eve)
+    assert cell.post("eve", "/openings", {"opening": cell.opening("eve")}).status_code == 201
+    ask_id, text = cell.taken()
+    assert cell.post("eve", f"/approvals/{ask_id}/votes", {"vote": cell.vote(text, "eve")}).json()["state"] == "granted"
+    for person, roles, code in (
+        ("nobody", ["admin"], "NOT_FOUND"),
+        ("mover", ["admin"], "NOT_FOUND"),
+        ("eve", ["approver", "sponsor"], "ALREADY_REGISTERED"),
+    ):
+        assert code_of(lambda p=person, r=roles: alice.propose_roles(p, r)) == code
+    assert code_of(lambda: eve.propose_roles("eve", ["admin"])) == "NOT_PERMITTED"
+    change = alice.propose_roles("eve", ["admin"])
+    assert code_of(lambda: eve.confirm_change(change)) == "NOT_PERMITTED"
+    assert code_of(lambda: alice.confirm_change(change)) == "CHANGE_YOURS"
+    assert dan.confirm_change(change) == "done"
+    assert next(row["roles"] for row in alice.persons() if row["id"] == "eve") == ["admin"]
+    # what she lent, opened and approved ends with the roles for it, and she does not
+    assert {("token", token)} == {(b["kind"], b["id"]) for b in entries(cell, "revoked")}
+    assert (cell.told(ask_id).state, cell.answers().openings) == ("open", ())
+    assert "eve" not in {entry.id for entry in snapshot(world).approvers}
+    assert eve.changes() == []
+    # and back: her key votes again
+    dan.confirm_change(alice.propose_roles("eve", ["approver"]))
+    assert "eve" in {entry.id for entry in snapshot(world).approvers}
+
+
+def test_off_boarding_is_one_command_and_one_run_of_epochs(world):
+    """Chains, agents, mandates, openings and asks of a person end together, in the transaction of its end."""
+    world.person("eve", "sponsor", "approver")
+    eve, cell = by(world, "eve", "eve"), Cell(world)
+    lend(world, eve)
+    mandate = eve.sign_mandate("eve-mover", world.scope(delegates=frozenset()), purpose="")
+    assert cell.post("eve", "/openings", {"opening": cell.opening("eve")}).status_code == 201
+    ask_id, text = cell.taken(sponsor="eve", agent="eve-mover")
+    assert cell.told(ask_id).state == "open"
+    world.end("eve")
+    assert [(b["kind"], b["id"]) for b in entries(cell, "revoked")] == [
+        ("sponsor", "eve"),
+        ("agent", "eve-mover"),
+    ]
+    assert world.people["alice"].mandate(mandate)["state"] == "ended"
+    assert (cell.told(ask_id).state, cell.answers().openings) == ("expired", ())
+    refused = cell.post("carol", f"/approvals/{ask_id}/votes", {"vote": cell.vote(text)})
+    assert refused.json()["code"] == "ASK_OVER"
+    assert [line["kind"] for line in cell.ledger()][-3:] == ["opening-closed", "change-ended", "vote-refused"]
+
+
+def entries(cell, kind):
+    return [line["body"] for line in cell.ledger() if line["kind"] == kind]
+
+
+def lend(world, person):
+    """The id of a token that this person lent to an agent of its own."""
+    world.people["eve"] = person
+    agent = world.agent("eve-mover", sponsor="eve")
+    return chain_of(world, person.issue(agent, world.scope(delegates=frozenset()), purpose="p").token).token_id

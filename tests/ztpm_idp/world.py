@@ -69,6 +69,9 @@ def settings_for(folder: Path, **changes) -> Settings:
         "port": 8700,
         "database_url": f"sqlite+aiosqlite:///{folder}/idp.sqlite",
         "root_key_id": 1,
+        # The clock of most tests stands still: their asks are all of one minute.
+        "asks_a_minute": 10_000,
+        "asks_an_hour": 10_000,
     }
     return Settings(**(stated | changes))
 
@@ -102,6 +105,8 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "enrolments",
+    "envelopes",
     "spent_credentials",
     "feed_points",
     "ledger_tiles",
@@ -123,9 +128,13 @@ LATEST_TABLES = (
 
 def drop_latest_columns(base) -> None:
     for table in LATEST_TABLES:
-        base.execute(f"DROP TABLE {table}")
+        base.execute(f"DROP TABLE IF EXISTS {table}")
     if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'changes'").fetchone():
         base.execute("ALTER TABLE changes DROP COLUMN login")
+    if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'person_keys'").fetchone():
+        base.execute("DROP INDEX ix_person_keys_credential")
+        for table in ("person_keys", "changes"):
+            base.execute(f"ALTER TABLE {table} DROP COLUMN credential")
     base.execute("ALTER TABLE counters ADD COLUMN beats BIGINT NOT NULL DEFAULT 0")
     base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
@@ -173,7 +182,7 @@ class World:
         self.on_loop(initialise(self.settings.database_url, people=first, now=self.clock))
         self.start()
         self.people = {name: self.caller(Operator, name) for name in self.ROLES}
-        self.trust = self.idp_keys.trust(issuer=ISSUER, root_key_id=1)
+        self.trust = self.idp_keys.trust(issuer=self.issuer, root_key_id=1)
         return self
 
     def __exit__(self, *_):
@@ -245,6 +254,10 @@ class World:
         return asyncio.run_coroutine_threadsafe(go(), self.loop).result(60)
 
     @property
+    def issuer(self) -> str:
+        return self.settings_changes.get("issuer", ISSUER)
+
+    @property
     def provider(self):
         return self.app.state.provider
 
@@ -263,22 +276,22 @@ class World:
         self.people["dan"].confirm_change(self.people["alice"].propose_end(name, "left"))
 
     def caller(self, kind, name, *more):
-        return kind(name, self.private[name], ISSUER, *more, transport=self.transport, now=self.clock)
+        return kind(name, self.private[name], self.issuer, *more, transport=self.transport, now=self.clock)
 
     def anonymous(self) -> httpx2.Client:
-        return httpx2.Client(transport=self.transport, base_url=ISSUER)
+        return httpx2.Client(transport=self.transport, base_url=self.issuer)
 
     def known(self, name="dan") -> httpx2.Client:
         """A client that signs as a registered party."""
         auth = ProofAuth(self.private[name], now=self.clock)
-        return httpx2.Client(transport=self.transport, base_url=ISSUER, auth=auth)
+        return httpx2.Client(transport=self.transport, base_url=self.issuer, auth=auth)
 
     def workload_token(self, name, *, signer=None, **changes) -> str:
         """Workload token of the platform for an agent, with the changes of a test."""
         at = int(self.clock())
         stated = dict(
             id=f"spiffe://{TRUST_DOMAIN}/{name}",
-            audience=ISSUER,
+            audience=self.issuer,
             key_thumbprint=keys.thumbprint(keys.public_raw(self.private[name])),
             measurement=MEASUREMENT,
             issued_at=at,

@@ -61,6 +61,28 @@ class PeopleCaller(Caller):
         """A login at another provider, this person's or any for an administrator, is over, and its sessions with it."""
         self._post("/logins/end", {"issuer": issuer, "subject": subject})
 
+    def propose_roles(self, person: str, roles: Iterable[str]) -> str:
+        """All the roles that a person has from then on wait; the change's id."""
+        return str(self._post("/changes/roles", {"person": person, "roles": list(roles)})["change_id"])
+
+    def begin_passkey(self) -> dict[str, Any]:
+        """A passkey of this person's own may be made: enrolment_id, url of the page, expires_at (seconds)."""
+        return self._post("/passkeys/enrolments", {})
+
+    def enrolled_passkey(self, enrolment_id: str) -> str:
+        """The raw public key, in base64url, of the passkey that a browser has made; "" while it has made none."""
+        found = self._json(self._send("GET", f"/passkeys/enrolments/{quote(enrolment_id, safe='')}", b"", None))
+        return str(found["key"])
+
+    def propose_passkey(self, enrolment_id: str, key: str) -> str:
+        """The passkey that was made waits to be this person's; the change's id. It gives no second vote.
+
+        Args:
+            enrolment_id: of `begin_passkey`.
+            key: of `enrolled_passkey`, once the person has compared it with what the browser shows.
+        """
+        return str(self._post("/changes/passkey", {"enrolment_id": enrolment_id, "key": key})["change_id"])
+
     def propose_end(self, person: str, reason: str) -> str:
         """A person waits to be ended; the change's id."""
         return str(self._post("/changes/end", {"person": person, "reason": reason})["change_id"])

@@ -5,13 +5,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from capabilities.keys.keys import b64u
+from ztpm_idp.client.envelopes import EnvelopeCaller
 from ztpm_idp.client.upkeep import UpkeepCaller
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-class RegistryCaller(UpkeepCaller):
+class RegistryCaller(UpkeepCaller, EnvelopeCaller):
     """Requests about what is registered."""
 
     def register_agent(

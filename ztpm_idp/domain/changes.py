@@ -31,9 +31,11 @@ class ChangeKind(StrEnum):
     PERSON = "person"
     """A person is registered as an approver or administrator."""
     KEY = "key"
-    """A person gets a further key."""
+    """A person gets a further key, or a passkey."""
     LOGIN = "login"
     """A person may log in with this login at another provider."""
+    ROLES = "roles"
+    """A person has these roles from then on, and no others."""
     END = "end"
     """A person ends, with its trees of authority."""
     RECOVERY = "recovery"
@@ -68,8 +70,10 @@ class Change:
         person: the id that it is about.
         by: its proposer, or `ROOT`.
         proposed_ms: wall clock.
-        name, roles: of a person to register.
+        name: of a person to register.
+        roles: of a person to register, or all that a person has from then on.
         key: raw public key of a person to register, of a further one, or of a recovery.
+        credential: of a key that is a passkey, the id by which its authenticator knows it, in base64url; else "".
         reason: of an end.
         login: issuer and subject at a login provider, with a space between.
         end: state in which it ended, or None.
@@ -84,6 +88,7 @@ class Change:
     name: str = ""
     roles: frozenset[PersonRole] = frozenset()
     key: bytes | None = None
+    credential: str = ""
     reason: str = ""
     end: ChangeState | None = None
     confirmed: frozenset[str] = frozenset()

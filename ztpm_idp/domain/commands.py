@@ -277,12 +277,20 @@ class TakeAsk:
 
 @dataclass(frozen=True, slots=True)
 class CastVote:
-    """A person answers an ask; `text` is the signed vote, `signed` the request that brought it."""
+    """A person answers an ask.
+
+    Attributes:
+        ask_id: of the ask.
+        text: the signed vote, or the vote by passkey.
+        signed: the request that brought it; None for a vote by passkey, which is its own proof.
+        read: of a vote by passkey, the text of the ask and its enforcement point's key, as they were read beforehand.
+    """
 
     by: str
     ask_id: str
     text: str
-    signed: SignedRequest
+    signed: SignedRequest | None
+    read: tuple[str, bytes] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -367,6 +375,24 @@ class VouchAgent:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class SignEnvelope:
+    """A person approves beforehand; `text` is the signed envelope, `signed` the request that brought it."""
+
+    by: str
+    text: str
+    signed: SignedRequest
+
+
+@dataclass(frozen=True, slots=True)
+class RevokeEnvelope:
+    """A person revokes an envelope."""
+
+    by: str
+    envelope_id: str
+    reason: str
+
+
 Command = (
     Initialise
     | RegisterPerson
@@ -401,4 +427,6 @@ Command = (
     | OAuthCommand
     | UpkeepCommand
     | LoginCommand
+    | SignEnvelope
+    | RevokeEnvelope
 )

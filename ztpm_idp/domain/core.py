@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, assert_never
 
 from ztpm_idp.domain import ledger, people, refusals, registry, restoring, revocation
-from ztpm_idp.domain.asking import approvals
+from ztpm_idp.domain.asking import approvals, envelopes
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
@@ -30,6 +30,8 @@ from ztpm_idp.domain.commands import (
     RestoreStore,
     ResumeStore,
     Revoke,
+    RevokeEnvelope,
+    SignEnvelope,
     SignMandate,
     StateTrust,
     SuspendAgent,
@@ -191,6 +193,10 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return sessions.login(state, command, at_ms)
         case AskDevice() | PollDevice() | EnterCode() | AnswerDevice() | EndSessionKey():
             return devices.device(rules, state, command, at_ms)
+        case SignEnvelope():
+            return envelopes.sign(rules, state, command, at_ms)
+        case RevokeEnvelope():
+            return envelopes.revoke(state, command)
         case _:
             assert_never(command)
 

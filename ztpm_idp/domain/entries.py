@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.keys.keys import thumbprint
 from capabilities.values.scope_json import scope_to_json
+from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
@@ -38,6 +39,7 @@ from ztpm_idp.domain.events import (
     RefusalCounted,
     RefusalsSpent,
     Revoked,
+    RolesChanged,
     StoreRestored,
     StoreResumed,
     SuspensionEnded,
@@ -74,8 +76,12 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
     match event:
         case PartyRegistered(party=party):
             return f"{kind_of(party)}-registered", _party(party)
-        case KeyAdded(person=person, key=key):
+        case KeyAdded(person=person, key=key, credential=""):
             return "person-key-added", {"id": person, "key": thumbprint(key)}
+        case KeyAdded(person=person, key=key, credential=credential):
+            return "person-passkey-added", {"id": person, "key": thumbprint(key), "credential": credential}
+        case RolesChanged(person=person, roles=roles):
+            return "person-roles-changed", {"id": person, "roles": sorted(role.value for role in roles)}
         case ChangeProposed(change=change, told=told, signed=signed):
             return "change-proposed", {
                 "change_id": change.change_id,
@@ -191,6 +197,15 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             }
         case OpeningClosed(opening_id=opening_id, reason=reason):
             return "opening-closed", {"opening_id": opening_id, "reason": reason}
+        case EnvelopeSigned(envelope=envelope):
+            return "envelope-signed", {
+                "envelope_id": envelope.envelope_id,
+                "approver": envelope.approver,
+                "agent": envelope.agent,
+                "envelope": envelope.text,
+            }
+        case EnvelopeRevoked(envelope_id=envelope_id, reason=reason):
+            return "envelope-revoked", {"envelope_id": envelope_id, "reason": reason}
         case ApprovalActRefused(signed=signed):
             return f"{event.act}-refused", {
                 "id": event.id,

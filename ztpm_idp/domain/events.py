@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from capabilities.statements import revocation
+from ztpm_idp.domain.asking.envelope_acts import EnvelopeEvent
 from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.signed import SignedRequest as SignedRequest  # noqa: PLC0414, TC001  its readers take it from here
@@ -19,7 +20,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import AgentConduct, Published
     from ztpm_idp.domain.asking.asks import AskRecord, AskState, OpeningRecord, VoteRecord
     from ztpm_idp.domain.changes import Change, ChangeState, Word
-    from ztpm_idp.domain.parties import Party, RegisteredTool
+    from ztpm_idp.domain.parties import Party, PersonRole, RegisteredTool
     from ztpm_idp.domain.state import MandateRecord
 
 
@@ -36,10 +37,22 @@ class PartyRegistered:
 
 @dataclass(frozen=True, slots=True)
 class KeyAdded:
-    """A person has this key, too, from now on."""
+    """A person has this key, too, from now on.
+
+    `credential` is the id of a passkey, and "" for any other key.
+    """
 
     person: str
     key: bytes
+    credential: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class RolesChanged:
+    """A person has these roles from now on, and no others."""
+
+    person: str
+    roles: frozenset[PersonRole]
 
 
 @dataclass(frozen=True, slots=True)
@@ -404,6 +417,7 @@ RestoringEvent = StoreRestored | LineBegun | PointHeard | AgentsHeld | StoreResu
 Event = (
     PartyRegistered
     | KeyAdded
+    | RolesChanged
     | ChangeProposed
     | ChangeAnswered
     | ChangeEnded
@@ -435,4 +449,5 @@ Event = (
     | OAuthEvent
     | UpkeepEvent
     | LoginEvent
+    | EnvelopeEvent
 )

@@ -42,6 +42,14 @@ class Standing(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Passkey:
+    """A person's passkey: its raw public key, and the id by which an authenticator knows it, in base64url."""
+
+    key: bytes
+    credential: str
+
+
+@dataclass(frozen=True, slots=True)
 class RegisteredPerson:
     """A human principal.
 
@@ -53,6 +61,7 @@ class RegisteredPerson:
         roles: at least one.
         further: raw keys that the person has beside the first.
         first_ended: the first key is revoked alone; the person goes on with a further one.
+        passkeys: those that have not ended; they sign no request and no statement, and make assertions alone.
     """
 
     id: str
@@ -63,6 +72,12 @@ class RegisteredPerson:
     roles: frozenset[PersonRole]
     further: frozenset[bytes] = frozenset()
     first_ended: bool = False
+    passkeys: frozenset[Passkey] = frozenset()
+
+    @property
+    def passkey_keys(self) -> frozenset[bytes]:
+        """Raw keys of its passkeys."""
+        return frozenset(passkey.key for passkey in self.passkeys)
 
     @property
     def keys(self) -> frozenset[bytes]:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from capabilities.keys.keys import thumbprint
 from capabilities.statements import registry as snapshot
+from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, ended_with
 from ztpm_idp.domain.changes import CHANGES_OF_ONE, Change, ChangeKind, ChangeState, Word
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import (
@@ -20,20 +21,26 @@ from ztpm_idp.domain.events import (
     OpeningClosed,
     RevocationKind,
     Revoked,
+    RolesChanged,
 )
 from ztpm_idp.domain.login.events import AccessEnded, LoginAdded
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person, full, new_party
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from ztpm_idp.domain.commands import AnswerChange, CompleteRecovery, ProposeChange, Recover, RegisterPerson
     from ztpm_idp.domain.events import Event
+    from ztpm_idp.domain.parties import Party
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
 
 RECOVERED = "the root key recovered an administrator"
 """Reason of all that a recovery ends."""
+ROLE_GONE = "its person has the role for it no longer"
+"""Reason of all that a change of roles ends."""
 
 
 def register_person(rules: Rules, state: State, command: RegisterPerson) -> Outcome:
@@ -139,13 +146,18 @@ def _effects(rules: Rules, state: State, change: Change, at_ms: int) -> Outcome:
         case ChangeKind.KEY, bytes(key):
             if not isinstance(person, RegisteredPerson) or person.standing is Standing.REVOKED:
                 return Refusal(IdpCode.NOT_FOUND, "no such person")
-            return _no_room(state, person.roles) or _taken(rules, state, key) or (KeyAdded(person.id, key), done)
+            added = KeyAdded(person.id, key, change.credential)
+            return _no_room(state, person.roles) or _taken(rules, state, key) or (added, done)
         case ChangeKind.LOGIN, None:
             if not isinstance(person, RegisteredPerson) or person.standing is Standing.REVOKED:
                 return Refusal(IdpCode.NOT_FOUND, "no such person")
             if state.login_owner is not None:
                 return Refusal(IdpCode.LOGIN_IN_USE, "the login is a person's")
             return (LoginAdded(person.id, change.login), done)
+        case ChangeKind.ROLES, None:
+            return _with_roles(state, change, person) or (
+                RolesChanged(change.person, change.roles), *_without_roles(state, change), done
+            )  # fmt: skip
         case ChangeKind.END, None:
             if not isinstance(person, RegisteredPerson):
                 return Refusal(IdpCode.NOT_FOUND, "no such person")
@@ -160,13 +172,14 @@ def _effects(rules: Rules, state: State, change: Change, at_ms: int) -> Outcome:
             opened = (
                 OpeningClosed(opening.opening_id, RECOVERED) for opening in state.openings if not opening.over(at_ms)
             )
-            return (
-                *made,
-                *(() if person is None else (AccessEnded(change.person),)),
-                done,
-                *(ChangeEnded(other, ChangeState.ENDED) for other in others),
-                *opened,
+            enveloped = (
+                EnvelopeRevoked(envelope.envelope_id, RECOVERED)
+                for envelope in state.envelopes
+                if not envelope.over(at_ms)
             )
+            ends = (ChangeEnded(other, ChangeState.ENDED) for other in others)
+            accesses = () if person is None else (AccessEnded(change.person),)
+            return (*made, *accesses, done, *ends, *opened, *enveloped)
         case _:
             raise AssertionError(change.kind)
 
@@ -179,7 +192,8 @@ def _recovered(rules: Rules, state: State, change: Change, key: bytes) -> Outcom
                 rules, state, _person(change.person, key, change.name, frozenset({PersonRole.ADMIN}))
             )  # fmt: skip
         case RegisteredPerson(standing=Standing.ACTIVE, roles=roles) as person if PersonRole.ADMIN in roles:
-            ended = (Revoked(RevocationKind.KEY, thumbprint(old), RECOVERED, None) for old in sorted(person.keys))
+            olds = sorted(person.keys | person.passkey_keys)
+            ended = (Revoked(RevocationKind.KEY, thumbprint(old), RECOVERED, None) for old in olds)
             promised = (
                 Revoked(RevocationKind.MANDATE, mandate.mandate_id, RECOVERED, None)
                 for mandate in state.mandates
@@ -190,14 +204,49 @@ def _recovered(rules: Rules, state: State, change: Change, key: bytes) -> Outcom
             return Refusal(IdpCode.ALREADY_REGISTERED, "the id is another party's, not an active administrator's")
 
 
+def _with_roles(state: State, change: Change, person: Party | None) -> Refusal | None:
+    """Refusal to give a person these roles, and no others."""
+    if not isinstance(person, RegisteredPerson) or person.standing is Standing.REVOKED:
+        return Refusal(IdpCode.NOT_FOUND, "no such person")
+    if change.roles == person.roles:
+        return Refusal(IdpCode.ALREADY_REGISTERED, "the person has exactly these roles")
+    if PersonRole.ADMIN not in change.roles and (last := _last(state, person)) is not None:
+        return last
+    new = len(person.keys | person.passkey_keys) if PersonRole.APPROVER not in person.roles else 0
+    return _no_room(state, change.roles, new) if new else None
+
+
 def ended(state: State, first: Revoked) -> tuple[Event, ...]:
-    """The revocation, with a person's also those of its agents; what is in the index already is left out.
+    """The revocation, with a person's also all that stands on it; what is in the index already is left out.
 
     With a person end that person's agents, wherever they stand: in trees of other people only their own names stop
-    them. Ending a person again ends only the rest.
+    them. Its openings and envelopes end too. Ending a person again ends only the rest.
     """
     agents = (Revoked(RevocationKind.AGENT, agent, first.reason, agent) for agent in state.agents_of)
-    return (*(() if state.revoked_at_epoch is not None else (first,)), *agents)
+    left = _left_behind(state, first.id, first.reason) if first.kind is RevocationKind.SPONSOR else ()
+    return (*(() if state.revoked_at_epoch is not None else (first,)), *agents, *left)
+
+
+def _left_behind(state: State, person: str, reason: str) -> Iterator[Event]:
+    """Ends of what this person opened and enveloped. Its mandates and asks have ended with its own name."""
+    for opening in state.openings:
+        if opening.opener == person:
+            yield OpeningClosed(opening.opening_id, reason)
+    yield from ended_with(state.envelopes, person, frozenset(state.agents_of), reason)
+
+
+def _without_roles(state: State, change: Change) -> Iterator[Event]:
+    """Ends of what a person may lend, or may have opened, no longer: its role for it is gone."""
+    if PersonRole.SPONSOR not in change.roles:
+        for token in state.tokens_from:
+            yield Revoked(RevocationKind.TOKEN, token, ROLE_GONE, None)
+        for mandate in state.mandates:
+            yield Revoked(RevocationKind.MANDATE, mandate.mandate_id, ROLE_GONE, None)
+    if PersonRole.APPROVER not in change.roles:
+        for opening in state.openings:
+            if opening.opener == change.person:
+                yield OpeningClosed(opening.opening_id, ROLE_GONE)
+        yield from ended_with(state.envelopes, change.person, frozenset(), ROLE_GONE)
 
 
 def _open(state: State, at_ms: int) -> list[Change]:
@@ -222,8 +271,8 @@ def _stands(state: State, change: Change) -> bool:
     return isinstance(proposer, RegisteredPerson) and proposer.standing is Standing.ACTIVE
 
 
-def _no_room(state: State, roles: frozenset[PersonRole]) -> Refusal | None:
-    if PersonRole.APPROVER in roles and not state.crowd < snapshot.APPROVERS:
+def _no_room(state: State, roles: frozenset[PersonRole], new: int = 1) -> Refusal | None:
+    if PersonRole.APPROVER in roles and not state.crowd + new <= snapshot.APPROVERS:
         return full(f"{snapshot.APPROVERS} keys of approvers")
     return None
 

@@ -44,7 +44,9 @@ def revoke(state: State, command: Revoke) -> Outcome:
     person = None if concerned is None else state.parties.get(concerned)
     if isinstance(person, RegisteredPerson):
         # One of several keys ends alone; the last one ends the person.
-        alone = command.kind is RevocationKind.KEY and any(thumbprint(key) != command.id for key in person.keys)
+        alone = command.kind is RevocationKind.KEY and any(
+            thumbprint(key) != command.id for key in person.keys | person.passkey_keys
+        )
         if (refused := end_refused(state, command.by, person, wholly=not alone)) is not None:
             return refused
         concerned = None if alone else concerned

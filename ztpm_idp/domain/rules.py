@@ -29,6 +29,7 @@ class Rules:
         platforms: those whose word on workloads is trusted now, none of them for the workloads of another.
         publishers: raw public keys by name of each whose releases are trusted.
         open_asks: asks that may wait for people at a time; one agent's at most a third of them.
+        asks_a_minute, asks_an_hour: asks that are shown for each active approver.
         policies: the set that decides on delegations, and whose parameters trust and behaviour use.
         root_key: raw public key that signs tokens now, and that recovers an administrator; empty: there is no recovery.
     """
@@ -41,6 +42,8 @@ class Rules:
     nonce_age_s: int
     open_nonces: int
     open_asks: int
+    asks_a_minute: int
+    asks_an_hour: int
     policies: PolicySet
     platforms: tuple[AnyPlatform, ...] = ()
     publishers: Mapping[str, frozenset[bytes]] = field(default_factory=dict)

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
+    from ztpm_idp.domain.asking.envelope_acts import EnvelopeRecord
     from ztpm_idp.domain.changes import Change
     from ztpm_idp.domain.login.records import Device, Offer, Session, SessionKey
     from ztpm_idp.domain.oauth.records import OAuthWanted
@@ -199,7 +200,10 @@ class Wanted:
     openings_of: str | None = None
     """An audience: its openings that may be in force, and whether an enforcement point serves it."""
     every_opening: bool = False
-    """Every audience's openings that may be in force."""
+    """Every audience's openings and envelopes that may be in force."""
+    envelope: str | None = None
+    envelopes_of: str | None = None
+    """An audience: its envelopes that may be in force, and whether an enforcement point serves it."""
     people: bool = False
     """The active administrators, and the changes of people that may be open."""
     change: str | None = None
@@ -235,6 +239,8 @@ class Wanted:
     """Every device that may wait for a person."""
     session_keys_of: str | None = None
     """A person: its session-bound keys."""
+    tokens_from: str | None = None
+    """A person: the tokens that it lent, or that were drawn from its mandates, and that may be live."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -258,6 +264,8 @@ class State:
         epoch: of that set.
         asked: the wanted ask.
         standing: asks that may be open, and those of the wanted audience that may be granted.
+        taken_ms: when each ask was taken that may be of the last hour, wall clock.
+        approvers: number of the active ones; of both only with asks of an audience.
         opening: the wanted opening.
         openings: of the wanted audience or of every one, those that may be in force.
         served: the wanted audience, when a registered enforcement point serves it.
@@ -282,6 +290,9 @@ class State:
         session_keys: of the wanted person.
         session_key: the one that signed the command, if any.
         login_owner: the person whose login the wanted one is, if any.
+        envelope: the wanted one.
+        envelopes: of the wanted audience or of every one, those that may be in force.
+        tokens_from: ids of the wanted person's tokens that may be live and are not revoked, in order.
     """
 
     parties: Mapping[str, Party] = field(default_factory=dict)
@@ -299,6 +310,8 @@ class State:
     epoch: int = 0
     asked: Asked | None = None
     standing: tuple[Asked, ...] = ()
+    taken_ms: tuple[int, ...] = ()
+    approvers: int = 0
     opening: OpeningRecord | None = None
     openings: tuple[OpeningRecord, ...] = ()
     served: frozenset[str] = frozenset()
@@ -322,3 +335,6 @@ class State:
     devices: tuple[Device, ...] = ()
     session_keys: tuple[SessionKey, ...] = ()
     session_key: SessionKey | None = None
+    tokens_from: tuple[str, ...] = ()
+    envelope: EnvelopeRecord | None = None
+    envelopes: tuple[EnvelopeRecord, ...] = ()

@@ -33,6 +33,8 @@ from ztpm_idp.domain.commands import (
     RestoreStore,
     ResumeStore,
     Revoke,
+    RevokeEnvelope,
+    SignEnvelope,
     SignMandate,
     StateTrust,
     SuspendAgent,
@@ -196,13 +198,25 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), session_keys_of=by)
         case LogOut(by=by):
             return Wanted(parties=frozenset({by}), sessions_of=by)
+        case SignEnvelope(by=by, text=text):
+            says = stated(text, DEFAULT)
+            return Wanted(
+                parties=frozenset({by, says.get("agent", by), says.get("sponsor", by)}),
+                ask=says.get("envelope_id"),
+                envelope=says.get("envelope_id"),
+                envelopes_of=says.get("audience"),
+                thumbprint=says.get("kid"),
+                refusals_of=by,
+            )
+        case RevokeEnvelope(by=by, envelope_id=envelope_id):
+            return Wanted(parties=frozenset({by}), envelope=envelope_id, refusals_of=by)
         case _:
             assert_never(command)
 
 
 def wanted_by_change(change: Change) -> Wanted:
     """State that must be loaded to judge whether a change of people may take effect."""
-    ends = change.kind is ChangeKind.END
+    ends, roles, recovers = (change.kind is kind for kind in (ChangeKind.END, ChangeKind.ROLES, ChangeKind.RECOVERY))
     return Wanted(
         parties=frozenset({change.by, change.person}),
         keys=frozenset() if change.key is None else frozenset({change.key}),
@@ -210,8 +224,9 @@ def wanted_by_change(change: Change) -> Wanted:
         people=True,
         revocation=(RevocationKind.SPONSOR.value, change.person) if ends else None,
         agents_of=change.person if ends else None,
-        every_opening=change.kind is ChangeKind.RECOVERY,
-        mandates_from=change.person if change.kind is ChangeKind.RECOVERY else None,
+        every_opening=ends or roles or recovers,
+        mandates_from=change.person if roles or recovers else None,
+        tokens_from=change.person if roles else None,
         login=change.login or None,
     )
 
@@ -245,7 +260,13 @@ def _wanted_by_revocation(command: Revoke) -> Wanted:
         case RevocationKind.AGENT:
             return Wanted(parties=parties | {command.id}, revocation=revocation)
         case RevocationKind.SPONSOR:
-            return Wanted(parties=parties | {command.id}, revocation=revocation, agents_of=command.id, people=True)
+            return Wanted(
+                parties=parties | {command.id},
+                revocation=revocation,
+                agents_of=command.id,
+                people=True,
+                every_opening=True,
+            )
         case RevocationKind.MANDATE:
             return Wanted(parties=parties, mandate=command.id, revocation=revocation)
         case RevocationKind.AUDIENCE:

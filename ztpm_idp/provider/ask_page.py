@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Final
 import jinja2
 
 from capabilities.statements.people.ask import NO_ROBOT
+from capabilities.statements.people.assertion import relying_party
 from capabilities.values.arguments import Fingerprint, Value, plain
 from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
@@ -50,6 +51,10 @@ HEADERS: Final = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 """Headers of every page: no content but its own style, named by its hash, and no frame around it."""
+SCRIPT: Final = (_FOLDER / "passkey.js").read_text("utf-8")
+"""The one script of the pages with passkeys."""
+APPROVAL_S: Final = 120
+"""Seconds for which an approval on a page holds, once (DESIGN section 6)."""
 RELOAD_S: Final = 10
 """Seconds after which the page of an open ask reloads: by its own header, without a script."""
 START_TOLERANCE: Final = "2 mrad"
@@ -126,7 +131,72 @@ class _Figure:
     exact: str
 
 
-def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
+@dataclass(frozen=True, slots=True)
+class PasskeyPanel:
+    """Part of an ask's page on which an approver answers by passkey.
+
+    Attributes:
+        script, post: URLs of the script, and of the votes.
+        ask: text of the ask.
+        rp_id: of the relying party.
+        now: seconds since the epoch, as the provider has them.
+        lasts_s: seconds for which an approval holds.
+    """
+
+    script: str
+    post: str
+    ask: str
+    rp_id: str
+    now: int
+    lasts_s: int = APPROVAL_S
+
+
+def panel(text: str, ask: Ask, *, at_ms: int) -> PasskeyPanel | None:
+    """The panel of an ask's page; None where passkeys do not belong to the issuer.
+
+    Args:
+        text: of the ask, as it was signed.
+        ask: as opened from it.
+        at_ms: now, wall clock.
+    """
+    party = relying_party(ask.issuer)
+    if party is None:
+        return None
+    post = f"{ask.issuer}/approvals/{ask.ask_id}/passkey-votes"
+    return PasskeyPanel(script_of(ask.issuer), post, text, party.rp_id, at_ms // 1_000)
+
+
+def script_of(issuer: str) -> str:
+    """URL of the one script."""
+    return f"{issuer}/passkeys/passkey.js"
+
+
+def scripted(issuer: str) -> dict[str, str]:
+    """Headers of a page with passkeys: beside its style, the one script, and requests to its own host."""
+    policy = f"{HEADERS['Content-Security-Policy']}; script-src {script_of(issuer)}; connect-src 'self'"
+    return HEADERS | {"Content-Security-Policy": policy}
+
+
+def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, object]) -> str:
+    """The page on which a browser makes a passkey.
+
+    Args:
+        person: whose.
+        issuer: of the provider.
+        enrolment_id: of the enrolment.
+        options: of the registration, as JSON.
+    """
+    return _PAGES.get_template("enrol.html").render(
+        style=_STYLE,
+        person=person,
+        issuer=issuer,
+        script=script_of(issuer),
+        post=f"{issuer}/passkeys/enrolments/{enrolment_id}/credential",
+        options=json.dumps(options),
+    )
+
+
+def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: PasskeyPanel | None = None) -> str:
     """The page of an ask.
 
     Args:
@@ -134,9 +204,11 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int) -> str:
         asked: the votes so far.
         state: how it stands.
         at_ms: now, wall clock.
+        passkey: the panel for answers by passkey, if any.
     """
     return _PAGES.get_template("ask.html").render(
         style=_STYLE,
+        passkey=passkey,
         ask=ask,
         digest=asked.ask.digest,
         state=_STATE[state],

@@ -14,16 +14,19 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
+from ztpm_idp.domain.asking.envelope_acts import EnvelopeSigned
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import (
     AgentRestored,
     AgentSuspended,
     AskTaken,
     ConductObserved,
+    KeyAdded,
     LineBegun,
     OpeningMade,
     PartyRegistered,
     Revoked,
+    RolesChanged,
     StoreRestored,
     SuspensionEnded,
     ToolRegistered,
@@ -311,6 +314,12 @@ async def _registry(provider: Deployment, view: Transaction, *, audience: str, a
         ),
         peps=tuple(registry.PartyEntry(p.id, p.key) for p in peps if audience in p.audiences),
         suspended=tuple(await view.suspended()),
+        passkeys=tuple(
+            registry.PartyEntry(p.id, key)
+            for p in people
+            for key in sorted(p.passkey_keys)
+            if PersonRole.APPROVER in p.roles
+        ),
     )
     return registry.sign(snapshot, provider.keys.registry)
 
@@ -339,7 +348,9 @@ async def _answers(provider: Deployment, view: Transaction, *, audience: str, no
     # Stable: within each half the latest ask stays first.
     ranked = sorted(latest, key=lambda asked: asked.state(as_of_ms) not in {AskState.OPEN, AskState.GRANTED})
     opened = tuple(opening.text for opening in openings if not opening.over(as_of_ms))
-    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in opened)
+    signed = await view.envelopes.lasting(since_s=as_of_ms // 1_000, audience=audience)
+    enveloped = tuple(envelope.text for envelope in signed if not envelope.over(as_of_ms))
+    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in (*opened, *enveloped))
     sizes = accumulate(_ASK_BYTES + sum(len(vote.text) + _QUOTES_BYTES for vote in asked.votes) for asked in ranked)
     statement = answers.Answers(
         issuer=provider.settings.issuer,
@@ -352,6 +363,7 @@ async def _answers(provider: Deployment, view: Transaction, *, audience: str, no
             if size <= room
         ),
         openings=opened,
+        envelopes=enveloped,
     )
     return answers.sign(statement, provider.keys.registry)
 
@@ -398,7 +410,14 @@ def _registries(event: Event) -> frozenset[str]:
             return event.audiences
         case ToolChanged(audience=audience):
             return frozenset({audience})
-        case PartyRegistered(party=RegisteredPerson()) | TrustStated() | AgentSuspended() | SuspensionEnded():
+        case (
+            PartyRegistered(party=RegisteredPerson())
+            | KeyAdded()
+            | RolesChanged()
+            | TrustStated()
+            | AgentSuspended()
+            | SuspensionEnded()
+        ):
             return frozenset({""})
         case _:
             return frozenset()
@@ -411,6 +430,8 @@ def _answered(event: Event) -> str:
             return ask.audience
         case OpeningMade(opening=opening):
             return opening.audience
+        case EnvelopeSigned(envelope=envelope):
+            return envelope.audience
         case _:
             return ""
 

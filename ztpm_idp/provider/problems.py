@@ -57,6 +57,12 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.CHANGE_OVER: (409, "The change is over."),
     IdpCode.CHANGE_YOURS: (403, "Another person answers this change."),
     IdpCode.TOO_MANY_CHANGES: (429, "Too many changes wait for an answer."),
+    # passkeys
+    IdpCode.PASSKEYS_UNAVAILABLE: (409, "The identity provider's host is an address, and passkeys belong to names."),
+    IdpCode.PASSKEY_UNKNOWN: (403, "The passkey is nobody's who is active here."),
+    IdpCode.PASSKEY_REFUSED: (400, "The new passkey is not one that is taken here."),
+    IdpCode.ENROLMENT_UNKNOWN: (404, "There is no such enrolment, or it is over."),
+    IdpCode.TOO_MANY_ENROLMENTS: (429, "Too many enrolments of this person are open."),
     # records of enforcement points
     IdpCode.ENTRY_UNKNOWN: (404, "The ledger has no such entry."),
     IdpCode.RECORD_GAP: (409, "Records are missing before this one."),
@@ -84,6 +90,11 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.OPENING_OUT_OF_TIME: (409, "The times of the opening are out of bounds."),
     IdpCode.OPENING_NOT_IN_FORCE: (409, "No opening in force allows to ask for this."),
     IdpCode.TOO_MANY_OPENINGS: (429, "Too many openings are in force."),
+    IdpCode.ENVELOPE_UNKNOWN: (404, "There is no such envelope."),
+    IdpCode.ENVELOPE_DIFFERS: (409, "Something else has this id."),
+    IdpCode.ENVELOPE_NOT_YOURS: (403, "The envelope is another person's."),
+    IdpCode.ENVELOPE_OUT_OF_TIME: (409, "The times of the envelope are out of bounds."),
+    IdpCode.TOO_MANY_ENVELOPES: (429, "Too many envelopes are in force."),
     # mandates
     IdpCode.MANDATE_UNKNOWN: (404, "There is no such mandate."),
     IdpCode.MANDATE_DIFFERS: (409, "Another mandate has this id."),

@@ -112,6 +112,8 @@ def rules_of(
         platforms=platforms,
         publishers=publishers,
         open_asks=settings.open_asks,
+        asks_a_minute=settings.asks_a_minute,
+        asks_an_hour=settings.asks_an_hour,
         policies=policies,
         root_key=public_raw(keys.root),
     )

@@ -8,6 +8,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import revocation
+from capabilities.statements.people.assertion import CREDENTIAL_BYTES
 from capabilities.token import hop_rules
 from capabilities.values import text
 from capabilities.values.caps import DEFAULT
@@ -22,6 +23,8 @@ TEXT_BYTES: Final = 512
 """Longest purpose or reason, as in a token (`Caps.purpose_bytes`)."""
 DRAWN_S: Final = max(hop_rules.longest_s(kind, DEFAULT) for kind in EvidenceKind)
 """Longest life of a drawn token, in seconds, that may be asked for."""
+CREDENTIAL_CHARACTERS: Final = -(-CREDENTIAL_BYTES * 4 // 3)
+"""Longest id of a credential in base64url."""
 URL_BYTES: Final = 256
 """Longest URL, as in a token (`Caps.text_bytes`)."""
 
@@ -150,6 +153,48 @@ class DevicePollBody(Body):
     """A command line that asks how it stands."""
 
     device_code: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]{43}$")]
+
+
+class AssertionBody(Body):
+    """Assertion of a passkey as a browser has it, in base64url; of P-256 the signature is DER."""
+
+    credential: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=CREDENTIAL_CHARACTERS)]
+    authenticator: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=256)]
+    client: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=1_024)]
+    signature: Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+$", max_length=128)]
+
+
+class PasskeyVoteBody(Body):
+    """A vote, and the assertion that makes it one."""
+
+    vote: Json
+    assertion: AssertionBody
+
+
+class RegistrationBody(Body):
+    """Credential that a browser has made, as `PublicKeyCredential.toJSON` gives it."""
+
+    credential: Json
+
+
+class PasskeyBody(Body):
+    """A passkey that the caller has enrolled, and wants to have: by its raw public key, as it was shown."""
+
+    enrolment_id: Annotated[str, StringConstraints(pattern=r"^[0-9a-f]{32}$")]
+    key: KeyText
+
+
+class EnvelopeBody(Body):
+    """An approver's signed envelope."""
+
+    envelope: Statement
+
+
+class RolesBody(Body):
+    """All the roles that a person has from then on."""
+
+    person: Name
+    roles: Annotated[list[Annotated[PersonRole, Field(strict=False)]], Field(min_length=1, max_length=len(PersonRole))]
 
 
 class EndBody(Body):

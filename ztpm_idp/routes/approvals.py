@@ -85,7 +85,7 @@ async def read_ask(request: Request, ask_id: str, call: Bound) -> JSONResponse:
     """An ask as it was signed, how it stands, and its votes as they were signed; for people."""
     _only_people(call)
     provider = provider_of(request)
-    asked, text, key = await _found(request, ask_id)
+    asked, text, key = await found_ask(request, ask_id)
     answer = {
         "ask": text,
         "state": asked.state(provider.now_ms()).value,
@@ -112,15 +112,17 @@ async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
     """Shows the ask as a plain page: the canonical action, and the ways to answer it.
 
     Anyone with the link can read it: the ask's id is 128 random bits that the enforcement point made, and the link goes
-    to the caller and to people. The page holds no token, no key that opens anything, and takes no answer: a vote needs
-    an operator's key, which no page holds.
+    to the caller and to people. The page holds no token and no key that opens anything: a vote needs an operator's key,
+    or a passkey, which no page holds.
     """
     provider = provider_of(request)
-    asked, text, key = await _found(request, ask_id)
+    asked, text, key = await found_ask(request, ask_id)
     at_ms = provider.now_ms()
     shown = ask.open(text, {key}, provider.rules.caps)
+    panel = ask_page.panel(text, shown, at_ms=at_ms)
+    headers = ask_page.HEADERS if panel is None else ask_page.scripted(provider.settings.issuer)
     return HTMLResponse(
-        ask_page.render(shown, asked, asked.state(at_ms), at_ms=at_ms), headers=_UNSTORED | ask_page.HEADERS
+        ask_page.render(shown, asked, asked.state(at_ms), at_ms=at_ms, passkey=panel), headers=_UNSTORED | headers
     )
 
 
@@ -174,7 +176,7 @@ def _only_people(call: Call) -> None:
         raise Problem(IdpCode.NOT_PERMITTED, "people read asks")
 
 
-async def _found(request: Request, ask_id: str) -> tuple[Asked, str, bytes]:
+async def found_ask(request: Request, ask_id: str) -> tuple[Asked, str, bytes]:
     """The ask with its votes, its text, and the key of the enforcement point that signed it."""
     async with provider_of(request).store.read() as view:
         asked = await view.approvals.asked(ask_id) if ID.fullmatch(ask_id) else None

@@ -48,6 +48,7 @@ async def list_people(request: Request, call: Bound) -> list[dict[str, Any]]:
             "status": person.standing.value,
             "keys": sorted(map(thumbprint, person.keys)),
             "logins": logins.get(person.id, []),
+            "passkeys": sorted(map(thumbprint, person.passkey_keys)),
         }
         for person in found
         if isinstance(person, RegisteredPerson)
@@ -67,19 +68,19 @@ async def disable_person(request: Request, id_: str, call: Caller) -> dict[str, 
 async def propose_person(request: Request, call: Caller) -> dict[str, str]:
     """An administrator proposes a person to register."""
     body = call.body(wire.PersonBody)
-    change = _change(
+    change = change_of(
         request, ChangeKind.PERSON, body.id, by=call.party.id, name=body.name, roles=frozenset(body.roles),
         key=unb64u(body.key),
     )  # fmt: skip
-    return await _propose(request, call, change)
+    return await propose(request, call, change)
 
 
 @router.post("/changes/key", status_code=201, openapi_extra=body_of(wire.KeyBody))
 async def propose_key(request: Request, call: Caller) -> dict[str, str]:
     """A person proposes a further key of its own."""
     key = unb64u(call.body(wire.KeyBody).key)
-    return await _propose(
-        request, call, _change(request, ChangeKind.KEY, call.party.id, by=call.party.id, key=key)
+    return await propose(
+        request, call, change_of(request, ChangeKind.KEY, call.party.id, by=call.party.id, key=key)
     )  # fmt: skip
 
 
@@ -87,8 +88,8 @@ async def propose_key(request: Request, call: Caller) -> dict[str, str]:
 async def propose_login(request: Request, call: Caller) -> dict[str, str]:
     """An administrator, or the person itself, proposes that a person may log in with a login at another provider."""
     body = call.body(wire.LoginBody)
-    change = _change(request, ChangeKind.LOGIN, body.person, by=call.party.id, login=f"{body.issuer} {body.subject}")
-    return await _propose(request, call, change)
+    change = change_of(request, ChangeKind.LOGIN, body.person, by=call.party.id, login=f"{body.issuer} {body.subject}")
+    return await propose(request, call, change)
 
 
 @router.post("/logins/end", openapi_extra=body_of(wire.EndLoginBody))
@@ -100,19 +101,27 @@ async def end_login(request: Request, call: Caller) -> dict[str, str]:
     return {"issuer": body.issuer, "subject": body.subject}
 
 
+@router.post("/changes/roles", status_code=201, openapi_extra=body_of(wire.RolesBody))
+async def propose_roles(request: Request, call: Caller) -> dict[str, str]:
+    """An administrator proposes all the roles that a person has from then on."""
+    body = call.body(wire.RolesBody)
+    change = change_of(request, ChangeKind.ROLES, body.person, by=call.party.id, roles=frozenset(body.roles))
+    return await propose(request, call, change)
+
+
 @router.post("/changes/end", status_code=201, openapi_extra=body_of(wire.EndBody))
 async def propose_end(request: Request, call: Caller) -> dict[str, str]:
     """An administrator proposes that a person ends."""
     body = call.body(wire.EndBody)
-    change = _change(request, ChangeKind.END, body.person, by=call.party.id, reason=body.reason)
-    return await _propose(request, call, change)
+    change = change_of(request, ChangeKind.END, body.person, by=call.party.id, reason=body.reason)
+    return await propose(request, call, change)
 
 
 @router.post("/recoveries", status_code=201, openapi_extra=body_of(wire.RecoveryBody))
 async def recover(request: Request, call: Root) -> dict[str, str]:
     """The root key proposes an administrator, who is one after a day, or once two administrators confirm it."""
     body = call.body(wire.RecoveryBody)
-    change = _change(
+    change = change_of(
         request, ChangeKind.RECOVERY, body.person, by=ROOT, name=body.name, key=unb64u(body.key)
     )  # fmt: skip
     await provider_of(request).run(commands.Recover(call.key, change, call.signed), actor=ROOT)
@@ -152,7 +161,8 @@ def of_people(call: Call) -> None:
         raise Problem(IdpCode.NOT_PERMITTED, "people read this")
 
 
-def _change(request: Request, kind: ChangeKind, person: str, **members: Any) -> Change:
+def change_of(request: Request, kind: ChangeKind, person: str, **members: Any) -> Change:
+    """A change of this person that is proposed now; `members` are those of `Change`."""
     return Change(
         change_id=secrets.token_hex(16),
         kind=kind,
@@ -162,7 +172,8 @@ def _change(request: Request, kind: ChangeKind, person: str, **members: Any) -> 
     )
 
 
-async def _propose(request: Request, call: Call, change: Change) -> dict[str, str]:
+async def propose(request: Request, call: Call, change: Change) -> dict[str, str]:
+    """The caller proposes the change; its id."""
     await provider_of(request).run(commands.ProposeChange(change, call.signed), actor=call.party.id)
     return {"change_id": change.change_id}
 

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from typing import TYPE_CHECKING, Any, assert_never
+from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import sqlalchemy as sa
 
 from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import AskTaken, OpeningClosed, OpeningMade, VoteCast
-from ztpm_idp.domain.parties import Standing
+from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection
 
+HOUR_S: Final = 3_600
 ApprovalEvent = AskTaken | VoteCast | OpeningMade | OpeningClosed
 
 _ASK = (
@@ -72,6 +73,13 @@ class Approvals:
         known = {asked.ask.ask_id for asked in open_}
         more = await self.not_long_over(since_s=since_s, audience=audience)
         return (*open_, *(asked for asked in more if asked.ask.ask_id not in known))
+
+    async def taken(self, *, since_s: int) -> tuple[int, ...]:
+        """Wall clock, in ms, of the taking of each ask since an hour before `since_s`, and of some older ones."""
+        c = t.asks.c
+        # An ask ends after it was taken, and its end has an index.
+        found = await self._connection.execute(sa.select(c.taken_ms).where(c.expires_at >= since_s - HOUR_S))
+        return tuple(found.scalars())
 
     async def opening(self, opening_id: str | None) -> OpeningRecord | None:
         """The opening, when there is one."""
@@ -143,18 +151,20 @@ class Approvals:
         v, p = t.votes.c, t.parties.c
         votes: dict[str, list[VoteRecord]] = defaultdict(list)
         found = await self._connection.execute(
-            sa.select(v.ask_id, v.approver, v.answer, v.not_after, p.standing, v.text)
+            sa.select(v.ask_id, v.approver, v.answer, v.not_after, p.standing, t.people.c.roles, v.text)
             .join_from(t.votes, t.parties, p.id == v.approver)
+            .join(t.people, t.people.c.id == p.id)
             .where(v.ask_id.in_(sa.select(t.asks.c.ask_id).where(condition)))
             .order_by(v.ask_id, v.place)
         )
-        for ask_id, approver, answer, not_after, standing, text in found:
-            active = standing == Standing.ACTIVE.value
+        for ask_id, approver, answer, not_after, standing, roles, text in found:
+            active = standing == Standing.ACTIVE.value and PersonRole.APPROVER.value in roles
             votes[ask_id].append(VoteRecord(approver, Answer(answer), not_after, active, text))
+        over = sa.select(p.id).where(p.id.in_((t.asks.c.agent, t.asks.c.sponsor)), p.standing == Standing.REVOKED.value)
         asks = await self._connection.execute(
-            sa.select(*_ASK).where(condition).order_by(t.asks.c.taken_ms, t.asks.c.ask_id)
+            sa.select(*_ASK, over.exists()).where(condition).order_by(t.asks.c.taken_ms, t.asks.c.ask_id)
         )
-        return [Asked(AskRecord(*row), tuple(votes[row.ask_id])) for row in asks]
+        return [Asked(AskRecord(*row), tuple(votes[row[0]]), bool(ended)) for *row, ended in asks]
 
 
 def _opening(row: sa.Row[Any]) -> OpeningRecord:

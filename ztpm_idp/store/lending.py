@@ -84,6 +84,18 @@ class Lending:
         mine = sa.or_(c.agent.in_(sorted(agents)), c.key == key, c.sponsor == sponsor)
         return tuple(found for found in await self._mandates(mine, c.not_after >= since_s) if not found.revoked)
 
+    async def tokens_from(self, sponsor: str | None, *, since_s: int) -> tuple[str, ...]:
+        """Ids of this sponsor's tokens that end at `since_s` or later and are not revoked, in order."""
+        if sponsor is None:
+            return ()
+        c = t.hops.c
+        found = await self._connection.execute(
+            sa.select(c.token_id)
+            .where(c.sponsor == sponsor, c.parent.is_(None), c.not_after >= since_s, ~_revoked("token", c.token_id))
+            .order_by(c.token_id)
+        )
+        return tuple(found.scalars())
+
     async def mandates_of(self, party: str | None) -> list[MandateRecord]:
         """Mandates that this party signed or received, or of all parties: the newest `SHOWN`, the newest first."""
         c = t.mandates.c

@@ -9,7 +9,7 @@ import sqlalchemy as sa
 
 from capabilities.keys.keys import thumbprint
 from ztpm_idp.domain.changes import RECOVERY_LIFETIME_MS, Change, ChangeKind, ChangeState, Word
-from ztpm_idp.domain.events import ChangeAnswered, ChangeEnded, ChangeProposed, KeyAdded
+from ztpm_idp.domain.events import ChangeAnswered, ChangeEnded, ChangeProposed, KeyAdded, RolesChanged
 from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.store import schema as t
 
@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-PeopleEvent = KeyAdded | ChangeProposed | ChangeAnswered | ChangeEnded
+
+PeopleEvent = KeyAdded | RolesChanged | ChangeProposed | ChangeAnswered | ChangeEnded
 
 
 class People:
@@ -33,15 +34,30 @@ class People:
         found = await self._connection.execute(sa.select(c.key, c.person).where(c.key.in_(sorted(keys))))
         return {bytes(key): person for key, person in found}
 
+    async def passkey(self, credential: str) -> tuple[str, bytes] | None:
+        """The person who has the passkey with this credential, and its raw key; ended or not."""
+        c = t.person_keys.c
+        found = (
+            await self._connection.execute(sa.select(c.person, c.key).where(c.credential == credential))
+        ).one_or_none()
+        return None if found is None else (found.person, bytes(found.key))
+
     async def administrators(self) -> frozenset[str]:
         """The active administrators."""
+        return await self._with_role(PersonRole.ADMIN)
+
+    async def approvers(self) -> int:
+        """Number of active approvers."""
+        return len(await self._with_role(PersonRole.APPROVER))
+
+    async def _with_role(self, role: PersonRole) -> frozenset[str]:
         p = t.parties.c
         found = await self._connection.execute(
             sa.select(p.id, t.people.c.roles)
             .join_from(t.people, t.parties, p.id == t.people.c.id)
             .where(p.standing == Standing.ACTIVE.value)
         )
-        return frozenset(id_ for id_, roles in found if PersonRole.ADMIN.value in roles)
+        return frozenset(id_ for id_, roles in found if role.value in roles)
 
     async def change(self, change_id: str) -> Change | None:
         """The change, when there is one."""
@@ -61,14 +77,20 @@ class People:
     async def write(self, event: PeopleEvent, *, at_ms: int) -> None:
         """The event is in its table."""
         match event:
-            case KeyAdded(person=person, key=key):
+            case KeyAdded(person=person, key=key, credential=credential):
                 statement: Any = sa.insert(t.person_keys).values(
-                    key=key, thumbprint=thumbprint(key), person=person, added_ms=at_ms
+                    key=key, thumbprint=thumbprint(key), person=person, added_ms=at_ms, credential=credential or None
+                )
+            case RolesChanged(person=person, roles=roles):
+                statement = (
+                    sa.update(t.people)
+                    .where(t.people.c.id == person)
+                    .values(roles=sorted(role.value for role in roles))
                 )
             case ChangeProposed(change=change):
                 statement = sa.insert(t.changes).values(
                     change_id=change.change_id,
-                    kind=change.kind.value,
+                    kind=(ChangeKind.PERSON if change.kind is ChangeKind.ROLES else change.kind).value,
                     person=change.person,
                     proposed_by=change.by,
                     proposed_ms=change.proposed_ms,
@@ -77,6 +99,7 @@ class People:
                     key=change.key,
                     reason=change.reason,
                     login=change.login,
+                    credential=change.credential or None,
                 )
             case ChangeAnswered(change_id=change_id, by=by, word=word):
                 statement = sa.insert(t.change_words).values(
@@ -103,13 +126,14 @@ class People:
         return [
             Change(
                 change_id=row.change_id,
-                kind=ChangeKind(row.kind),
+                kind=ChangeKind.ROLES if (row.kind, row.key) == (ChangeKind.PERSON, None) else ChangeKind(row.kind),
                 person=row.person,
                 by=row.proposed_by,
                 proposed_ms=row.proposed_ms,
                 name=row.name,
                 roles=frozenset(map(PersonRole, row.roles)),
                 key=None if row.key is None else bytes(row.key),
+                credential=row.credential or "",
                 reason=row.reason,
                 end=None if row.ended is None else ChangeState(row.ended),
                 confirmed=frozenset(said[row.change_id, Word.CONFIRM.value]),

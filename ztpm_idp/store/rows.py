@@ -11,6 +11,7 @@ from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.ledger import FIRST_PREV
 from ztpm_idp.domain.parties import (
     Party,
+    Passkey,
     PersonRole,
     RegisteredAgent,
     RegisteredPep,
@@ -47,6 +48,7 @@ PARTY_COLUMNS = sa.select(
     t.sensors.c.audience,
     t.sensors.c.suspended_ms.label("sensor_suspended_ms"),
     t.person_keys.c.key.label("further"),
+    t.person_keys.c.credential,
     t.parties.c.thumbprint.in_(REVOKED_KEYS).label("first_ended"),
 ).select_from(
     t.parties.outerjoin(t.people, t.people.c.id == t.parties.c.id)
@@ -67,7 +69,8 @@ def parties(found: Iterable[sa.Row[Any]]) -> list[Party]:
     for row in found:
         match made:
             case [*_, RegisteredPerson() as last] if last.id == row.id:
-                made[-1] = replace(last, further=last.further | {bytes(row.further)})
+                further, passkeys = _further(row.further, row.credential)
+                made[-1] = replace(last, further=last.further | further, passkeys=last.passkeys | passkeys)
             case _:
                 made.append(party(row))
     return made
@@ -79,9 +82,9 @@ def party(row: sa.Row[Any]) -> Party:
     id_, key, thumbprint, standing = r["id"], bytes(r["key"]), r["thumbprint"], Standing(r["standing"])
     match r["kind"]:
         case "person":
-            further = frozenset() if r["further"] is None else frozenset({bytes(r["further"])})
-            roles = frozenset(PersonRole(x) for x in r["roles"])
-            return RegisteredPerson(id_, key, thumbprint, standing, r["name"], roles, further, bool(r["first_ended"]))
+            further, passkeys = _further(r["further"], r["credential"])
+            roles, ended = frozenset(PersonRole(x) for x in r["roles"]), bool(r["first_ended"])
+            return RegisteredPerson(id_, key, thumbprint, standing, r["name"], roles, further, ended, passkeys)
         case "agent":
             digest = bytes(r["software_digest"])
             standing = _suspended(standing, r["suspended_ms"])
@@ -99,6 +102,17 @@ def party(row: sa.Row[Any]) -> Party:
             )
         case other:
             raise AssertionError(other)
+
+
+def _further(key: bytes | None, credential: str | None) -> tuple[frozenset[bytes], frozenset[Passkey]]:
+    """The further key or the passkey of one row, among none of the other."""
+    match key, credential:
+        case None, _:
+            return frozenset(), frozenset()
+        case bytes(key), None:
+            return frozenset({bytes(key)}), frozenset()
+        case _:
+            return frozenset(), frozenset({Passkey(bytes(key), credential)})
 
 
 def _suspended(standing: Standing, since_ms: int | None) -> Standing:

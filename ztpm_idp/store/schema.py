@@ -45,8 +45,12 @@ person_keys = sa.Table(
     sa.Column("thumbprint", sa.String(43), nullable=False, unique=True),
     sa.Column("person", sa.ForeignKey("parties.id"), nullable=False, index=True),
     sa.Column("added_ms", sa.BigInteger, nullable=False),
+    sa.Column("credential", sa.String(684), nullable=True, index=True, unique=True),
 )
-"""Keys that people have beside their first. One that is in the revocation index has ended."""
+"""Keys that people have beside their first; of a passkey with the id of its credential.
+
+One that is in the revocation index has ended.
+"""
 
 changes = sa.Table(
     "changes",
@@ -62,10 +66,22 @@ changes = sa.Table(
     sa.Column("reason", sa.String(512), nullable=False),
     sa.Column("ended", sa.String(16), nullable=True),
     sa.Column("login", sa.String(512), nullable=False, server_default=""),
+    sa.Column("credential", sa.String(684), nullable=True),
     sa.CheckConstraint("kind IN ('person', 'key', 'end', 'recovery', 'login')", name="kind"),
     sa.CheckConstraint("ended IN ('done', 'declined', 'ended')", name="ended"),
 )
-"""Changes of people that take two."""
+"""Changes of people that take two; one of roles is of kind `person` and has no key."""
+
+enrolments = sa.Table(
+    "enrolments",
+    metadata,
+    sa.Column("enrolment_id", sa.String(32), primary_key=True),
+    sa.Column("person", sa.ForeignKey("parties.id"), nullable=False, index=True),
+    sa.Column("expires_ms", sa.BigInteger, nullable=False, index=True),
+    sa.Column("credential", sa.String(684), nullable=True),
+    sa.Column("key", sa.LargeBinary(33), nullable=True),
+)
+"""Passkeys that people are making: with the credential once a browser has made it, until its person proposes it."""
 
 change_words = sa.Table(
     "change_words",
@@ -264,6 +280,23 @@ openings = sa.Table(
     sa.Column("closed_ms", sa.BigInteger, nullable=True),
     sa.Column("closed_by", sa.ForeignKey("parties.id"), nullable=True),
     sa.Column("closed_reason", sa.String(512), nullable=True),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
+envelopes = sa.Table(
+    "envelopes",
+    metadata,
+    sa.Column("envelope_id", sa.String(32), primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("approver", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("audience", sa.String(256), nullable=False),
+    sa.Column("agent", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("not_before", sa.BigInteger, nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False, index=True),
+    sa.Column("signed_ms", sa.BigInteger, nullable=False),
+    sa.Column("revoked_ms", sa.BigInteger, nullable=True),
+    sa.Column("revoked_by", sa.String(64), nullable=True),
+    sa.Column("revoked_reason", sa.String(512), nullable=True),
     sa.Column("text", sa.Text, nullable=False),
 )
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
 
+from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
 from ztpm_idp.domain.entries import entry_of
 from ztpm_idp.domain.events import (
     AgentAttested,
@@ -37,6 +38,7 @@ from ztpm_idp.domain.events import (
     RefusalsSpent,
     RevocationKind,
     Revoked,
+    RolesChanged,
     StoreRestored,
     StoreResumed,
     SuspensionEnded,
@@ -68,6 +70,8 @@ from ztpm_idp.store.audit import Audit
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.devices import Devices
+from ztpm_idp.store.enrolments import Enrolments
+from ztpm_idp.store.envelopes import Envelopes
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending
 from ztpm_idp.store.oauth import OAuth
@@ -107,6 +111,8 @@ class Transaction:
         self.approvals = Approvals(connection)
         self.conduct = Conduct(connection, self._counting)
         self.audit = Audit(connection)
+        self.enrolments = Enrolments(connection)
+        self.envelopes = Envelopes(connection)
         self.lending = Lending(connection)
         self.oauth = OAuth(connection)
         self.people = People(connection)
@@ -141,6 +147,7 @@ class Transaction:
         living = met | wanted.conduct_of | (frozenset() if wanted.mandates_of is None else {wanted.mandates_of})
         waiting = await self.devices.devices() if wanted.devices else ()
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
+        served = openings_of or wanted.envelopes_of
         counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
         crowd, crowd_of_all = await counts.count(self._connection, wanted.crowd)
         return State(
@@ -159,11 +166,17 @@ class Transaction:
             epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
+            taken_ms=() if asks_of is None else await self.approvals.taken(since_s=since_s),
+            approvers=0 if asks_of is None else await self.people.approvers(),
             opening=None if wanted.opening is None else await self.approvals.opening(wanted.opening),
             openings=()
             if openings_of is None and not wanted.every_opening
             else await self.approvals.openings(since_s=since_s, audience=openings_of),
-            served=frozenset() if openings_of is None else await self.approvals.served(openings_of),
+            served=frozenset() if served is None else await self.approvals.served(served),
+            envelope=await self.envelopes.one(wanted.envelope),
+            envelopes=()
+            if wanted.envelopes_of is None and not wanted.every_opening
+            else await self.envelopes.lasting(since_s=since_s, audience=wanted.envelopes_of),
             administrators=await self.people.administrators() if wanted.people else frozenset(),
             open_changes=await self.people.open_changes(at_ms=young_ms) if wanted.people else (),
             change=change,
@@ -185,6 +198,7 @@ class Transaction:
             devices=waiting,
             session_keys=await self.devices.session_keys_of(wanted.session_keys_of),
             login_owner=await self.sessions.login_owner(wanted.login),
+            tokens_from=await self.lending.tokens_from(wanted.tokens_from, since_s=since_s),
         )
 
     async def counters(self) -> Counters:
@@ -418,9 +432,9 @@ class Transaction:
                         await self._registry_changed()
                     case _:
                         pass
-            case KeyAdded() | ChangeProposed() | ChangeAnswered() | ChangeEnded():
+            case KeyAdded() | RolesChanged() | ChangeProposed() | ChangeAnswered() | ChangeEnded():
                 await self.people.write(event, at_ms=at_ms)
-                if isinstance(event, KeyAdded):
+                if isinstance(event, KeyAdded | RolesChanged):
                     await self._registry_changed()
             case ToolRegistered(tool=tool):
                 await self._connection.execute(
@@ -490,6 +504,8 @@ class Transaction:
                 await self.conduct.write(event)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
+            case EnvelopeSigned() | EnvelopeRevoked():
+                await self.envelopes.write(event, actor=actor, at_ms=at_ms)
             case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():
                 await self.restoring.write(event)
             case _:

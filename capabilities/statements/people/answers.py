@@ -22,7 +22,8 @@ STATES: Final = frozenset({"open", "granted", "denied", "withdrawn", "expired"})
 ASKS: Final = 256
 VOTES: Final = 16
 OPENINGS: Final = 64
-"""Most asks of one statement, votes on one ask, and openings."""
+ENVELOPES: Final = 8
+"""Most asks of one statement, votes on one ask, openings, and envelopes."""
 
 
 class AnsweredAsk(Form, frozen=True):
@@ -42,6 +43,7 @@ class Answers(Form, frozen=True):
         as_of_ms: wall clock before the store was read, milliseconds since the epoch.
         asks: each once.
         openings: those that are not withdrawn, as they were signed.
+        envelopes: likewise.
     """
 
     issuer: Url
@@ -50,6 +52,7 @@ class Answers(Form, frozen=True):
     as_of_ms: Whole
     asks: Annotated[tuple[AnsweredAsk, ...], upto(ASKS)]
     openings: Annotated[tuple[str, ...], upto(OPENINGS)]
+    envelopes: Annotated[tuple[str, ...], upto(ENVELOPES)] = ()
 
 
 def sign(answers: Answers, key: PrivateKey) -> str:

@@ -50,7 +50,9 @@ TRUST = TrustBundle(
     "http://127.0.0.1:8700/ztpm", 1, {1: keys.public_raw(keys.generate())},
     *(frozenset({keys.public_raw(keys.generate())}) for _ in range(4)),
 )  # fmt: skip
-RULES = Rules(TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6, load_shipped("paper-default"))
+RULES = Rules(
+    TRUST.issuer, TRUST, DEFAULT, TRUST.all_keys, 3_600, 60, 4, 6, 10_000, 10_000, load_shipped("paper-default")
+)
 
 
 def person(name, *roles, standing=Standing.ACTIVE):

@@ -57,6 +57,7 @@ def good_bodies(world):
         ),
         ("/changes/key", {"key": key()}, {"alice", "bob", "carol", "dan"}),
         ("/changes/end", {"person": "carol", "reason": "left"}, {"alice", "dan"}),
+        ("/changes/roles", {"person": "carol", "roles": ["admin"]}, {"alice", "dan"}),
         ("/people/bob/disable", {"reason": "left"}, {"alice", "dan", "bob"}),
         (
             "/agents",
@@ -201,7 +202,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             assert checked(answered, status=409)["code"] == "NOT_RESTORING"
         else:
             assert answered.is_success, path
-    assert len(paths) == 32
+    assert len(paths) == 33
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -224,6 +225,8 @@ def test_the_openapi_names_every_endpoint(world):
         *(f"/{of}/{{id_}}/{act}" for of in ("peps", "sensors") for act in ("suspend", "restore", "retire", "key")),
         "/login/links", "/changes/login", "/logins/end",
         "/login/links", "/changes/login", "/logins/end", "/login/devices", "/login/devices/poll",
+        "/changes/roles", "/changes/passkey", "/passkeys/enrolments", "/passkeys/enrolments/{enrolment_id}/credential",
+        "/approvals/{ask_id}/passkey-votes",
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
@@ -234,6 +237,8 @@ def test_the_openapi_names_every_endpoint(world):
         "/oauth/clients", "/oauth/scopes", "/oauth/lent",
         "/peps", "/sensors", "/tools",
         "/ledger/checkpoint", "/ledger/proofs/inclusion", "/ledger/proofs/consistency", "/ledger/entries/{number}", "/ledger/search", "/revocations/points", "/revocations/events",
+        "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}", "/passkeys/passkey.js",
+        "/passkeys/enrolments/{enrolment_id}", "/passkeys/enrolments/{enrolment_id}/page",
     }  # fmt: skip
 
 

@@ -16,6 +16,7 @@ from rich.text import Text
 
 from capabilities.statements.claims import ID
 from ztpm.cli.output import DEFER, console, fail, plain, say_json
+from ztpm.cli.provider import envelopes
 from ztpm.cli.provider.person import Json, Reason, Signer, refusals, refuse, signed
 from ztpm.codes.unavailable import line_of
 from ztpm_idp.domain.asking.asks import AskState
@@ -276,6 +277,11 @@ def close(
     with refusals():
         person.close_opening(opening_id, reason)
     _done({"opening_id": opening_id}, "Closed.", as_json=as_json)
+
+
+app.command("envelope")(envelopes.envelope)
+app.command("envelopes")(envelopes.envelopes)
+app.command("revoke")(envelopes.revoke)
 
 
 def _check_id(given: str) -> None:

@@ -5,6 +5,8 @@ Exit status: 0 done, 1 failure, 2 usage, 3 refused, 4 another person must confir
 
 from __future__ import annotations
 
+import hashlib
+import time
 from contextlib import contextmanager
 from enum import StrEnum
 from pathlib import Path
@@ -42,6 +44,10 @@ PersonName = Annotated[str, typer.Argument(metavar="PERSON", help="Id of the per
 ChangeId = Annotated[str, typer.Argument(metavar="CHANGE", help="As `ztpm person list` shows it.")]
 PublicKey = Annotated[str, typer.Option("--public", help="Public key, as `ztpm person new-key` prints it.")]
 ShownName = Annotated[str, typer.Option("--name", help="Name as shown to people (default: the id).")]
+
+
+CODE_CHARACTERS = 8
+"""Hex digits of the code that a terminal and a browser show of one key: two people compare no more."""
 
 
 class Role(StrEnum):
@@ -112,6 +118,51 @@ def add_key(
     raw = raw_of(public)
     with _caller(signer) as caller:
         change = caller.propose_key(raw)
+    _wait(change, as_json=as_json)
+
+
+@app.command("passkey")
+@signed
+def add_passkey(
+    *,
+    wait_s: Annotated[int, typer.Option("--wait", min=1, max=600, help="Seconds to wait for the browser.")] = 600,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not compare the code.")] = False,
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Make a passkey of one's own with a browser, and propose it. It gives no second vote."""
+    from capabilities.keys.keys import unb64u
+
+    with _caller(signer) as caller:
+        begun = caller.begin_passkey()
+        typer.echo(f"Open {begun['url']} where the passkey is to be.", err=True)
+        key = ""
+        for _ in range(wait_s):
+            if key := caller.enrolled_passkey(begun["enrolment_id"]):
+                break
+            time.sleep(1)
+        if not key:
+            fail("ENROLMENT_UNKNOWN", "no browser has made a passkey in time")
+        code = hashlib.sha256(unb64u(key)).hexdigest()[:CODE_CHARACTERS]
+        typer.echo(f"A passkey was made. Its code is {code}.", err=True)
+        if not yes and not typer.confirm("Does the browser show the same code?", default=False, err=True):
+            fail("NOT_CONFIRMED", "nothing was proposed")
+        change = caller.propose_passkey(begun["enrolment_id"], key)
+    _wait(change, as_json=as_json)
+
+
+@app.command("roles")
+@signed
+def roles(
+    person: PersonName,
+    *,
+    role: Annotated[list[Role], typer.Option(help="One role that the person has from then on; may be repeated.")],
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Propose all the roles that a person has from then on. What stood on a role that is gone ends."""
+    with _caller(signer) as caller:
+        change = caller.propose_roles(person, [one.value for one in role])
     _wait(change, as_json=as_json)
 
 

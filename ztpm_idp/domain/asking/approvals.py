@@ -6,13 +6,14 @@ ledger.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import statement_form
 from capabilities.statements.people import ask as asks
 from capabilities.statements.people import opening as openings
+from capabilities.statements.people import passkey_vote
 from capabilities.statements.people import vote as votes
+from capabilities.statements.people.assertion import relying_party
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.scope import Tier
@@ -26,8 +27,9 @@ from ztpm_idp.domain.asking.asks import (
     OpeningRecord,
     VoteRecord,
 )
-from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.events import ApprovalActRefused, AskTaken, OpeningClosed, OpeningMade, VoteCast
+from ztpm_idp.domain.asking.refusing import Refusing, whose
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.domain.events import AskTaken, OpeningClosed, OpeningMade, VoteCast
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPep, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person
 
@@ -37,7 +39,6 @@ if TYPE_CHECKING:
     from capabilities.statements.people.vote import Vote
     from ztpm_idp.domain.codes import Code
     from ztpm_idp.domain.commands import CastVote, CloseOpening, OpenTier4, TakeAsk
-    from ztpm_idp.domain.events import SignedRequest
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -48,24 +49,10 @@ VOTE_LIFETIME_S: Final = 3_600
 """Longest life of an approval from now, in seconds (the wire contract of approvals)."""
 OPENING_LIFETIME_S: Final = 3_600
 """Longest life of an opening, from its beginning and from now, in seconds: one task, not a shift."""
+MINUTE_MS: Final = 60_000
+HOUR_MS: Final = 3_600_000
 SHARE_OF_ONE_AGENT: Final = 3
 """One agent's open asks are at most this part of the budget, a third (DESIGN section 9)."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Refusing:
-    """Maker of the refusals of one act, each with the record of the attempt for the ledger."""
-
-    act: str
-    id: str
-    by: str
-    text: str
-    signed: SignedRequest | None
-
-    def __call__(self, code: Code, detail: str) -> Refusal:
-        digest = digest_of(self.text) if self.text else ""
-        attempt = ApprovalActRefused(self.act, self.id, self.by, code.value, digest, self.signed)
-        return Refusal(code, detail, (attempt,))
 
 
 # --- asks -------------------------------------------------------------------------------------------------------------
@@ -77,7 +64,7 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     Revocation and stop never come here, and so are never budgeted.
     """
     known = state.asked
-    refused = _Refusing("ask", "" if known is None else known.ask.ask_id, command.by, command.text, None)
+    refused = Refusing("ask", "" if known is None else known.ask.ask_id, command.by, command.text, None)
     # 1. The caller is an enforcement point, now, and signed this ask itself.
     pep = state.parties.get(command.by)
     if not isinstance(pep, RegisteredPep) or pep.standing is not Standing.ACTIVE:
@@ -86,7 +73,7 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
         asked = asks.open(command.text, {pep.key}, rules.caps)
     except StatementError as error:
         return refused(error.code, error.detail)
-    refused = _Refusing("ask", asked.ask_id, command.by, command.text, None)
+    refused = Refusing("ask", asked.ask_id, command.by, command.text, None)
     if asked.pep != pep.id:
         return refused(IdpCode.ASK_NOT_YOURS, "the ask names another enforcement point")
     if asked.audience not in pep.audiences:
@@ -154,6 +141,12 @@ def _budget_spent(rules: Rules, state: State, asked: Ask, at_ms: int) -> str | N
     share = max(1, rules.open_asks // SHARE_OF_ONE_AGENT)
     if not sum(1 for ask in waiting if ask.agent == asked.agent) < share:
         return f"{share} asks of this agent wait for an answer"
+    for most, span_ms, word in (
+        (rules.asks_a_minute, MINUTE_MS, "minute"),
+        (rules.asks_an_hour, HOUR_MS, "hour"),
+    ):
+        if not sum(1 for taken in state.taken_ms if taken > at_ms - span_ms) < most * max(1, state.approvers):
+            return f"{most} asks for each approver were shown within the {word}"
     alive = sum(
         1 for ask, how in standing if how in {AskState.OPEN, AskState.GRANTED} and ask.audience == asked.audience
     )
@@ -181,7 +174,7 @@ def _record(asked: Ask, text: str) -> AskRecord:
 
 def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outcome:
     """An approver's own signed answer to exactly this ask, once; a withdrawal of one's own approval, once."""
-    refused = _Refusing("vote", command.ask_id, command.by, command.text, command.signed)
+    refused = Refusing("vote", command.ask_id, command.by, command.text, command.signed)
     # 1. The caller is an approver, now: never an agent, a sensor, an enforcement point.
     person = active_person(state, command.by, PersonRole.APPROVER)
     if person is None:
@@ -190,12 +183,12 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
     if state.asked is None:
         return refused(IdpCode.ASK_UNKNOWN, "no such ask")
     ask = state.asked.ask
-    # 3. The vote is signed by a key of the caller's own and names the caller.
+    # 3. The vote is signed by a key of the caller's own, or made by its passkey, and names the caller.
     try:
-        vote = votes.open(command.text, person.keys, rules.caps)
+        vote = _opened(rules, ask, command, person)
     except StatementError as error:
         return refused(
-            _whose(rules, state, command.text, error, kind=votes.KIND, not_yours=IdpCode.VOTE_NOT_YOURS), error.detail
+            whose(rules, state, command.text, error, kind=votes.KIND, not_yours=IdpCode.VOTE_NOT_YOURS), error.detail
         )
     if vote.approver != person.id:
         return refused(IdpCode.VOTE_NOT_YOURS, "the vote names another person")
@@ -215,8 +208,23 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
     if vote.answer == Answer.APPROVE and not ask.fresh and not vote.sees_clear:
         return refused(IdpCode.CLEAR_NOT_SEEN, "without fresh perception an approver attests to seeing the cell clear")
     cast = VoteRecord(vote.approver, Answer(vote.answer), vote.not_after, active=True, text=command.text)
-    after = Asked(ask, (*state.asked.votes, cast)).state(at_ms)
+    after = replace(state.asked, votes=(*state.asked.votes, cast)).state(at_ms)
     return (VoteCast(ask.ask_id, len(state.asked.votes) + 1, cast, after),)
+
+
+def _opened(rules: Rules, ask: AskRecord, command: CastVote, person: RegisteredPerson) -> Vote:
+    """The vote, by a key or a passkey of the person's own.
+
+    Raises:
+        StatementError: as `vote.open` and `passkey_vote.open`.
+    """
+    if not passkey_vote.is_one(command.text):
+        return votes.open(command.text, person.keys, rules.caps)
+    party, (text, key) = relying_party(rules.issuer), command.read or ("", b"")
+    if party is None or digest_of(text) != ask.digest:
+        raise StatementError(FaultCode.STATEMENT_UNTRUSTED, "no passkey counts here, or the ask was not read")
+    shown = asks.open(text, {key}, rules.caps)
+    return passkey_vote.open(command.text, person.passkey_keys, ask=shown, party=party)[0]
 
 
 def _too_late(asked: Asked, vote: Vote, at_ms: int) -> tuple[Code, str] | None:
@@ -239,29 +247,13 @@ def _too_late(asked: Asked, vote: Vote, at_ms: int) -> tuple[Code, str] | None:
             return None
 
 
-def _whose(rules: Rules, state: State, text: str, error: StatementError, *, kind: str, not_yours: IdpCode) -> Code:
-    """Code for a statement that the caller's key did not sign.
-
-    A statement that another approver did sign gets a code of its own.
-    """
-    owner = state.owner_of_thumbprint
-    other = None if owner is None else active_person(state, owner, PersonRole.APPROVER)
-    if error.code is not FaultCode.STATEMENT_UNTRUSTED or other is None:
-        return error.code
-    try:
-        statement_form.open(kind, text, other.keys, rules.caps)
-    except StatementError:
-        return error.code
-    return not_yours
-
-
 # --- openings ---------------------------------------------------------------------------------------------------------
 
 
 def open_tier_4(rules: Rules, state: State, command: OpenTier4, at_ms: int) -> Outcome:
     """A person's leave to ask for one safety-critical act; nothing happens again for the very same text."""
     known = state.opening
-    refused = _Refusing(
+    refused = Refusing(
         "opening", "" if known is None else known.opening_id, command.by, command.text, command.signed
     )  # fmt: skip
     # 1. The caller is an approver, now, and signed this opening itself.
@@ -272,10 +264,10 @@ def open_tier_4(rules: Rules, state: State, command: OpenTier4, at_ms: int) -> O
         opening = openings.open(command.text, person.keys, rules.caps)
     except StatementError as error:
         return refused(
-            _whose(rules, state, command.text, error, kind=openings.KIND, not_yours=IdpCode.OPENING_NOT_YOURS),
+            whose(rules, state, command.text, error, kind=openings.KIND, not_yours=IdpCode.OPENING_NOT_YOURS),
             error.detail,
         )
-    refused = _Refusing("opening", opening.opening_id, command.by, command.text, command.signed)
+    refused = Refusing("opening", opening.opening_id, command.by, command.text, command.signed)
     if opening.opener != person.id:
         return refused(IdpCode.OPENING_NOT_YOURS, "the opening names another person")
     # 2. An id means one text, for ever.
@@ -323,7 +315,7 @@ def close_opening(state: State, command: CloseOpening) -> Outcome:
 
     A second closing has no effect.
     """
-    refused = _Refusing("closing", command.opening_id, command.by, "", None)
+    refused = Refusing("closing", command.opening_id, command.by, "", None)
     if active_person(state, command.by, PersonRole.APPROVER) is None:
         return refused(IdpCode.NOT_PERMITTED, "approvers close")
     if state.opening is None:

@@ -17,12 +17,12 @@ from capabilities.values.errors import CapabilityError
 if TYPE_CHECKING:
     from capabilities.values.caps import Caps
 
-STANDING_ASKS: Final = 96
+STANDING_ASKS: Final = 40
 """Most asks of one audience that are open or granted at a time.
 
-Each holds two votes at most then, of at most `VOTE_CHARACTERS`: all of them and all openings always fit one `answers`
-statement (256 KiB), so that what is not in it is not approved. Far more than people can answer in the 120 s that an
-approval lives by default.
+Each holds two votes at most then, by passkey of at most 1,536 bytes: all of them, all openings and 8 envelopes of 4 KiB
+always fit one `answers` statement (256 KiB), so that what is not in it is not approved. More than people can answer in
+the 120 s that an approval lives by default.
 """
 OPENINGS: Final = 16
 """Most openings of one audience in force at a time; a quarter of those that an `answers` statement may hold."""
@@ -82,7 +82,8 @@ class VoteRecord:
 
     Attributes:
         approver, answer, not_after: as it says.
-        active: its approver is still active now; an approval by a person disabled since does not count.
+        active: its approver is one still; an approval by a person who has ended since, or has the role no longer, does
+            not count.
         text: as it was signed.
     """
 
@@ -99,6 +100,8 @@ class Asked:
 
     ask: AskRecord
     votes: tuple[VoteRecord, ...] = ()
+    ended: bool = False
+    """Its agent or its sponsor has ended, and the ask too."""
 
     def state(self, at_ms: int) -> AskState:
         """State of the ask at this wall-clock time.
@@ -111,6 +114,8 @@ class Asked:
             return AskState.DENIED
         if Answer.WITHDRAW in answers:
             return AskState.WITHDRAWN
+        if self.ended:
+            return AskState.EXPIRED
         # An approval that lapsed ends the ask too: two that never held together are not two.
         if not all(at_ms <= vote.not_after * 1_000 for vote in approvals):
             return AskState.EXPIRED

@@ -1,0 +1,118 @@
+"use strict";
+// The one script of the pages with passkeys: it makes a credential, or a vote over exactly the ask that it was given.
+
+const panel = document.querySelector("[data-passkey]");
+const told = document.querySelector("#told");
+const utf8 = (text) => new TextEncoder().encode(text);
+const b64u = (bytes) =>
+  btoa(String.fromCharCode(...new Uint8Array(bytes))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
+const hex = (bytes) => [...new Uint8Array(bytes)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
+const sha256 = (bytes) => crypto.subtle.digest("SHA-256", bytes);
+const started = performance.now();
+let busy = false;
+
+function tell(text) {
+  told.textContent = text;
+}
+
+function unb64u(text) {
+  const plain = atob(text.replaceAll("-", "+").replaceAll("_", "/"));
+  return Uint8Array.from(plain, (letter) => letter.charCodeAt(0));
+}
+
+// RFC 8785 of an object whose members are texts, whole numbers and flags: sorted, as JSON.stringify writes each.
+function canonical(object) {
+  const members = Object.keys(object).sort().map((name) => `${JSON.stringify(name)}:${JSON.stringify(object[name])}`);
+  return `{${members.join(",")}}`;
+}
+
+async function post(url, body) {
+  const answer = await fetch(url, {
+    method: "POST",
+    headers: { "Content-Type": "application/json" },
+    body: JSON.stringify(body),
+    credentials: "omit",
+  });
+  const said = await answer.json();
+  if (!answer.ok) throw new Error(`${said.title} ${said.detail ?? ""} (${said.code})`);
+  return said;
+}
+
+async function enrol() {
+  const publicKey = PublicKeyCredential.parseCreationOptionsFromJSON(JSON.parse(panel.dataset.options));
+  const credential = await navigator.credentials.create({ publicKey });
+  const said = await post(panel.dataset.post, { credential: credential.toJSON() });
+  const code = await sha256(unb64u(said.key));
+  tell(`Made. Its code is ${hex(code).slice(0, 8)}. Compare it at your terminal, and confirm there.`);
+}
+
+async function vote(answer) {
+  const text = panel.dataset.ask;
+  const digest = hex(await sha256(utf8(text)));
+  if (digest !== panel.dataset.digest) throw new Error("The ask is not the one that this page shows.");
+  const payload = unb64u(text.split(".")[1]);
+  const shown = JSON.parse(new TextDecoder().decode(payload));
+  const approver = document.querySelector("#approver").value.trim();
+  const at = Number(panel.dataset.now) + Math.floor((performance.now() - started) / 1000);
+  const said = {
+    ask_id: shown.ask_id,
+    nonce: shown.nonce,
+    ask_digest: digest,
+    answer,
+    approver,
+    sees_clear: document.querySelector("#sees-clear")?.checked ?? false,
+    uses: 1,
+    not_after: at + Number(panel.dataset.lasts),
+    at,
+  };
+  const words = utf8('ztpm-passkey-vote/1\n{"ask":');
+  const rest = utf8(`,"vote":${canonical(said)}}`);
+  const bound = new Uint8Array(words.length + payload.length + rest.length);
+  bound.set(words);
+  bound.set(payload, words.length);
+  bound.set(rest, words.length + payload.length);
+  const challenge = await sha256(bound);
+  const publicKey = { challenge, rpId: panel.dataset.rp, userVerification: "required", timeout: 60_000 };
+  const credential = await navigator.credentials.get({ publicKey });
+  const made = credential.response;
+  const owner = made.userHandle ? new TextDecoder().decode(made.userHandle) : approver;
+  if (owner !== approver) throw new Error(`That passkey is ${owner}'s, and you said that you are ${approver}.`);
+  const { state } = await post(panel.dataset.post, {
+    vote: said,
+    assertion: {
+      credential: b64u(credential.rawId),
+      authenticator: b64u(made.authenticatorData),
+      client: b64u(made.clientDataJSON),
+      signature: b64u(made.signature),
+    },
+  });
+  tell(`Your answer counts. The ask is ${state}.`);
+}
+
+function act(work) {
+  return async () => {
+    if (busy) return;
+    busy = true;
+    for (const button of panel.querySelectorAll("button")) button.disabled = true;
+    try {
+      tell("Waiting for your passkey.");
+      await work();
+    } catch (error) {
+      tell(error.name === "NotAllowedError" ? "Nothing was signed: no passkey answered." : `Nothing counts: ${error.message}`);
+      for (const button of panel.querySelectorAll("button")) button.disabled = false;
+      busy = false;
+    }
+  };
+}
+
+if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
+  tell("This browser has no passkeys here. Answer with your operator key, as below.");
+} else if (panel.dataset.passkey === "enrol") {
+  document.querySelector("#enrol").addEventListener("click", act(enrol));
+} else {
+  document.querySelector("#approve").addEventListener("click", act(() => vote("approve")));
+  document.querySelector("#deny").addEventListener("click", act(() => vote("deny")));
+  setInterval(() => {
+    if (!busy && document.activeElement === document.body) location.reload();
+  }, Number(panel.dataset.reload) * 1000);
+}
