@@ -18,6 +18,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
 from ztpm_idp.login.pages import PageProblem, problem_page
+from ztpm_idp.oauth.client_documents import fetch
 from ztpm_idp.oauth.problem import OAuthProblem, of_refusal
 from ztpm_idp.oauth.problem import answer as oauth_answer
 from ztpm_idp.provider.audit import LedgerFollower
@@ -35,6 +36,7 @@ from ztpm_idp.routes import (
     login,
     mandates,
     oauth,
+    oauth_authorize,
     oauth_registry,
     openid,
     passkeys,
@@ -79,6 +81,7 @@ _PARTS: Final = (
     conduct,
     restoring,
     oauth,
+    oauth_authorize,
     oauth_registry,
     upkeep,
     login,
@@ -172,6 +175,7 @@ def create_app(
     for part in _PARTS:
         app.include_router(part.router, prefix=path, responses=RESPONSES)
     app.include_router(oauth.well_known, responses=RESPONSES)
+    app.state.fetch_document = fetch
     app.add_exception_handler(PageProblem, _page_problem)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(OAuthProblem, _oauth_problem)

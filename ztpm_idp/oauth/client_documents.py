@@ -32,6 +32,8 @@ URL_BYTES: Final = 256
 NAME_CHARACTERS: Final = 64
 _HTTPS: Final = 443
 _REFUSED_BYTES: Final = frozenset('\\"<>^`{|}#@ ')
+_TRANSLATED: Final = (ipaddress.ip_network("64:ff9b::/96"), ipaddress.ip_network("64:ff9b:1::/48"))
+"""Addresses behind which a translator has any other one (RFC 6052, RFC 8215)."""
 _SECRET_METHODS: Final = frozenset({"client_secret", "client_secret_expires_at"})
 
 
@@ -111,6 +113,8 @@ def is_public(address: str) -> bool:
     try:
         found = ipaddress.ip_address(address)
     except ValueError:
+        return False
+    if any(found in network for network in _TRANSLATED if found.version == network.version):
         return False
     inner = getattr(found, "ipv4_mapped", None) or getattr(found, "sixtofour", None)
     if inner is not None and not inner.is_global:

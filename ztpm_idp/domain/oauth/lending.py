@@ -27,8 +27,8 @@ from ztpm_idp.domain.oauth.events import (
     RefreshMade,
     RefreshSpent,
 )
-from ztpm_idp.domain.oauth.records import AccessRecord, CodeRecord, FamilyRecord
-from ztpm_idp.domain.oauth.registering import HIGHEST, TEMPLATES_AT_ONCE, agent_of, limits_of, united, written
+from ztpm_idp.domain.oauth.records import AccessRecord, CodeRecord, FamilyRecord, TemplateRecord
+from ztpm_idp.domain.oauth.registering import HIGHEST, ROLE, TEMPLATES_AT_ONCE, agent_of, limits_of, united, written
 from ztpm_idp.domain.parties import PersonRole
 from ztpm_idp.domain.registry import AGENTS_OF_ONE, active_person, full, new_party
 
@@ -75,15 +75,20 @@ def assent(rules: Rules, state: State, command: Assent, at_ms: int) -> Outcome:
     if registered is None and state.oauth.client is None:
         if not state.crowd < AGENTS_OF_ONE:
             return full(f"{AGENTS_OF_ONE} agents of one sponsor")
-        agent = agent_of(
+        new = agent_of(
             command.agent, command.agent_key, sponsor=command.by, model=command.client_name, software=command.document
         )
-        outcome = new_party(rules, state, agent)
+        outcome = new_party(rules, state, new)
         if isinstance(outcome, Refusal):
             return outcome
         made = outcome
-    elif isinstance(refused := may_receive(state, command.agent), Refusal):
-        return refused
+    else:
+        agent = may_receive(state, command.agent)
+        if isinstance(agent, Refusal):
+            return agent
+        # The id of an unregistered client's agent can be foreseen: one that another person made does not stand for it.
+        if agent.role != ROLE or (state.oauth.client is None and agent.sponsor != command.by):
+            return Refusal(IdpCode.CLIENT_UNKNOWN, "the agent of this id stands for no client of the person")
     family = FamilyRecord(
         family=command.family,
         client_id=command.client_id,
@@ -167,12 +172,13 @@ def draw(rules: Rules, state: State, command: DrawAccess, at_ms: int) -> Outcome
     scope = None if today is None else meet(promised.scope, today)
     if scope is None:
         return Refusal(IdpCode.MANDATE_LEAVES_NOTHING, "no audience or time is left of it")
-    limits = (scope.grants, scope.ceiling)
+    limits, chosen = (scope.grants, scope.ceiling), list[TemplateRecord]()
     if command.scope:
         chosen = [one for one in state.oauth.templates if one.name in command.scope]
         if {one.name for one in chosen} != set(command.scope):
             return Refusal(IdpCode.SCOPE_UNKNOWN, "no such scope")
-        if any(one.audience != command.resource for one in chosen):
+        chosen = [one for one in chosen if one.audience == command.resource]
+        if not chosen:
             return Refusal(IdpCode.TARGET_REFUSED, "the scope is for another resource")
         narrower = united(chosen)
         if isinstance(narrower, Refusal):
@@ -195,7 +201,7 @@ def draw(rules: Rules, state: State, command: DrawAccess, at_ms: int) -> Outcome
             command.minting,
             client_id=command.client_id,
             resource=command.resource,
-            scope=" ".join(command.scope),
+            scope=" ".join(sorted(one.name for one in chosen)),
             family=None,
         ),
     )
