@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from copy import copy
 from itertools import takewhile
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 
 HELP: Final = frozenset({"-h", "--help"})
+_DASHED_ID: Final = re.compile(r"-(?!-)[A-Za-z0-9_-]{21}(?:[A-Za-z0-9_-]{21})?")
+"""Id of a token (22 characters) or name of a key (43) that begins with a dash, as one of 64 does."""
 
 
 class CommandLine(TyperGroup):
@@ -56,7 +59,7 @@ class CommandLine(TyperGroup):
         **extra: Any,
     ) -> NoReturn:
         """Runs one command, and ends the process with its exit status."""
-        words = sys.argv[1:] if args is None else list(args)
+        words = with_ids_last(sys.argv[1:] if args is None else list(args))
         # A program's own options follow `--`.
         own = set(takewhile(lambda word: word != "--", words))
         AS_JSON.set("--json" in own)
@@ -84,6 +87,14 @@ class CommandLine(TyperGroup):
             told = unavailable(error)
             fail(told.code, told.sentence)
         return status if type(status) is int else 0
+
+
+def with_ids_last(words: list[str]) -> list[str]:
+    """The words, with the id that `ztpm revoke` takes behind `--`, where it looks like an option."""
+    place = next((at for at in range(2, len(words)) if _DASHED_ID.fullmatch(words[at])), 0)
+    if words[:1] != ["revoke"] or not place or "--" in words or words[place - 1].startswith("--"):
+        return words
+    return [*words[:place], *words[place + 1 :], "--", words[place]]
 
 
 def tell_version(wanted: bool) -> None:  # noqa: FBT001 - as Typer calls it

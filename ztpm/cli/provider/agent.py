@@ -10,10 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
-from ztpm.cli.output import console, fail, fail_at, plain, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.party_keys import PartyPublic, key_for, rotation_of
 from ztpm.cli.provider.person import (
     CellDirectory,
@@ -30,6 +28,7 @@ from ztpm.cli.provider.person import (
     refusals,
     signed,
 )
+from ztpm.cli.tables import show_table
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
@@ -108,17 +107,10 @@ def list_(*, signer: Signer, as_json: Json = False) -> None:
     if as_json:
         say_json({"ok": True, "agents": rows})
         return
-    if not rows:
-        typer.echo("None is registered.")
-        return
-    table = Table(box=None, pad_edge=False)
-    for heading in ("agent", "status", "sponsor", "role", "trust", "behaviour", "key"):
-        table.add_column(heading)
-    for row in rows:
-        known = (row.get("id"), _status(row), row.get("sponsor"), row.get("role"))
-        cells = (*known, _trust(row), _behaviour(row), row.get("key"))
-        table.add_row(*(Text(plain(str(cell))) for cell in cells))
-    console.print(table)
+    show_table(("agent", "status", "sponsor", "role", "trust", "behaviour", "key"), [
+        (row.get("id"), _status(row), row.get("sponsor"), row.get("role"), _trust(row), _behaviour(row), row.get("key"))
+        for row in rows
+    ])  # fmt: skip
 
 
 @app.command("retire")

@@ -13,10 +13,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NoReturn
 
 import typer
-from rich.table import Table
-from rich.text import Text
 
-from ztpm.cli.output import DEFER, console, fail, fail_at, instant, plain, say_json
+from ztpm.cli.output import DEFER, console, fail, fail_at, instant, say_json
 from ztpm.cli.provider.party_keys import raw_of
 from ztpm.cli.provider.person import (
     CellDirectory,
@@ -31,6 +29,7 @@ from ztpm.cli.provider.person import (
     refusals,
     signed,
 )
+from ztpm.cli.tables import show_table
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -234,12 +233,12 @@ def list_(*, signer: Signer, as_json: Json = False) -> None:
     if as_json:
         say_json({"ok": True, "people": people, "changes": changes})
         return
-    _table(("person", "name", "roles", "status", "keys"), [
+    show_table(("person", "name", "roles", "status", "keys"), [
         (row["id"], row["name"], ", ".join(row["roles"]), row["status"], "\n".join(row["keys"])) for row in people
     ])  # fmt: skip
     if changes:
         console.print()
-        _table(("change", "what", "proposed by", "until"), [
+        show_table(("change", "what", "proposed by", "until"), [
             (row["change_id"], _told(row), row["by"], instant(row["until"])) for row in changes
         ])  # fmt: skip
 
@@ -332,12 +331,3 @@ def _told(row: dict[str, Any]) -> str:
             return f"end {person}: {row['reason']}"
         case _:
             return f"the root key makes {person} ({row['name']}) an administrator, key {key}"
-
-
-def _table(headings: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    table = Table(box=None, pad_edge=False)
-    for heading in headings:
-        table.add_column(heading)
-    for row in rows:
-        table.add_row(*(Text("\n".join(map(plain, cell.split("\n")))) for cell in row))
-    console.print(table)
