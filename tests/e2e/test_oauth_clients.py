@@ -4,16 +4,20 @@ from __future__ import annotations
 
 import asyncio
 import json
+from urllib.parse import parse_qs, urlsplit
 
 import httpx2
 import pytest
 from capabilities.keys.keys import Algorithm
 from cryptography.hazmat.primitives import serialization
-from mcp.client.auth import OAuthTokenError
+from mcp.client.auth import AuthorizationCodeResult, OAuthClientProvider, OAuthTokenError
 from mcp.client.auth.extensions.client_credentials import PrivateKeyJWTOAuthProvider, SignedJWTParameters
+from mcp.shared.auth import OAuthClientInformationFull, OAuthClientMetadata
 from pep.mcp.guard import DECISION_META
 from tests.e2e.routed import CALLED, GRANTS, Plant
-from tests.ztpm_idp.oauth.speaking import StockClient
+from tests.ztpm_idp.login.browser import Browser
+from tests.ztpm_idp.oauth.speaking import StockClient, declare
+from tests.ztpm_idp.oauth.test_code_flow import AUTHORIZE, HIDDEN
 from tests.ztpm_idp.world import AUDIENCE, ISSUER
 
 from capabilities.keys import keys
@@ -149,3 +153,55 @@ def test_an_access_token_is_good_for_its_holder_its_server_and_its_scheme(plant)
         assert await send(f"Bearer {bearer}") == (401, "TOKEN_MALFORMED")
 
     plant.run(work())
+
+
+class Person:
+    """A person's browser as the SDK's callbacks see it: it opens the page, and allows what it shows."""
+
+    def __init__(self, plant):
+        self.browser = Browser(plant.world)
+        self.back = ""
+
+    async def open(self, url):
+        # In a thread: the page is answered on this very loop.
+        await asyncio.to_thread(self.allow, url)
+
+    def allow(self, url):
+        shown = self.browser.get(url)
+        assert shown.status_code == 200, shown.text
+        found = dict(HIDDEN.findall(shown.text))
+        fields = {name: found[name].replace("&amp;", "&") for name in ("asked", "shown")}
+        self.back = self.browser.post(AUTHORIZE, fields | {"answer": "allow"}).headers["location"]
+
+    async def come_back(self):
+        told = {name: values[0] for name, values in parse_qs(urlsplit(self.back).query).items()}
+        return AuthorizationCodeResult(code=told["code"], state=told["state"], iss=told["iss"])
+
+
+def test_a_person_lets_a_stock_client_call(plant):
+    world, memory = plant.world, Memory()
+    stock = StockClient(world, redirects=("http://127.0.0.1/callback",))
+    assert stock.register().status_code == 201
+    declare(world, "camera.use", GRANTS)
+    person = Person(plant)
+    person.browser.log_in(world.people["alice"])
+    redirect = "http://127.0.0.1:41234/callback"
+    memory.client = OAuthClientInformationFull(
+        client_id="viewer", redirect_uris=[redirect], token_endpoint_auth_method="none", issuer=ISSUER
+    )
+    auth = OAuthClientProvider(
+        AUDIENCE,
+        OAuthClientMetadata(redirect_uris=[redirect], token_endpoint_auth_method="none", client_name="The viewer"),
+        memory,
+        person.open,
+        person.come_back,
+    )
+
+    async def work():
+        async with plant.client(auth) as client:
+            assert decision(await client.call_tool("read", {"width": 320})) == ("PERMIT", "PERMITTED")
+            assert decision(await client.call_tool("wipe", {"width": 1})) == ("DENY", "ABOVE_CEILING")
+
+    plant.run(work())
+    assert memory.tokens.scope == "camera.use" and memory.tokens.refresh_token
+    assert CALLED == [320]
