@@ -7,7 +7,8 @@ SHELL := /bin/bash
 # Programs that tests begin by the hundred read what the first of their kind has compiled.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: check fast format lint types imports test docs demo bench campaign soundness rtde-campaign tampering mutants constraints insecure-settings approval-defects approval-mutants approval-storm
+# Every target is a verb, no file.
+.PHONY: $(shell sed -n "s/^\([a-z-]*\):.*/\1/p" $(firstword $(MAKEFILE_LIST)))
 
 check: lint types imports test  ## all of it; green before anything lands
 
@@ -54,6 +55,12 @@ rtde-campaign:  ## a hostile program, deaths and revocations at the robot's port
 
 tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoint; how many were found last
 	$(RUN) python -m tests.ztpm_idp.campaign.tampering
+
+forgeries:  ## forged evidence of agents, each wrong in one way, at the wire of a provider; how many were accepted last
+	$(RUN) python -m tests.ztpm_idp.platforms.forgeries
+
+rotation:  ## a new key in every role under load, two providers and two enforcement points as processes; the figure last
+	$(RUN) python -m tests.e2e.rotation_campaign
 
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation

@@ -63,7 +63,7 @@ from ztpm_idp.domain.parties import (
 from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 from ztpm_idp.domain.wanted import wanted_by_change
-from ztpm_idp.store import counts, postgres, rows
+from ztpm_idp.store import counts, credentials, postgres, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
@@ -90,8 +90,6 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.state import Wanted
 
-CREDENTIAL_GRACE_MS = 3_600_000
-"""Milliseconds for which a spent token is remembered after its end: a clock that jumps back an hour revives none."""
 NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
@@ -478,7 +476,9 @@ class Transaction:
                 if spent.rowcount != 1:
                     raise OnceOnlyError
                 if event.credential:
-                    await self._spend(event.credential, until_ms=event.credential_until_ms, at_ms=at_ms)
+                    await credentials.spend(
+                        self._connection, event.credential, until_ms=event.credential_until_ms, at_ms=at_ms
+                    )
             case AgentAttested(agent=agent):
                 await self._stand(agent, Standing.ACTIVE)
                 await self._connection.execute(
@@ -513,21 +513,6 @@ class Transaction:
 
     async def _registry_changed(self) -> None:
         await self._counting.next("registry_version")
-
-    async def _spend(self, credential: bytes, *, until_ms: int, at_ms: int) -> None:
-        """Spends a platform's token, remembered for as long as it could be shown, and a clock's jump more.
-
-        Raises:
-            OnceOnlyError: it was spent before.
-        """
-        c = t.spent_credentials.c
-        await self._connection.execute(
-            sa.delete(t.spent_credentials).where(c.until_ms < at_ms - CREDENTIAL_GRACE_MS)
-        )  # fmt: skip
-        known = await self._connection.execute(sa.select(c.digest).where(c.digest == credential))
-        if known.first() is not None:
-            raise OnceOnlyError
-        await self._connection.execute(sa.insert(t.spent_credentials).values(digest=credential, until_ms=until_ms))
 
     async def _stand(self, party: str, standing: Standing) -> None:
         # Revoked is for ever: no later event brings a party back.

@@ -21,7 +21,7 @@ from tests.ztpm_idp.test_settings import write_config
 from tests.ztpm_idp.world import START_S, World
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.keys.watched_file import WatchedFile
-from ztpm_idp.platforms import fetch
+from ztpm_idp.platforms import fetch, sources
 from ztpm_idp.platforms.sources import RETRY_S, AskedPlatform, PlatformKeys
 from ztpm_idp.settings import load_keys, load_settings
 from ztpm_idp.watching import watching
@@ -151,7 +151,7 @@ def test_a_bundle_is_fetched_and_its_sequence_only_grows(server, tmp_path):
     assert asked(source).authorities
 
 
-def test_a_cluster_is_found_by_discovery(server, tmp_path):
+def test_a_cluster_is_found_by_discovery(server, tmp_path, monkeypatch):
     cluster = Kubernetes(NOW)
     (tmp_path / "bearer").write_text("the-token\n")
     source = source_of(tmp_path, kubernetes(server, cluster, 'bearer_file = "bearer"'))
@@ -161,6 +161,13 @@ def test_a_cluster_is_found_by_discovery(server, tmp_path):
     assert isinstance(found, Cluster)
     assert (found.issuer, set(found.keys), found.lifetime_s) == (cluster.issuer, {cluster.kid}, 3_607)
     assert server.headers["/openid/v1/jwks"]["authorization"] == "Bearer the-token"
+    urls, ask = [], sources.fetched
+
+    async def noted(setting, url, **how):
+        urls.append(url)
+        return await ask(setting, url, **how)
+
+    monkeypatch.setattr(sources, "fetched", noted)
     for answer in (
         cluster.discovery(server.base, issuer="https://evil.example"),
         cluster.discovery("https://evil.example"),
@@ -170,6 +177,7 @@ def test_a_cluster_is_found_by_discovery(server, tmp_path):
     ):  # fmt: skip
         server.put("/.well-known/openid-configuration", answer)
         why(source)
+    assert set(urls) == {f"{server.base}/.well-known/openid-configuration"}, "nothing else is asked"
 
 
 def test_what_an_address_may_not_do(server, tmp_path):
@@ -181,6 +189,14 @@ def test_what_an_address_may_not_do(server, tmp_path):
     assert server.asked[before:] == ["/bundle"], "no redirect is followed"
     server.put("/bundle", b" " * (platform_keys.BUNDLE_BYTES + 1))
     assert "bytes" in why(source)
+    server.put("/sized", b"x" * 100)
+    for most, fits in ((100, True), (99, False)):
+        asking = fetch.fetched("s", f"{server.base}/sized", ca=server.ca, most_bytes=most)
+        if fits:
+            assert asyncio.run(asking) == b"x" * 100
+            continue
+        with pytest.raises(SettingsError):
+            asyncio.run(asking)
     for body in (b"", b"{}", b"\xff", b'{"keys":[]}'):
         server.put("/bundle", body)
         why(source)
