@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from ztpm_idp.domain.events import MandateSigned, RevocationKind, TokenDelegated, TokenIssued
 from ztpm_idp.domain.state import Drawn, HopRecord, MandateRecord
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from ztpm_idp.domain.state import Wanted
 
+CREDENTIAL_GRACE_MS: Final = 3_600_000
+"""Milliseconds for which a spent token is remembered after its end: a clock that jumps back an hour revives none."""
 SHOWN: Final = 256
 """Most mandates, or tokens of one, in one list."""
 Lent = Literal[RevocationKind.TOKEN, RevocationKind.HOP, RevocationKind.MANDATE]
@@ -169,3 +172,17 @@ def _revoked(kind: str, column: sa.Column[str]) -> sa.ColumnElement[bool]:
     """Condition that the id in this column is in the index of revocations."""
     r = t.revocations.c
     return sa.select(r.id).where(r.kind == kind, r.id == column).exists()
+
+
+async def spend(connection: AsyncConnection, credential: bytes, *, until_ms: int, at_ms: int) -> None:
+    """Spends a platform's token, remembered for as long as it could be shown, and a clock's jump more.
+
+    Raises:
+        OnceOnlyError: it was spent before.
+    """
+    c = t.spent_credentials.c
+    await connection.execute(sa.delete(t.spent_credentials).where(c.until_ms < at_ms - CREDENTIAL_GRACE_MS))
+    known = await connection.execute(sa.select(c.digest).where(c.digest == credential))
+    if known.first() is not None:
+        raise OnceOnlyError
+    await connection.execute(sa.insert(t.spent_credentials).values(digest=credential, until_ms=until_ms))

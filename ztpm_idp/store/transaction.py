@@ -63,7 +63,7 @@ from ztpm_idp.domain.parties import (
 from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 from ztpm_idp.domain.wanted import wanted_by_change
-from ztpm_idp.store import counts, credentials, postgres, rows
+from ztpm_idp.store import counts, postgres, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
@@ -73,7 +73,7 @@ from ztpm_idp.store.devices import Devices
 from ztpm_idp.store.enrolments import Enrolments
 from ztpm_idp.store.envelopes import Envelopes
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
-from ztpm_idp.store.lending import Lending
+from ztpm_idp.store.lending import Lending, spend
 from ztpm_idp.store.oauth import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
@@ -476,9 +476,7 @@ class Transaction:
                 if spent.rowcount != 1:
                     raise OnceOnlyError
                 if event.credential:
-                    await credentials.spend(
-                        self._connection, event.credential, until_ms=event.credential_until_ms, at_ms=at_ms
-                    )
+                    await spend(self._connection, event.credential, until_ms=event.credential_until_ms, at_ms=at_ms)
             case AgentAttested(agent=agent):
                 await self._stand(agent, Standing.ACTIVE)
                 await self._connection.execute(
