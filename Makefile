@@ -62,6 +62,9 @@ forgeries:  ## forged evidence of agents, each wrong in one way, at the wire of 
 rotation:  ## a new key in every role under load, two providers and two enforcement points as processes; the figure last
 	$(RUN) python -m tests.e2e.rotation_campaign
 
+horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,000 descendants; the time to the last permit last (DATABASE=URL for another database)
+	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE))
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

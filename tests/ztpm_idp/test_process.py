@@ -48,7 +48,7 @@ def free_port():
 class Process:
     """A configured identity provider that can be started, killed and started again on the same files."""
 
-    def __init__(self, folder: Path):
+    def __init__(self, folder: Path, database: str = ""):
         self.folder, self.port = folder, free_port()
         self.issuer = f"http://127.0.0.1:{self.port}/ztpm"
         self.private = {role: keys.generate() for role in ROLES} | {"alice": keys.generate()}
@@ -56,7 +56,7 @@ class Process:
             path = folder / f"{role}.key"
             path.write_bytes(keys.to_pem(self.private[role], PASSPHRASE.encode()))
             path.chmod(0o600)
-        url = f"sqlite+aiosqlite:///{folder}/idp.sqlite"
+        url = database or f"sqlite+aiosqlite:///{folder}/idp.sqlite"
         lines = [
             f'issuer = "{self.issuer}"',
             'host = "127.0.0.1"',

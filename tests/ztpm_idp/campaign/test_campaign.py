@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import random
+import time
+from types import SimpleNamespace
 
 import pytest
-from tests.ztpm_idp.campaign import tampering
+from capabilities.statements.revocation import RevocationView
+from capabilities.token.verify import Verifier
+from capabilities.values.caps import DEFAULT
+from tests.ztpm_idp.campaign import horizon, tampering
 from ztpm_idp.domain.ledger import seal
+from ztpm_idp.keys.key_files import IdpKeys
+
+from capabilities.keys import keys
 
 
 @pytest.fixture(scope="module")
@@ -46,3 +55,58 @@ def test_the_campaigns_own_chain_is_the_ledgers(scene):
     for way in tampering.WAYS:
         entries = tampering.changed(scene.entries, scene.other, way, drawn, tampering.flipped_entry)
         assert tampering.chained(entries, scene.states, honest=scene.entries) == tampering.chained(entries)
+
+
+# --- the horizon of revocations --------------------------------------------------------------------------------------
+
+
+def test_permits_after_a_denial_and_points_that_never_deny_break_the_claim():
+    good = horizon.Horizon([10.0] * 99 + [900.0], [20.0], 0, 0, 0)
+    assert good.holds
+    assert good.told["revocation_ms.p99"] == 900.0
+    for change in ({"after": 1}, {"unseen": 1}, {"last_ms": [10.0] * 80 + [1_001.0] * 20}, {"cascade_ms": [2_000.0]}):
+        assert not dataclasses.replace(good, **change).holds
+
+
+def test_the_board_keeps_what_each_point_saw(tmp_path):
+    board = horizon.Board(tmp_path / "board", 3, 2, new=True)
+    other = horizon.Board(tmp_path / "board", 3, 2)
+    board.current = 1
+    assert other.current == 1
+    other.permitted(2, 1)
+    other.denied(2, 1)
+    other.permitted(2, 1)
+    other.otherwise(2, 1)
+    last, denied, after, stale = board.seen(2, 1)
+    assert (after, stale, 0 < denied <= last) == (1, 1, True)
+    assert board.seen(1, 1) == (0, 0, 0, 0)
+    assert not board.every(1, 0)
+
+
+def test_a_points_look_tells_permit_revoked_and_old_apart(tmp_path):
+    """A descendant is dead with its root; an old view permits nothing, and is no revocation."""
+    made = IdpKeys(*(keys.generate() for _ in range(5)))
+    trust = made.trust(issuer="https://idp.example/ztpm", root_key_id=1)
+    issuer = horizon.Issuer({"root": made.root, "attester": made.attester}, trust, int(time.time()))
+    root_hop, tree = issuer.tree(12, random.Random(1))
+    board, view = horizon.Board(tmp_path / "board", 1, 1, new=True), None
+    point = horizon.Point.__new__(horizon.Point)
+    point.number, point.board, point.verifier = 0, board, Verifier(trust, DEFAULT)
+    point.follower = SimpleNamespace(view=lambda: view)
+    seen = []
+    for view in (
+        RevocationView(0, 0, frozenset()),
+        RevocationView(1, 0, frozenset({("hop", root_hop)})),
+        RevocationView(1, horizon.LEASE_MS + 1, frozenset()),
+    ):
+        point.look(1, tree)
+        last, denied, _, stale = board.seen(0, 1)
+        seen.append((bool(last), bool(denied), stale))
+    assert seen == [(True, False, 0), (True, True, 0), (True, True, len(tree))]
+
+
+@pytest.mark.campaign
+@pytest.mark.e2e
+def test_a_slice_of_the_horizon(tmp_path):
+    found = horizon.run(tmp_path, fleet=2, points=1, tokens=20, revocations=3, descendants=10, burners=0)
+    assert (found.after, found.unseen, len(found.last_ms), len(found.cascade_ms)) == (0, 0, 9, 3)
