@@ -140,6 +140,19 @@ def test_tiles_at_their_edges(world):
     assert all(found == expected for found, expected in heads)
 
 
+def test_a_ledger_that_lacks_an_entry_has_no_checkpoint(world):
+    """Changed by hand: nothing is signed over what is left, and nobody waits for what never comes."""
+    import sqlalchemy as sa
+    from ztpm_idp.store import schema as t
+
+    async def lose():
+        async with world.provider.store.write() as transaction:
+            await transaction._connection.execute(sa.delete(t.ledger).where(t.ledger.c.seq == 2))
+
+    world.on_loop(lose())
+    refused("STORE_UNAVAILABLE", world.people["bob"].checkpoint)
+
+
 def test_one_key_finds_the_whole_story_of_a_token(told, lent):
     first, hop, done, ask_id = lent
     alice = told.people["alice"]

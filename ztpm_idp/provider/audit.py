@@ -33,6 +33,10 @@ ANSWER_BYTES: Final = 4_194_304
 """Bytes of the lines of one answer, the first line apart: that of an entry may be a megabyte."""
 
 
+class LedgerGapError(StoreUnavailableError):
+    """An entry is missing where numbers have no gap: the database was changed by hand."""
+
+
 class LedgerFollower:
     """Takes the ledger's entries into tree and index, one follower at a time in this process."""
 
@@ -44,7 +48,7 @@ class LedgerFollower:
         """Number of entries, all of those that were committed before the call, that tree and index hold.
 
         Raises:
-            StoreUnavailableError: the store failed.
+            StoreUnavailableError: the store failed, or lacks an entry.
         """
         async with self._store.read() as view:
             size = await view.audit.size()
@@ -53,9 +57,12 @@ class LedgerFollower:
             return size
         async with self._turn:
             while followed < size:
+                before = followed
                 try:
                     async with self._store.beside() as connection:
                         followed = await Audit(connection).follow()
+                    if followed == before:
+                        raise LedgerGapError
                 except ConflictError:  # another process was faster
                     async with self._store.read() as view:
                         followed = await view.audit.followed()
