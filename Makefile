@@ -65,6 +65,9 @@ rotation:  ## a new key in every role under load, two providers and two enforcem
 horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,000 descendants; the time to the last permit last (DATABASE=URL for another database)
 	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE))
 
+login:  ## a person logs in at the certified oidc-provider in Chromium and confirms a command line; where the pictures lie last
+	$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

@@ -13,12 +13,11 @@ from tests.ztpm_idp.login.openid import OP, Fake
 from tests.ztpm_idp.login.test_openid import add_login
 from tests.ztpm_idp.login.test_session import code, rows
 from tests.ztpm_idp.world import ISSUER, World
+from ztpm_idp.domain.login import devices
 from ztpm_idp.domain.login.records import (
     DEVICE_INTERVAL_S,
     DEVICE_MS,
-    DEVICES_OF_ONE,
     ENROL_FRESH_S,
-    KEYS_OF_ONE,
     SESSION_KEY_MS,
     WRONG_CODES,
 )
@@ -180,20 +179,19 @@ def test_an_old_login_confirms_nothing(shared):
     assert refusal(terminal.poll) == "LOGIN_OVER"
 
 
-def test_too_many_that_wait_are_refused_and_others_of_a_person_end(shared):
-    for _ in range(DEVICES_OF_ONE):
+def test_too_many_that_wait_are_refused_and_others_of_a_person_end(shared, monkeypatch):
+    monkeypatch.setattr(devices, "DEVICES_OF_ONE", 2)
+    monkeypatch.setattr(devices, "KEYS_OF_ONE", 1)
+    for _ in range(2):
         Terminal(shared)
     assert refusal(lambda: Terminal(shared)) == "TOO_MANY_LOGINS"
     shared.clock.at_s += DEVICE_MS / 1_000
     browser = Browser(shared)
     browser.log_in(shared.people["bob"])
     terminals = []
-    for _ in range(KEYS_OF_ONE + 1):
+    for _ in range(2):
         shared.clock.at_s += 1
         terminals.append(confirmed(shared, browser=browser)[0])
-        if len(terminals) == DEVICES_OF_ONE:
-            shared.clock.at_s += DEVICE_MS / 1_000
-            browser.log_in(shared.people["bob"])
     assert refusal(terminals[0].operator().persons) == "CALLER_UNKNOWN"
     assert terminals[-1].operator().persons()
 
