@@ -5,6 +5,8 @@ from __future__ import annotations
 import base64
 import hashlib
 import time
+import tomllib
+from pathlib import Path
 
 import httpx2
 import pytest
@@ -12,8 +14,9 @@ from tests.ztpm_idp.login.browser import Browser
 from tests.ztpm_idp.login.openid import KEY, OP, OTHER_KEY, SECRET, Fake, settings
 from tests.ztpm_idp.login.test_session import code, rows
 from tests.ztpm_idp.world import ISSUER, World
+from ztpm_idp.domain.parties import PersonRole
 from ztpm_idp.login.oidc import ATTEMPT_S, SKEW_S, OpenIdProvider
-from ztpm_idp.login_settings import LoginProvider, check_login_providers, load_login_providers
+from ztpm_idp.login_settings import LoginProvider, LoginProviderSettings, check_login_providers, load_login_providers
 from ztpm_idp.routes.openid import ATTEMPT
 
 from ztpm_idp.client import ClientError
@@ -49,6 +52,12 @@ def test_who_has_the_login_is_logged_in_with_what_the_provider_said(shared, brow
     assert ATTEMPT not in browser.cookies
 
 
+def test_a_token_for_several_audiences_with_us_as_the_party_is_taken(shared, browser):
+    fake = Fake(shared)
+    fake.claims = {"aud": ["other", "ztpm"], "azp": "ztpm"}
+    assert fake.log_in(browser).status_code == 303
+
+
 def test_it_asks_with_pkce_state_nonce_and_an_age(shared, browser):
     fake = Fake(shared)
     fake.log_in(browser)
@@ -77,6 +86,7 @@ BROKEN = {
     "no nonce": ({"nonce": None}, {}),
     "another issuer": ({"iss": "https://evil.example"}, {}),
     "another audience": ({"aud": "other"}, {}),
+    "another audience, with us as the party": ({"aud": "other", "azp": "ztpm"}, {}),
     "another authorized party": ({"aud": ["ztpm", "other"], "azp": "other"}, {}),
     "over": ({"exp": 1_700_000_000}, {}),
     "from the future": ({"iat": 1_900_000_000}, {}),
@@ -303,6 +313,13 @@ REFUSED = {
 def test_an_insecure_setting_is_refused(changed):
     with pytest.raises(ValueError):
         settings(**changed)
+
+
+def test_the_pages_example_is_taken():
+    text = (Path(__file__).parents[3] / "docs" / "login.md").read_text("utf-8")
+    (stated,) = tomllib.loads(text.split("```toml\n", 1)[1].split("```", 1)[0])["login_providers"]
+    taken = LoginProviderSettings(**stated)
+    assert LoginProvider(taken).roles(["auditors", "others"]) == {PersonRole.AUDITOR}
 
 
 def test_two_providers_of_one_name_or_issuer_are_refused():
