@@ -24,10 +24,7 @@ if TYPE_CHECKING:
 
 HELP: Final = frozenset({"-h", "--help"})
 _DASHED_ID: Final = re.compile(r"-(?!-)[A-Za-z0-9_-]{21}(?:[A-Za-z0-9_-]{21})?")
-"""Id of a token (22 characters) or name of a key (43) that begins with a dash.
-
-One of 64 does.
-"""
+"""Id of a token, 22 characters, or name of a key, 43, that begins with a dash."""
 
 
 class CommandLine(TyperGroup):

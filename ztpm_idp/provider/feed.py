@@ -293,7 +293,7 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
 
 async def _registry(provider: Deployment, view: Transaction, *, audience: str, as_of_ms: int) -> str:
     counters = await view.counters()
-    tools = await view.tools(audience)
+    tools = await view.upkeep.tools_of(audience)
     parts = [*await view.active("sensor", audience=audience), *await view.active("pep")]
     parts = [part for part in parts if part.standing is Standing.ACTIVE]  # the others are suspended
     sensors = [s for s in parts if isinstance(s, RegisteredSensor)]

@@ -259,12 +259,6 @@ class Transaction:
         )
         return list(found.scalars())
 
-    async def tools(self, audience: str) -> list[sa.Row[Any]]:
-        """The tools of an audience that are not suspended, by name."""
-        c = t.tools.c
-        query = sa.select(t.tools).where(c.audience == audience, c.suspended_ms.is_(None)).order_by(c.name)
-        return list(await self._connection.execute(query))
-
     async def ledger_lines(self, *, after: int, through: int, most: int) -> list[bytes]:
         """Lines of the ledger with after < seq <= through, in order, at most `most`."""
         c = t.ledger.c
@@ -415,7 +409,7 @@ class Transaction:
         if isinstance(event, OAuthEvent):
             await self.oauth.write(event, at_ms=at_ms)
             return
-        if isinstance(event, UpkeepEvent):
+        if isinstance(event, ToolRegistered | UpkeepEvent):
             await self.upkeep.write(event, at_ms=at_ms)
             await self._registry_changed()
             return
@@ -434,20 +428,6 @@ class Transaction:
                 await self.people.write(event, at_ms=at_ms)
                 if isinstance(event, KeyAdded | RolesChanged):
                     await self._registry_changed()
-            case ToolRegistered(tool=tool):
-                await self._connection.execute(
-                    sa.delete(t.tools).where(t.tools.c.audience == tool.audience, t.tools.c.name == tool.name)
-                )  # fmt: skip
-                await self._connection.execute(
-                    sa.insert(t.tools).values(
-                        audience=tool.audience,
-                        name=tool.name,
-                        definition_digest=tool.definition_digest,
-                        operation=tool.operation,
-                        base_tier=int(tool.base_tier),
-                    )
-                )
-                await self._registry_changed()
             case TrustStated(agent=agent, permille=permille):
                 await self._connection.execute(
                     sa.update(t.agents).where(t.agents.c.id == agent).values(trust_permille=permille)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, assert_never
 import sqlalchemy as sa
 
 from capabilities.keys.keys import thumbprint
+from ztpm_idp.domain.events import ToolRegistered
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartKind, PartRestored, PartSuspended, ToolAct, ToolChanged
 from ztpm_idp.store import schema as t
@@ -39,13 +40,19 @@ class Upkeep:
         c = t.tools.c
         return list(await self._connection.execute(sa.select(t.tools).order_by(c.audience, c.name)))
 
+    async def tools_of(self, audience: str) -> list[sa.Row[Any]]:
+        """The tools of an audience that are not suspended, by name."""
+        c = t.tools.c
+        query = sa.select(t.tools).where(c.audience == audience, c.suspended_ms.is_(None)).order_by(c.name)
+        return list(await self._connection.execute(query))
+
     async def former_owners(self, keys: frozenset[bytes]) -> dict[bytes, str]:
         """Owners of those of these keys that were replaced."""
         c = t.former_keys.c
         found = await self._connection.execute(sa.select(c.key, c.party).where(c.key.in_(sorted(keys))))
         return {bytes(key): party for key, party in found}
 
-    async def write(self, event: UpkeepEvent, *, at_ms: int) -> None:
+    async def write(self, event: UpkeepEvent | ToolRegistered, *, at_ms: int) -> None:
         """Writes one event; the registry's version is the caller's to raise."""
         match event:
             case PartSuspended(kind=kind, id=id_) | PartRestored(kind=kind, id=id_):
@@ -64,6 +71,19 @@ class Upkeep:
                     p.id == id_, p.kind == "agent", p.standing == Standing.ACTIVE.value
                 )
                 await self._connection.execute(unattested.values(standing=Standing.REGISTERED.value))
+            case ToolRegistered(tool=tool):
+                await self._connection.execute(
+                    sa.delete(t.tools).where(t.tools.c.audience == tool.audience, t.tools.c.name == tool.name)
+                )  # fmt: skip
+                await self._connection.execute(
+                    sa.insert(t.tools).values(
+                        audience=tool.audience,
+                        name=tool.name,
+                        definition_digest=tool.definition_digest,
+                        operation=tool.operation,
+                        base_tier=int(tool.base_tier),
+                    )
+                )
             case ToolChanged(audience=audience, name=name, act=act):
                 c = t.tools.c
                 this = (c.audience == audience, c.name == name)
