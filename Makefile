@@ -68,6 +68,9 @@ horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,00
 login:  ## a person logs in at the certified oidc-provider in Chromium and confirms a command line; where the pictures lie last
 	$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py
 
+oauth-conformance:  ## `conformance authorization` of the MCP suite against a provider of its own; needs npm; the figure last
+	$(RUN) python -m tests.ztpm_idp.oauth.conformance
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

@@ -128,6 +128,12 @@ ROWS: Final = (
         "Mandates: authority for work that is longer than a token.",
     ),
     CommandRow(
+        "client",
+        PEOPLE,
+        "ztpm.cli.provider.client:app",
+        "OAuth clients: who they are, their scopes, what people lent them.",
+    ),
+    CommandRow(
         "person",
         PEOPLE,
         "ztpm.cli.provider.people:app",

@@ -30,6 +30,7 @@ from capabilities.values.units import INT_LIMIT
 from ztpm_idp.client import person_answers
 from ztpm_idp.client.auditing import AuditingCaller
 from ztpm_idp.client.caller import Caller, ClientError, Issued
+from ztpm_idp.client.oauth import OAuthCaller
 from ztpm_idp.client.registering import RegistryCaller
 from ztpm_idp.client.renewal import Renewal
 
@@ -213,7 +214,7 @@ class Agent(Caller):
         return attestation.sign(stated, self._key)
 
 
-class Operator(RegistryCaller, AuditingCaller):
+class Operator(RegistryCaller, AuditingCaller, OAuthCaller):
     """A person's side: registering, lending, ending, reading the ledger.
 
     Args:
