@@ -51,8 +51,8 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.login.entries import login_entry
 from ztpm_idp.domain.login.events import LoginEvent
-from ztpm_idp.domain.oauth import events as oauth
 from ztpm_idp.domain.oauth.entries import entry_of as oauth_entry
+from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, RegisteredPerson, RegisteredSensor, kind_of
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartRestored, PartSuspended, ToolAct, ToolChanged
 
@@ -73,6 +73,8 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
     """
     if isinstance(event, LoginEvent):
         return login_entry(event)
+    if isinstance(event, OAuthEvent):
+        return oauth_entry(event, _signed)
     match event:
         case PartyRegistered(party=party):
             return f"{kind_of(party)}-registered", _party(party)
@@ -237,18 +239,6 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return "store-resumed", {"unheard": list(unheard), "signed": _signed(signed)}
         case AgentVouched(agent=agent, reason=reason):
             return "agent-vouched", {"agent": agent, "reason": reason}
-        case (
-            oauth.ClientRegistered()
-            | oauth.TemplateDeclared()
-            | oauth.TemplateEnded()
-            | oauth.AssentGiven()
-            | oauth.CodeSpent()
-            | oauth.RefreshSpent()
-            | oauth.RefreshMade()
-            | oauth.AccessMade()
-            | oauth.FamilyEnded()
-        ):
-            return oauth_entry(event, _signed)
         case PartSuspended(kind=part, id=id_, reason=reason):
             return f"{part.value}-suspended", {"id": id_, "reason": reason}
         case PartRestored(kind=part, id=id_, reason=reason):

@@ -74,7 +74,7 @@ from ztpm_idp.store.enrolments import Enrolments
 from ztpm_idp.store.envelopes import Envelopes
 from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
 from ztpm_idp.store.lending import Lending, spend
-from ztpm_idp.store.oauth import OAuth
+from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.restoring import Restoring

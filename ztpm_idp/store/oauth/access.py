@@ -28,8 +28,8 @@ from ztpm_idp.domain.oauth.records import (
     RefreshRecord,
     TemplateRecord,
 )
-from ztpm_idp.store import oauth_tables as t
 from ztpm_idp.store.errors import OnceOnlyError
+from ztpm_idp.store.oauth import tables as t
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
