@@ -12,6 +12,7 @@ import threading
 from collections import OrderedDict
 from typing import TYPE_CHECKING, Final, Generic, TypeVar
 
+from capabilities.statements import revocation
 from capabilities.token import scope_check, static_verification
 from capabilities.token.scope_check import tightest
 from capabilities.token.static_verification import inspect_token
@@ -98,7 +99,7 @@ class Verifier:
             view: of revocations.
             lease_ms: oldest view that may be acted on.
         """
-        read = self._known(token, view)  # [TOK-1] to [TOK-6]
+        read = self._known(token, view.epoch)  # [TOK-1] to [TOK-6]
         if isinstance(read, Fault):
             return read
         return self._now(read, at=at, audience=audience, view=view, lease_ms=lease_ms)
@@ -149,14 +150,28 @@ class Verifier:
 
         Grants nothing; `verify` with the same view reads the token no second time.
         """
-        read = self._known(token, view)
+        read = self._known(token, view.epoch)
         return read if isinstance(read, Fault) else read.chain.scope.audiences
 
-    def _known(self, token: bytes, view: RevocationView) -> StaticVerification | Fault:
+    def names(self, token: bytes, *, epoch: int) -> frozenset[tuple[str, str]] | Fault:
+        """Every (kind, id) whose revocation concerns a token that passes steps 1 to 6: audiences and all that kills it.
+
+        Grants nothing; `verify` with a view of this epoch reads the token no second time.
+
+        Args:
+            token: canonical bytes.
+            epoch: at which it will be verified, as far as that is known.
+        """
+        read = self._known(token, epoch)
+        if isinstance(read, Fault):
+            return read
+        return read.names | {(revocation.Revoked.AUDIENCE.value, url) for url in read.chain.scope.audiences}
+
+    def _known(self, token: bytes, epoch: int) -> StaticVerification | Fault:
         """Result of steps 1 to 6 for a token, remembered when they pass."""
         digest = hashlib.sha256(token).digest()
         trust = self._trust
-        key = digest, view.epoch, trust.version
+        key = digest, epoch, trust.version
         read = self._read.get(key)
         if read is None:
             found = static_verification.read(token, trust, self._caps, digest=digest)

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 
 import pytest
+from capabilities.token.token_text import token_from_text
 from capabilities.values.caps import DEFAULT
+from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Restriction, Tier
-from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World
+from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_keys
 
 from capabilities.keys import keys
 from capabilities.statements import registry, revocation
 from ztpm_idp.client import ClientError
 from ztpm_idp.provider import feed
 from ztpm_idp.store import StoreUnavailableError
+from ztpm_idp.store.revocations import Revocations
 
 pytestmark = pytest.mark.long
 
@@ -451,3 +455,63 @@ def test_a_mandates_end_is_that_of_mandates():
     assert {kind: revocation.ended_after_s(kind, DEFAULT) for kind in revocation.Revoked} == {
         "token": 86_410, "hop": 86_410, "mandate": 691_210, "agent": None, "key": None, "sponsor": None, "audience": None,
     }  # fmt: skip
+
+
+def lending(world):
+    """A token of planner's, and a delegation of it to mover that is ready to be asked for."""
+    planner, mover = world.agent("planner", role="planner"), world.agent("mover")
+    lent = world.people["alice"].issue(planner, world.scope(), purpose="x")
+
+    def delegate():
+        return planner.delegate(lent.token, mover, SLOWER, purpose="x")
+
+    return lent, delegate
+
+
+@pytest.mark.parametrize("kind", ["token", "hop", "agent", "key", "sponsor", "audience", "suspended"])
+def test_a_token_that_was_verified_before_is_dead_at_once(world, kind):
+    lent, delegate = lending(world)
+    delegate()  # it is remembered from here on
+    dan, key = world.people["dan"], keys.public_raw(world.private["planner"])
+    if kind == "suspended":
+        dan.suspend_agent("planner", "x")
+    elif kind == "sponsor":
+        world.end("alice")
+    else:
+        dead = {"token": lent.token_id, "hop": lent.hop_id, "agent": "planner", "key": keys.thumbprint(key)}
+        dan.revoke(kind, dead.get(kind, AUDIENCE), reason="x")
+    with pytest.raises(ClientError) as refused:
+        delegate()
+    # With a person end its agents, so that the caller itself is refused.
+    by_caller = dict.fromkeys(("agent", "key", "sponsor"), "CALLER_INACTIVE") | {"suspended": "AGENT_SUSPENDED"}
+    assert refused.value.code == by_caller.get(kind, "REVOKED")
+
+
+def test_a_token_is_judged_by_its_own_names_alone(world):
+    _, delegate = lending(world)
+    for number in range(5):
+        world.people["dan"].revoke("hop", f"{number:032x}", reason="x")
+    asked = []
+    among = Revocations.among
+
+    async def seen(self, names):
+        asked.append((names, found := await among(self, names)))
+        return found
+
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(Revocations, "among", seen)
+        patched.setattr(Revocations, "every", None)  # not asked for
+        delegate()
+    ((names, found),) = asked
+    assert found == frozenset()
+    assert {kind for kind, _ in names} == {"sponsor", "token", "hop", "agent", "key", "audience"}
+
+
+def test_rules_with_another_bundle_remember_nothing(world):
+    rules = world.provider.rules
+    lent, _ = lending(world)
+    token = token_from_text(lent.token, DEFAULT)
+    assert not isinstance(rules.verifier.names(token, epoch=0), Fault)
+    other = replace(rules, trust=new_keys().trust(issuer=ISSUER, root_key_id=1))
+    assert isinstance(other.verifier.names(token, epoch=0), Fault)
+    assert rules.verifier.names(token[:-1] + bytes([token[-1] ^ 1]), epoch=0).code is FaultCode.SIGNATURE_INVALID

@@ -201,6 +201,8 @@ class Delegate:
 
     `token` is the holder's, `by` and `key` are who proved possession of which key. `agents` are the holders that the
     token names, as it was read beforehand: their conduct is loaded; only verified facts about them are believed here.
+    `names` is every (kind, id) whose revocation concerns the token: read from its very bytes, they are the same under
+    every bundle. None: the token could not be read, and all revocations are asked.
     """
 
     by: str
@@ -216,6 +218,7 @@ class Delegate:
     agents: frozenset[str] = frozenset()
     resource: str | None = None
     """The one audience of an access token that the delegate gets, or None: it gets the capability itself."""
+    names: frozenset[tuple[str, str]] | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -158,7 +158,8 @@ def _read(wanted: Wanted) -> frozenset[Lock]:
     read |= set() if asks == (None,) * len(asks) else {ASKS}
     # Hops are made once and never change: only their revocation does.
     indexed = (wanted.mandate, wanted.mandates_of, wanted.mandates_by, wanted.revocation)
-    read |= {REVOCATIONS} if wanted.revocations or wanted.conduct_of or indexed != (None,) * len(indexed) else set()
+    judged = wanted.revocations or wanted.revocations_of or wanted.conduct_of
+    read |= {REVOCATIONS} if judged or indexed != (None,) * len(indexed) else set()
     return frozenset(read)
 
 

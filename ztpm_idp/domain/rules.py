@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+from capabilities.token.verify import Verifier
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -12,6 +14,9 @@ if TYPE_CHECKING:
     from capabilities.statements.workload import AnyPlatform
     from capabilities.values.caps import Caps
     from policies.decision.policy import PolicySet
+
+REMEMBERED: Final = 256
+"""Tokens that are remembered: those of the requests under way, and of holders that delegate again and again."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +37,7 @@ class Rules:
         asks_a_minute, asks_an_hour: asks that are shown for each active approver.
         policies: the set that decides on delegations, and whose parameters trust and behaviour use.
         root_key: raw public key that signs tokens now, and that recovers an administrator; empty: there is no recovery.
+        verifier: of tokens under `trust`; it remembers what asks nothing of the moment ([TOK-1] to [TOK-6]).
     """
 
     issuer: str
@@ -48,6 +54,11 @@ class Rules:
     platforms: tuple[AnyPlatform, ...] = ()
     publishers: Mapping[str, frozenset[bytes]] = field(default_factory=dict)
     root_key: bytes = b""
+    verifier: Verifier = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        # A memory, and no state: another bundle or other bounds are other rules, and so have a verifier of their own.
+        object.__setattr__(self, "verifier", Verifier(self.trust, self.caps, remembered=REMEMBERED))
 
     def platform_of(self, workload: str) -> AnyPlatform | None:
         """The platform that a workload id belongs to, when it is trusted now."""

@@ -187,6 +187,8 @@ class Wanted:
     crowd: Crowd | None = None
     agents_of: str | None = None
     """A person: those of its agents that are not in the revocation index."""
+    revocations_of: frozenset[tuple[str, str]] = frozenset()
+    """Every (kind, id) of a token: those of them that are revoked or suspended are wanted."""
     revocations: bool = False
     """Every revocation, with its epoch, and every suspension: for judging a token."""
     ask: str | None = None
@@ -260,7 +262,7 @@ class State:
         agents_of: ids of the wanted person's agents that are not in the revocation index, in order.
         empty: no party is registered at all, where that was wanted.
         revoked: every (kind, id) that is revoked, and every agent that is suspended, when the command judges a
-            token.
+            token; of those alone that the token names, where they are known.
         epoch: of that set.
         asked: the wanted ask.
         standing: asks that may be open, and those of the wanted audience that may be granted.

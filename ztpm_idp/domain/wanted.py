@@ -109,10 +109,15 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), nonces_of=by)
         case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
-        case Delegate(by=by, delegate=delegate, agents=agents):
+        case Delegate(by=by, delegate=delegate, agents=agents, names=names):
             holders = agents | {by}
             return Wanted(
-                parties=holders | {delegate}, nonces_of=delegate, revocations=True, conduct_of=holders, refusals_of=by
+                parties=holders | {delegate},
+                nonces_of=delegate,
+                revocations=names is None,
+                revocations_of=names or frozenset(),
+                conduct_of=holders,
+                refusals_of=by,
             )
         case Revoke():
             return _wanted_by_revocation(command)

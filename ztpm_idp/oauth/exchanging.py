@@ -17,7 +17,7 @@ from capabilities.values.errors import CapabilityError, Fault
 from capabilities.values.scope_json import restriction_from_json
 from capabilities.values.strict_json import canonical
 from ztpm_idp.domain.commands import Delegate
-from ztpm_idp.domain.events import TokenDelegated
+from ztpm_idp.domain.events import RevocationKind, TokenDelegated
 from ztpm_idp.domain.oauth.events import AccessMade
 from ztpm_idp.oauth.access_token import jti_of
 from ztpm_idp.oauth.form import needed
@@ -60,7 +60,7 @@ async def exchange(
     holder: str,
     key: bytes,
     signed: SignedRequest,
-    named: Callable[[bytes, Provider], frozenset[str]],
+    named: Callable[[bytes, Provider], frozenset[tuple[str, str]] | None],
     digest: Callable[[wire.Body], bytes],
 ) -> dict[str, object]:
     """The answer to an exchange: an access token bound to the delegate's key, or the capability itself.
@@ -72,7 +72,7 @@ async def exchange(
         holder: id of the party that proved the request.
         key: raw public key that it proved it with.
         signed: the request without body.
-        named: reader of the holders that a token names, unverified.
+        named: reader of every (kind, id) whose revocation concerns a token, unverified.
         digest: of a request, as evidence names it.
 
     Raises:
@@ -89,6 +89,7 @@ async def exchange(
         restriction = restriction_from_json(detail.restriction)
     except CapabilityError as error:
         raise OAuthProblem(OAuthError.INVALID_REQUEST, f"{error.code}: {error.detail}") from None
+    names = named(token, provider)
     command = Delegate(
         by=holder,
         key=key,
@@ -100,7 +101,8 @@ async def exchange(
         evidence=needed(form, "actor_token"),
         hop_id=secrets.token_hex(16),
         signed=replace(signed, body=canonical(without_secrets(form)).decode()),
-        agents=named(token, provider),
+        agents=frozenset(id_ for kind, id_ in names or () if kind == RevocationKind.AGENT),
+        names=names,
         resource=None if wanted == CAPABILITY_TYPE else resource_of(form),
     )
     try:

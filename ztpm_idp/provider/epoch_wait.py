@@ -45,6 +45,11 @@ class EpochWait:
         self._waiting = 0
         self._closed = False
 
+    @property
+    def highest(self) -> int:
+        """The highest epoch that it was told of; the store's own may be higher."""
+        return self._highest
+
     def told(self, epoch: int) -> None:
         """The store's epoch is at least this: committed, not merely tried."""
         if epoch > self._highest:

@@ -150,10 +150,9 @@ def authenticated_within(body_bytes: int) -> Callable[[Request], Awaitable[Call]
 def commanding_within(body_bytes: int, *, session_keys: bool = False) -> Callable[[Request], AsyncIterator[Call]]:
     """Dependency of a route that is one command: its proof is used up in the command's own commit.
 
-    With `session_keys` such keys may call, too; the route hands `Call.session_key` on to `Provider.run`.
-
-    The proof is used up before the answer leaves, also where the command is refused; so it must end with the route
-    (`Depends(..., scope="function")`).
+    With `session_keys` such keys may call, too; the route hands `Call.session_key` on to `Provider.run`. Where the
+    command did not come to that, the proof is used up all the same before the answer leaves: so this must end with the
+    route (`Depends(..., scope="function")`).
     """
 
     async def within(request: Request) -> AsyncIterator[Call]:

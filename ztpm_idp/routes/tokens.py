@@ -11,12 +11,11 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import PlainTextResponse
 
 from capabilities.keys.keys import b64u
-from capabilities.token.static_verification import inspect_token
-from capabilities.values.errors import CapabilityError, FaultCode
+from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.scope_json import restriction_from_json, scope_from_json
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.events import RevocationKind, TokenDelegated, TokenIssued
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.feed import BASE_EPOCHS, revocation_index
 from ztpm_idp.provider.problems import Problem
@@ -77,6 +76,7 @@ async def delegate(request: Request, call: Lender) -> dict[str, Any]:
         restriction = restriction_from_json(body.request.restriction)
     except CapabilityError as error:
         raise Problem(error.code, error.detail) from None
+    names = named(call.token, provider)
     command = commands.Delegate(
         by=call.party.id,
         key=call.key,
@@ -88,21 +88,19 @@ async def delegate(request: Request, call: Lender) -> dict[str, Any]:
         evidence=body.evidence,
         hop_id=secrets.token_hex(16),
         signed=call.signed,
-        agents=named(call.token, provider),
+        agents=frozenset(id_ for kind, id_ in names or () if kind == RevocationKind.AGENT),
+        names=names,
     )
     return made(await provider.run(command, actor=call.party.id, once=call.once))
 
 
-def named(token: bytes, provider: Provider) -> frozenset[str]:
-    """Holders that a token names, as far as it can be read.
+def named(token: bytes, provider: Provider) -> frozenset[tuple[str, str]] | None:
+    """Every (kind, id) whose revocation concerns a token, or None where it cannot be read.
 
     The token is verified later, where that counts.
     """
-    try:
-        hops = inspect_token(token, provider.rules.trust, provider.rules.caps)["hops"]
-    except CapabilityError:
-        return frozenset()
-    return frozenset(str(hop["agent"]) for hop in hops) if isinstance(hops, list) else frozenset()
+    found = provider.rules.verifier.names(token, epoch=provider.epochs.highest)
+    return None if isinstance(found, Fault) else found
 
 
 @router.post("/revocations", openapi_extra=body_of(wire.RevocationBody))

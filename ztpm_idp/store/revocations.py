@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import TYPE_CHECKING, TypeVar
 
 import sqlalchemy as sa
@@ -68,6 +69,18 @@ class Revocations:
         c = t.revocations.c
         found: int | None = await self._connection.scalar(sa.select(c.epoch).where(c.kind == what[0], c.id == what[1]))
         return found
+
+    async def among(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+        """Those of these (kind, id) that are revoked."""
+        c, by_kind, found = t.revocations.c, defaultdict[str, list[str]](list), set[tuple[str, str]]()
+        for batch in batches(sorted(names)):
+            by_kind.clear()
+            for kind, id_ in batch:
+                by_kind[kind].append(id_)
+            # Kind by kind, as the index of the table is.
+            these = sa.or_(*(sa.and_(c.kind == kind, c.id.in_(ids)) for kind, ids in by_kind.items()))
+            found |= {(kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id).where(these))}
+        return frozenset(found)
 
     async def every(self) -> frozenset[tuple[str, str]]:
         """Every (kind, id) that is revoked."""

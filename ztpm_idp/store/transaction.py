@@ -160,7 +160,7 @@ class Transaction:
             crowd_of_all=crowd_of_all,
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=wanted.empty and await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
-            revoked=await self.dead() if wanted.revocations else frozenset(),
+            revoked=await (self.dead() if wanted.revocations else self._dead_of(wanted.revocations_of)),
             epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
@@ -271,6 +271,19 @@ class Transaction:
         """Every (kind, id) by which a token is dead now: what is revoked, and agents that are suspended."""
         suspended = {(RevocationKind.AGENT.value, agent) for agent in await self.suspended()}
         return await self.revocations.every() | suspended
+
+    async def _dead_of(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+        """Those of these (kind, id) by which a token is dead now."""
+        if not names:
+            return frozenset()
+        agents = {id_ for kind, id_ in names if kind == RevocationKind.AGENT.value}
+        a, p = t.agents.c, t.parties.c
+        suspended = await self._connection.scalars(
+            sa.select(a.id)
+            .join_from(t.agents, t.parties, p.id == a.id)
+            .where(a.id.in_(sorted(agents)), a.suspended_ms.is_not(None), p.standing != Standing.REVOKED.value)
+        )
+        return await self.revocations.among(names) | {(RevocationKind.AGENT.value, agent) for agent in suspended}
 
     async def _scalar(self, query: sa.Select[Any]) -> Any:
         return (await self._connection.execute(query)).scalar_one_or_none()

@@ -71,8 +71,8 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
         "oauth",
     }
     locked = {
-        "parties", "nonces_of", "crowd", "revocation", "revocations", "ask", "asks_of", "opening", "openings_of",
-        "conduct_of", "refusals_of", "mandate", "mandates_of", "mandates_by",
+        "parties", "nonces_of", "crowd", "revocation", "revocations", "revocations_of", "revocations_of", "ask", "asks_of", "opening",
+        "openings_of", "conduct_of", "refusals_of", "mandate", "mandates_of", "mandates_by",
     }  # fmt: skip
     registry, unique = {"thumbprint", "thumbprints", "tool", "agents_of", "people"}, {"keys"}
     journal, unchanging = {"journal", "journal_seqs", "concerned"}, {"hop", "token"}

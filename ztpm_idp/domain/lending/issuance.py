@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 from capabilities.statements.revocation import RevocationView
 from capabilities.token import block, hop_rules
 from capabilities.token.delegate import next_leaf
-from capabilities.token.verify import Verifier
 from capabilities.values.chain import Attestation, Chain, HopGrant, Sponsor
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from capabilities.values.explanation import explain
@@ -170,7 +169,7 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
 
 def _verified(rules: Rules, state: State, command: Delegate, at_ms: int) -> tuple[Chain, str] | Refusal:
     """The holder's chain, and an audience that it is good for."""
-    verifier, audience = Verifier(rules.trust, rules.caps), ""
+    verifier, audience = rules.verifier, ""
     view = RevocationView(epoch=state.epoch, age_ms=0, revoked=state.revoked)
     found: Chain | Fault
     match verifier.audiences(command.token, view=view):
