@@ -71,6 +71,12 @@ login:  ## a person logs in at the certified oidc-provider in Chromium and confi
 oauth-conformance:  ## `conformance authorization` of the MCP suite against a provider of its own; needs npm; the figure last
 	$(RUN) python -m tests.ztpm_idp.oauth.conformance
 
+postgres:  ## the identity provider's tests over PostgreSQL: a real server, which a wheel brings
+	@$(RUN) pytest -q -n 2 --dist loadgroup --postgres tests/ztpm_idp; echo "postgres: $$SECONDS s"
+
+store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,000 rounds of 64 uses at once, on both databases; the figures last
+	$(RUN) python -m tests.ztpm_idp.store.campaign
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

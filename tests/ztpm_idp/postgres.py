@@ -72,27 +72,27 @@ def new_database(template: str | None = None) -> str:
     return url_of(name)
 
 
-def _name(url: str) -> str:
+def name_of(url: str) -> str:
     return url.partition("?")[0].rpartition("/")[2]
 
 
 def drop(url: str) -> None:
     """The database is gone, with every connection to it."""
-    asyncio.run(execute(f"DROP DATABASE IF EXISTS {_name(url)} WITH (FORCE)"))
+    asyncio.run(execute(f"DROP DATABASE IF EXISTS {name_of(url)} WITH (FORCE)"))
 
 
 def lose(url: str, *, damaged: bool) -> None:
     """The database is empty, or its ledger is."""
     if damaged:
-        asyncio.run(execute("TRUNCATE ledger", _name(url)))
+        asyncio.run(execute("TRUNCATE ledger", name_of(url)))
         return
     drop(url)
-    asyncio.run(execute(f"CREATE DATABASE {_name(url)}"))
+    asyncio.run(execute(f"CREATE DATABASE {name_of(url)}"))
 
 
 def is_lost(url: str) -> bool:
     async def go():
-        connection = await asyncpg.connect(user="postgres", host=str(server().pgdata), database=_name(url))
+        connection = await asyncpg.connect(user="postgres", host=str(server().pgdata), database=name_of(url))
         try:
             if await connection.fetchval("SELECT to_regclass('ledger') IS NULL"):
                 return True
@@ -101,3 +101,16 @@ def is_lost(url: str) -> bool:
             await connection.close()
 
     return asyncio.run(go())
+
+
+async def alone(name: str, waits: int) -> None:
+    """No connection of a provider to this database is left: the server has seen that its process is gone."""
+    connection = await asyncpg.connect(user="postgres", host=str(server().pgdata))
+    try:
+        for _ in range(waits):
+            others = "SELECT count(*) FROM pg_stat_activity WHERE datname = $1 AND pid <> pg_backend_pid()"
+            if not await connection.fetchval(others, name):
+                return
+    finally:
+        await connection.close()
+    raise AssertionError(name)

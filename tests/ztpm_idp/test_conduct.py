@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import secrets
-import sqlite3
-from contextlib import closing
 
 import pytest
 from capabilities.values.caps import DEFAULT
@@ -60,9 +58,7 @@ def listed(world, agent):
 
 
 def stored(world, table):
-    with closing(sqlite3.connect(world.folder / "idp.sqlite")) as base:
-        base.row_factory = sqlite3.Row
-        return [dict(row) for row in base.execute(f"SELECT * FROM {table}")]  # noqa: S608
+    return world.rows(table)
 
 
 def held(world, agent):
@@ -170,15 +166,13 @@ def test_a_state_that_cannot_be_read_is_not_forgiven(lent):
     lent.journal.refused(lent.second)
     lent.journal.ship()
     before = stored(lent, "ledger")
-    with closing(sqlite3.connect(lent.folder / "idp.sqlite")) as base, base:
-        base.execute("UPDATE conduct SET behaviour = '{}' WHERE agent = 'mover'")
+    lent.sql("UPDATE conduct SET behaviour = '{}' WHERE agent = 'mover'")
     lent.journal.refused(lent.second)
     with pytest.raises(ClientError) as caught:
         lent.journal.ship()
     assert (caught.value.code, caught.value.status) == ("STORE_UNAVAILABLE", 503)
     assert stored(lent, "ledger") == before
-    with closing(sqlite3.connect(lent.folder / "idp.sqlite")) as base, base:
-        base.execute("DELETE FROM conduct WHERE agent = 'mover'")
+    lent.sql("DELETE FROM conduct WHERE agent = 'mover'")
     lent.journal.ship()
 
 

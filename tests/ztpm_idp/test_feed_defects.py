@@ -126,7 +126,7 @@ START_VERSION = 2
 
 def test_a_feed_that_was_bricked_is_read_again(tmp_path):
     """A database in which an earlier release acknowledged an audience that nobody can read."""
-    with World(tmp_path) as world:
+    with World(tmp_path, database="sqlite") as world:
         dan = world.people["dan"]
         dan.revoke("audience", AUDIENCE, "r")
         dan.revoke("hop", "a" * 32, "r")

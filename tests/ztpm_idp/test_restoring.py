@@ -49,7 +49,7 @@ def test_a_head_is_the_digest_that_the_specification_says():
 
 
 def test_revocations_of_an_earlier_release_are_chained(tmp_path):
-    with World(tmp_path) as world:
+    with World(tmp_path, database="sqlite") as world:
         for number in range(3):
             world.agent(f"agent-{number}", attested=False)
             world.people["alice"].revoke("agent", f"agent-{number}", "r")

@@ -74,6 +74,17 @@ def test_safe_settings_are_taken(changes):
         ("database_url", {"database_url": "sqlite+aiosqlite:///file:x?mode=memory&uri=true"}),
         ("database_url", {"database_url": "sqlite+aiosqlite:///x?isolation_level=IMMEDIATE"}),
         ("database_url", {"database_url": "sqlite:///x"}),
+        ("database_url", {"database_url": "postgresql://idp@db.example/ztpm"}),
+        ("database_url", {"database_url": "postgresql+psycopg://idp@db.example/ztpm"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp:canary@db.example/ztpm"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://db.example/ztpm"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@db.example"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@/ztpm"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@db.example/ztpm?ssl=disable"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@db.example/ztpm?sslmode=prefer"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@/ztpm?host=db.example"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@db.example/ztpm?host=/run/postgresql"}),
+        ("database_url", {"database_url": "postgresql+asyncpg://idp@/ztpm?host=/a&host=/b"}),
         ("database_url", {"database_url": "mysql://x/y"}),
         ("database_url", {"database_url": "postgresql+asyncpg://idp@/idp"}),
         ("database_url", {"database_url": "nonsense"}),
@@ -230,3 +241,15 @@ def test_the_policies_that_delegations_are_decided_by(tmp_path):
         assert caught.value.setting == "policy"
     with pytest.raises(SettingsError):
         named("")
+
+
+@pytest.mark.parametrize(
+    "url",
+    [
+        "postgresql+asyncpg://idp@db.example/ztpm",
+        "postgresql+asyncpg://idp@127.0.0.1:5433/ztpm",
+        "postgresql+asyncpg://idp@/ztpm?host=/run/postgresql",
+    ],
+)
+def test_a_server_that_keeps_the_state(url):
+    assert check_settings(GOOD | {"database_url": url}).database_url == url

@@ -230,6 +230,16 @@ class World:
 
         return self.on_loop(go())
 
+    def rows(self, table: str) -> list[dict]:
+        """Rows of a table, each by column."""
+
+        async def go():
+            async with self.provider.store._engine.connect() as connection:
+                found = await connection.execute(sa.text(f"SELECT * FROM {table}"))
+                return [dict(row) for row in found.mappings()]
+
+        return self.on_loop(go())
+
     def start(self):
         self.app = create_app(
             self.settings,

@@ -32,9 +32,9 @@ heartbeats come on top.
 """
 CONNECTIONS: Final = 16
 """Connections of one process: `WRITERS`, those who only read, revocations and heartbeats."""
-CONNECTION_WAIT_S: Final = 5.0
-"""Seconds for which a request waits for a connection, as `BUSY_TIMEOUT_MS` of SQLite."""
-CONNECT_S: Final = 5.0
+CONNECTION_WAIT_S: Final = 10.0
+"""Seconds for which a request waits for a connection."""
+CONNECT_S: Final = 10.0
 """Seconds after which a server that does not answer is a storage fault."""
 LOCK_TIMEOUT_MS: Final = 10_000
 """Milliseconds for which the server lets a statement wait for another transaction: longer than a frozen one lasts."""
@@ -106,9 +106,14 @@ async def check_durable(connection: AsyncConnection) -> None:
 
 async def wait_for_turn(connection: AsyncConnection, lock: int) -> None:
     """This transaction is the only one that holds this advisory lock, however long another one takes."""
-    await connection.execute(sa.text("SET LOCAL lock_timeout = 0"))
-    await connection.execute(sa.text("SET LOCAL statement_timeout = 0"))
+    await without_limits(connection)
     await connection.execute(sa.select(sa.func.pg_advisory_xact_lock(lock)))
+
+
+async def without_limits(connection: AsyncConnection) -> None:
+    """Statements of this transaction, and this process between two of them, may take as long as they do."""
+    for name in ("lock_timeout", "statement_timeout", "idle_in_transaction_session_timeout"):
+        await connection.execute(sa.text(f"SET LOCAL {name} = 0"))
 
 
 async def take(connection: AsyncConnection, locks: Locks) -> None:

@@ -118,7 +118,7 @@ class PostgresPlace:
         try:
             options = {"isolation_level": "REPEATABLE READ", "postgresql_readonly": True}
             async with self._connected(**options) as connection:
-                await _without_limits(connection)
+                await postgres.without_limits(connection)
                 await self._check_newest(connection)
                 with engine.begin() as copy:
                     t.metadata.create_all(copy)
@@ -145,7 +145,7 @@ class PostgresPlace:
         engine = sa.create_engine(f"sqlite:///{staged}")
         try:
             async with self._connected() as connection, connection.begin():
-                await _without_limits(connection)
+                await postgres.without_limits(connection)
                 await postgres.take(connection, EVERYTHING)
                 names = ", ".join(f'"{table.name}"' for table in t.metadata.sorted_tables)
                 await connection.execute(sa.text(f"TRUNCATE {names}"))
@@ -161,11 +161,6 @@ class PostgresPlace:
 def _order(table: sa.Table) -> list[sa.Column[Any]]:
     """Columns by which a hop comes after the one above it, and every copy of one store is the same."""
     return [*([t.hops.c.position] if table is t.hops else []), *table.primary_key.columns]
-
-
-async def _without_limits(connection: AsyncConnection) -> None:
-    for name in ("lock_timeout", "statement_timeout", "idle_in_transaction_session_timeout"):
-        await connection.execute(sa.text(f"SET LOCAL {name} = 0"))
 
 
 def _lines(runner: asyncio.Runner, connection: AsyncConnection) -> Iterator[bytes]:

@@ -71,7 +71,7 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
         "oauth",
     }
     locked = {
-        "parties", "nonces_of", "crowd", "revocation", "revocations", "revocations_of", "revocations_of", "ask", "asks_of", "opening",
+        "parties", "nonces_of", "crowd", "revocation", "revocations", "revocations_of", "ask", "asks_of", "opening",
         "openings_of", "conduct_of", "refusals_of", "mandate", "mandates_of", "mandates_by",
     }  # fmt: skip
     registry, unique = {"thumbprint", "thumbprints", "tool", "agents_of", "people"}, {"keys"}

@@ -17,6 +17,7 @@ from tests.hostile_bodies import HOSTILE_BODIES
 from msgspec import structs
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
+from ztpm_idp.store.schema import metadata
 
 from capabilities.keys import keys
 from capabilities.statements import mark
@@ -149,20 +150,8 @@ def checked(response, *, status=None):
 
 def tables(world):
     """Every row of every table but the proofs used up, the beats and nonces."""
-    import sqlite3
-
-    with sqlite3.connect(world.folder / "idp.sqlite") as base:
-        names = [row[0] for row in base.execute("SELECT name FROM sqlite_master WHERE type = 'table'")]
-        rows = {
-            n: base.execute(f"SELECT * FROM {n} ORDER BY 1, 2").fetchall()
-            for n in names
-            if n not in {"proofs", "nonces", "alembic_version"}
-        }
-        base_columns = [row[1] for row in base.execute("PRAGMA table_info(counters)")]
-        rows["counters"] = [
-            [v for c, v in zip(base_columns, row, strict=True) if c != "beats"] for row in rows["counters"]
-        ]
-    return rows
+    names = [table.name for table in metadata.sorted_tables if table.name not in {"proofs", "nonces", "heartbeat"}]
+    return {name: sorted(map(repr, world.rows(name))) for name in names}
 
 
 def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world):
@@ -432,12 +421,9 @@ def test_a_proof_is_used_up_whatever_the_outcome(world):
 
 
 def test_a_stranger_changes_nothing(world):
-    import sqlite3
-
     with world.anonymous() as http:
         checked(http.get(ISSUER + "/agents", headers={"DPoP": proof(world, key=keys.generate())}), status=401)
-    with sqlite3.connect(world.folder / "idp.sqlite") as base:
-        assert base.execute("SELECT count(*) FROM proofs").fetchone() == (0,)
+    assert world.rows("proofs") == []
 
 
 def test_one_key_has_one_owner_and_one_role(world):
