@@ -157,9 +157,9 @@ def test_every_kind_is_revoked(run, who, double, kind):
 @pytest.mark.parametrize("id_", ["-" + "a" * 42, "-" + "h" * 21, "-_" + "B" * 20])
 def test_an_id_that_begins_with_a_dash_is_no_option(run, who, double, id_):
     double.answers = {"revocation": Revocation(3, known=True)}
-    assert run("revoke", "key", id_, "--reason", "why", *who, "--json").json["id"] == id_
-    assert run("revoke", "key", "--reason", id_, *who, "--json", "--", id_).json["id"] == id_
-    assert run("revoke", "key", "some-id", "--reason", id_, *who).status == 0
+    assert run("revoke", "key", id_, "--reason", "why", "--wait", 0, *who, "--json").json["id"] == id_
+    assert run("revoke", "key", "--reason", id_, "--wait", 0, *who, "--json", "--", id_).json["id"] == id_
+    assert run("revoke", "key", "some-id", "--reason", id_, "--wait", 0, *who).status == 0
     assert [given for _, given, _ in double.asked] == [("key", id_, "why"), ("key", id_, id_), ("key", "some-id", id_)]
 
 
