@@ -18,6 +18,7 @@ from ztpm_idp.domain.parties import RegisteredPerson
 from ztpm_idp.login import session
 from ztpm_idp.login.forms import browser_of, form_of
 from ztpm_idp.login.pages import PageProblem, page
+from ztpm_idp.login.passkey import PASSKEY, PASSKEY_S, PASSKEY_SCRIPT, ask_passkey, logged_in
 from ztpm_idp.login.session import NO_STORE
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.problems import Problem
@@ -55,8 +56,11 @@ async def show_login(request: Request) -> Response:
     if found is not None and (fresh_s is None or found.fresh(fresh_s, at_ms=at_ms)):
         return RedirectResponse(back_to, status_code=303, headers=NO_STORE)
     browser = browser_of(request)
+    asked = await ask_passkey(request)
     shown = page(
         "login.html",
+        script=None if asked is None else PASSKEY_SCRIPT,
+        passkey=asked,
         issuer=provider.settings.issuer,
         host=host_of(request),
         prefix=prefix,
@@ -69,6 +73,8 @@ async def show_login(request: Request) -> Response:
         fresh_s="" if fresh_s is None else fresh_s,
     )
     browser.keep(shown)
+    if asked is not None:
+        session.set_cookie(shown, PASSKEY, asked.sealed, last_s=PASSKEY_S)
     session.remember_back(shown, back_to)
     return shown
 
@@ -109,6 +115,21 @@ async def use_link(request: Request, secret: str) -> Response:
     except Problem as problem:
         raise PageProblem(problem.code, problem.detail) from None
     session.set_cookie(response, session.BACK, "", last_s=0)
+    return response
+
+
+@router.post("/login/passkey", response_class=RedirectResponse, include_in_schema=False)
+async def use_passkey(request: Request) -> Response:
+    """A session of the person begins whose passkey asserted the challenge of this browser's login page."""
+    form = await form_of(request, "credential", "authenticator", "client", "signature")
+    person, how = await logged_in(request, form)
+    response = RedirectResponse(session.back_of(request), status_code=303, headers=NO_STORE)
+    try:
+        await session.begin(request, response, person=person, how=how)
+    except Problem as problem:
+        raise PageProblem(problem.code, problem.detail) from None
+    for spent in (session.BACK, PASSKEY):
+        session.set_cookie(response, spent, "", last_s=0)
     return response
 
 
