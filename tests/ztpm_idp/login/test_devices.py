@@ -233,7 +233,7 @@ def test_a_key_of_a_mighty_person_votes_administers_and_vouches_for_nothing(worl
     terminal, found = confirmed(world, "alice")
     assert found.roles == ("sponsor",)
     weak = terminal.operator("alice")
-    world.agent("mover", sponsor="alice")
+    world.agent("mover", sponsor="alice", vouched=True)
     raw = keys.public_raw(keys.generate())
     ask_id = "a" * 32
     for act in (
@@ -256,6 +256,8 @@ def test_a_key_of_a_mighty_person_votes_administers_and_vouches_for_nothing(worl
     # Her administrator's role is not in the key: of another's agents it takes back nothing.
     assert refusal(lambda: weak.revoke("agent", "bobs", "r")) == "NOT_PERMITTED"
     assert refusal(weak.export_ledger) == "NOT_PERMITTED"
+    # The agent's evidence carries tier 4, and her own key lends it.
+    assert lent(world, world.people["alice"], ceiling=Tier(4))["subject"] == "alice"
     assert refusal(lambda: lent(world, weak, ceiling=Tier(4))) == "ABOVE_CEILING"
     assert weak.revoke("agent", "mover", "r")
 

@@ -67,7 +67,7 @@ def installed() -> Path:
 def issuer():
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        return f"http://127.0.0.1:{free.getsockname()[1]}/ztpm"
+        return f"http://localhost:{free.getsockname()[1]}/ztpm"
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def provider(issuer):
         command, cwd=installed(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as running:  # fmt: skip
         for line in running.stdout:
-            if line.startswith("http://localhost:"):
+            if line.startswith("http://127.0.0.1:"):
                 yield line.strip()
                 break
         running.kill()
@@ -129,6 +129,31 @@ def seen(page, name, folder):
         page.set_viewport_size({"width": width, "height": 900})
         assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
         page.screenshot(path=folder / f"{name}-{width}.png", full_page=True)
+
+
+def log_in_by_passkey(world, issuer, context, page, folder):
+    """Carol's passkey, made in a virtual authenticator, logs her in in place of bob."""
+    authenticator = context.new_cdp_session(page)
+    authenticator.send("WebAuthn.enable")
+    options = {"protocol": "ctap2", "transport": "internal", "hasResidentKey": True, "hasUserVerification": True,
+               "isUserVerified": True, "automaticPresenceSimulation": True}  # fmt: skip
+    made = authenticator.send("WebAuthn.addVirtualAuthenticator", {"options": options})["authenticatorId"]
+    carol = world.people["carol"]
+    begun = carol.begin_passkey()
+    page.goto(begun["url"])
+    page.click("#enrol")
+    page.wait_for_function("() => document.querySelector('#told').textContent.includes('Made.')", timeout=15_000)
+    key = carol.enrolled_passkey(begun["enrolment_id"])
+    world.people["dan"].confirm_change(carol.propose_passkey(begun["enrolment_id"], key))
+    page.goto(f"{issuer}/login?back_to=/ztpm/login/account&fresh_s=0")
+    seen(page, "passkey", folder)
+    authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": made, "isUserVerified": False})
+    page.get_by_role("button", name="Log in with a passkey").click()
+    page.wait_for_function("() => document.querySelector('#told').textContent.includes('No passkey was used')")
+    authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": made, "isUserVerified": True})
+    page.get_by_role("button", name="Log in with a passkey").click()
+    page.wait_for_url(f"{issuer}/login/account")
+    assert "Logged in as carol" in page.inner_text("h1") and "by passkey" in page.inner_text("main")
 
 
 def test_a_person_logs_in_there_and_confirms_a_command_line_here(world, issuer, provider, chromium, tmp_path):
@@ -184,5 +209,6 @@ def test_a_person_logs_in_there_and_confirms_a_command_line_here(world, issuer, 
     assert "Logged in as bob" in page.inner_text("h1")
     # Nothing of ours broke our own content policy.
     assert [text for text in told if "Content Security Policy" in text and provider not in text] == []
+    log_in_by_passkey(world, issuer, context, page, tmp_path)
     context.close()
     print(f"logged in through {provider}; pictures in {tmp_path}")

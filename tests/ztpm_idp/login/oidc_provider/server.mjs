@@ -5,8 +5,8 @@ import Provider from "oidc-provider";
 const [callback, secret] = process.argv.slice(2);
 const server = createServer((request, response) => app(request, response));
 let app;
-server.listen(0, "localhost", () => {
-  const issuer = `http://localhost:${server.address().port}`;
+server.listen(0, "127.0.0.1", () => {
+  const issuer = `http://127.0.0.1:${server.address().port}`;
   const provider = new Provider(issuer, {
     clients: [
       {
