@@ -45,7 +45,7 @@ class Release(Form, frozen=True):
 
     @property
     def measurement(self) -> bytes:
-        """The software digest of an agent that is this release: SHA-256 over the four digests, [STM-17]."""
+        """The software digest of an agent that is this release: SHA-256 over the four digests, [STM-19]."""
         return measurement(self.software, self.model, self.prompt, self.tools)
 
 

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
+    from ztpm_idp.domain.events import NonceConsumed
     from ztpm_idp.domain.state import Wanted
 
 CREDENTIAL_GRACE_MS: Final = 3_600_000
@@ -174,15 +175,28 @@ def _revoked(kind: str, column: sa.Column[str]) -> sa.ColumnElement[bool]:
     return sa.select(r.id).where(r.kind == kind, r.id == column).exists()
 
 
-async def spend(connection: AsyncConnection, credential: bytes, *, until_ms: int, at_ms: int) -> None:
-    """Spends a platform's token, remembered for as long as it could be shown, and a clock's jump more.
+async def spend(connection: AsyncConnection, event: NonceConsumed, *, at_ms: int) -> None:
+    """Spends a nonce, and with it the platform's token that was shown: each counts once.
+
+    A spent token is remembered for as long as it could be shown, and a clock's jump more.
 
     Raises:
-        OnceOnlyError: it was spent before.
+        OnceOnlyError: one of them was spent before.
     """
-    c = t.spent_credentials.c
-    await connection.execute(sa.delete(t.spent_credentials).where(c.until_ms < at_ms - CREDENTIAL_GRACE_MS))
-    known = await connection.execute(sa.select(c.digest).where(c.digest == credential))
+    nonces, credentials = t.nonces.c, t.spent_credentials.c
+    spent = await connection.execute(
+        sa.update(t.nonces)
+        .where(nonces.nonce == event.nonce, nonces.spent_on.is_(None))
+        .values(spent_on=event.purpose)
+    )  # fmt: skip
+    if spent.rowcount != 1:
+        raise OnceOnlyError
+    if not event.credential:
+        return
+    over = credentials.until_ms < at_ms - CREDENTIAL_GRACE_MS
+    await connection.execute(sa.delete(t.spent_credentials).where(over))
+    known = await connection.execute(sa.select(credentials.digest).where(credentials.digest == event.credential))
     if known.first() is not None:
         raise OnceOnlyError
-    await connection.execute(sa.insert(t.spent_credentials).values(digest=credential, until_ms=until_ms))
+    row = {"digest": event.credential, "until_ms": event.credential_until_ms}
+    await connection.execute(sa.insert(t.spent_credentials).values(row))

@@ -72,7 +72,7 @@ from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.devices import Devices
 from ztpm_idp.store.enrolments import Enrolments
 from ztpm_idp.store.envelopes import Envelopes
-from ztpm_idp.store.errors import LocksTooFewError, OnceOnlyError
+from ztpm_idp.store.errors import LocksTooFewError
 from ztpm_idp.store.lending import Lending, spend
 from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
@@ -460,16 +460,8 @@ class Transaction:
                 await self._connection.execute(
                     sa.insert(t.nonces).values(nonce=event.nonce, agent=event.agent, given_ms=event.given_ms)
                 )  # fmt: skip
-            case NonceConsumed(nonce=nonce, purpose=purpose):
-                spent = await self._connection.execute(
-                    sa.update(t.nonces)
-                    .where(t.nonces.c.nonce == nonce, t.nonces.c.spent_on.is_(None))
-                    .values(spent_on=purpose)
-                )
-                if spent.rowcount != 1:
-                    raise OnceOnlyError
-                if event.credential:
-                    await spend(self._connection, event.credential, until_ms=event.credential_until_ms, at_ms=at_ms)
+            case NonceConsumed():
+                await spend(self._connection, event, at_ms=at_ms)
             case AgentAttested(agent=agent):
                 await self._stand(agent, Standing.ACTIVE)
                 await self._connection.execute(

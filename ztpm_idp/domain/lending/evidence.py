@@ -110,7 +110,7 @@ def _x509(rules: Rules, agent: RegisteredAgent, stated: Evidence, at: float) -> 
 
 
 def _release(rules: Rules, agent: RegisteredAgent, stated: Evidence, at: float) -> Shown | Refusal:
-    """A publisher's signed manifest of the software that is registered ([STM-17])."""
+    """A publisher's signed manifest of the software that is registered ([STM-19])."""
     known = frozenset[bytes]().union(*rules.publishers.values())
     if len(stated.workload) > rules.caps.credential_bytes:
         return _invalid(f"a release of over {rules.caps.credential_bytes} bytes")
