@@ -6,7 +6,7 @@ import json
 import secrets
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
@@ -73,7 +73,7 @@ async def logged_in(request: Request, form: Mapping[str, str]) -> tuple[str, Aut
     provider = _provider(request)
     at_ms, held = provider.now_ms(), session.cookie(request, PASSKEY)
     kept = None if held is None else session.unseal(await _secret(provider), PASSKEY, held)
-    asked = {"nonce": "", "at_ms": 0} if kept is None else json.loads(kept)
+    asked: dict[str, Any] = {"nonce": "", "at_ms": 0} if kept is None else json.loads(kept)
     if not 0 <= at_ms - asked["at_ms"] <= PASSKEY_S * 1_000:
         raise PageProblem(IdpCode.LOGIN_OVER, "open the login page again")
     try:

@@ -1,4 +1,4 @@
-"""kill -9 of a provider at every boundary of its store and at random instants: nothing that it acknowledged is lost."""
+"""kill -9 of a provider at every boundary of its store and at random instants: nothing acknowledged is lost."""
 
 from __future__ import annotations
 

@@ -93,7 +93,7 @@ async def _code(use) -> str:
 
 
 async def _prepared(scene, provider, number, gate):
-    """What every use of a round does; the same in each process, by the number of the round."""
+    """The one act that every use of a round tries, by the number of the round."""
     world, at, store = scene.world, int(scene.world.clock()), provider.store
     match KINDS[number % len(KINDS)]:
         case "proof":

@@ -1,4 +1,4 @@
-"""A furnished provider as it lies on disk, and the requests that are tried on it: each trial begins from the same rows."""
+"""A furnished provider as it lies on disk, and the requests that are tried on it."""
 
 from __future__ import annotations
 
