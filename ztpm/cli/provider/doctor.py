@@ -56,6 +56,7 @@ class ProviderDoctor:
             ("database", self.database),
             ("certificate", self.certificate),
             ("issuer", self.issuer),
+            ("files in force", self.files),
             ("clock", self.clock),
         )
 
@@ -144,8 +145,31 @@ class ProviderDoctor:
         if told.issuer != own.issuer:
             return False, f"another one answers there: {told.issuer}"
         if not _same_keys(told, own):
-            return False, "it has other keys: it serves an earlier key ring (start it again), or is another one"
+            return False, "it has other keys: it could not take the key ring (see below), or is another one"
         return True, f"the same one answers at {stated}"
+
+    def files(self) -> Found:
+        """The provider that answers acts on its files and platforms as they are now."""
+        import httpx2
+
+        from capabilities.values import strict_json
+        from capabilities.values.errors import CapabilityError
+        from ztpm_idp.client import direct_http
+
+        if self._read is None:
+            return _unread()
+        if self._answer is None:
+            return False, "nobody answered to be asked"
+        try:
+            with direct_http.client(ANSWER_S, self.transport) as http:
+                ready = http.get(f"{self._read.settings.issuer}/readyz", follow_redirects=False)
+            faults = strict_json.parse_object(ready.content).get("faults", {})
+        except (httpx2.HTTPError, CapabilityError) as error:
+            return False, f"it does not say: {type(error).__name__}"
+        if not isinstance(faults, dict) or ready.status_code != 200:
+            return False, f"it does not say: status {ready.status_code}"
+        told = "; ".join(f"{setting}: {why}" for setting, why in sorted(faults.items()))
+        return not faults, f"not acted on, the one before still is: {told}" if faults else "all, as they are now"
 
     def clock(self) -> Found:
         """The clock agrees with the one that answered, to the skew that proofs may have."""

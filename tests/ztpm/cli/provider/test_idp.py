@@ -113,6 +113,26 @@ def looked(layout, content=b"{}", *, date=None, ahead_s=0.0, passphrase=PASSPHRA
     return {name: probe()[0] for name, probe in doctor.checks}
 
 
+@pytest.mark.parametrize(
+    ("ready", "ok"),
+    [
+        (b'{"ready":true}', True),
+        (b'{"ready":true,"faults":{"key_ring_file":"REPLAYED"}}', False),
+        (b'{"ready":true,"faults":1}', False),
+        (b"<html>", False),
+    ],
+)
+def test_a_file_that_is_not_acted_on_is_seen(made, ready, ok):
+    answers = {"/readyz": ready, "/trust": made.trust.read_bytes()}
+    transport = httpx2.MockTransport(
+        lambda request: httpx2.Response(
+            200, content=next(v for k, v in answers.items() if request.url.path.endswith(k))
+        )
+    )
+    doctor = ProviderDoctor(made.idp_config, PASSPHRASE, transport=transport)
+    assert {name: probe()[0] for name, probe in doctor.checks}["files in force"] is ok
+
+
 def stamped(ahead_s=0.0):
     return time.strftime("%a, %d %b %Y %H:%M:%S GMT", time.gmtime(time.time() + ahead_s))
 
@@ -162,7 +182,7 @@ def test_the_command_looks_at_a_directory_and_fails_where_anything_is_wrong(run,
     assert (told.status, told.json["ok"]) == (1, False)  # nobody answers at the issuer
     wrong = {row["check"] for row in told.json["checks"] if not row["ok"]}
     assert "issuer" in wrong
-    assert wrong <= {"issuer", "clock"}  # as this machine's is
+    assert wrong <= {"issuer", "clock", "files in force"}  # as this machine's is
 
 
 def test_names_of_certificates_fit_by_whole_labels():
