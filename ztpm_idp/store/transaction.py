@@ -166,9 +166,8 @@ class Transaction(View):
                 await self.lending.write(event, at_ms=at_ms)
             case RefusalCounted(agent=agent, since_ms=since_ms, number=number):
                 await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))
-                await self._connection.execute(
-                    sa.insert(t.refusals).values(agent=agent, since_ms=since_ms, number=number)
-                )  # fmt: skip
+                counted = sa.insert(t.refusals).values(agent=agent, since_ms=since_ms, number=number)
+                await self._connection.execute(counted)
             case DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
                 pass  # the ledger entry is all there is
             case Revoked():
