@@ -120,7 +120,10 @@ async def _filled(
     """Registers people and agents by the provider's own store: its HTTP interface is what is measured later."""
     await initialise(
         database,
-        people=[FirstPerson(name, name, keys.public_raw(key), ("sponsor", "admin")) for name, key in sponsors],
+        people=[
+            FirstPerson(name, name, keys.public_raw(key), ("sponsor",) if n else ("sponsor", "admin"))
+            for n, (name, key) in enumerate(sponsors)
+        ],
     )
     store, at_ms = await Store.open(database), int(time.time() * 1_000)
     try:

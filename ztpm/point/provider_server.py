@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
+import gc
 import json
 import logging
 import os
@@ -89,6 +90,9 @@ def serve(
 
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
+            # What there is now lives as long as the process: the collector need not look at it again and again.
+            gc.collect()
+            gc.freeze()
             sys.stdout.write(json.dumps({"ready": True, "port": settings.port}) + "\n")
             sys.stdout.flush()
 

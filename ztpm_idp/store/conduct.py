@@ -16,6 +16,7 @@ from ztpm_idp.domain.agent_conduct import AgentConduct, Held
 from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Standing
+from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.errors import StoreUnavailableError
 
@@ -123,11 +124,9 @@ class Conduct:
         return found
 
     async def _agents(self, agents: frozenset[str]) -> dict[str, AgentConduct]:
-        c, found = t.conduct.c, dict[str, AgentConduct]()
+        found = dict[str, AgentConduct]()
         for ids in _some(agents):
-            for agent, trust, behaviour, restored_at in await self._connection.execute(
-                sa.select(c.agent, c.trust, c.behaviour, c.restored_at).where(c.agent.in_(ids))
-            ):
+            for agent, trust, behaviour, restored_at in await self._connection.execute(prepared.CONDUCT, {"ids": ids}):
                 found[agent] = AgentConduct(_trust(trust), _behaviour(behaviour), restored_at)
         return found
 
@@ -176,9 +175,7 @@ class Conduct:
 
     async def _agent(self, agent: str, conduct: AgentConduct, published: Published) -> None:
         c = t.conduct.c
-        before = (
-            await self._connection.execute(sa.select(c.standing, c.version).where(c.agent == agent))
-        ).one_or_none()
+        before = (await self._connection.execute(prepared.STANDING, {"agent_": agent})).one_or_none()
         standing = _standing(published)
         was = _NOTHING_TO_TELL if before is None else _told(json.loads(before.standing))
         version = 0 if before is None else before.version
@@ -192,14 +189,14 @@ class Conduct:
             "version": version,
         }
         if before is None:
-            await self._connection.execute(sa.insert(t.conduct).values(agent=agent, **values))
+            await self._connection.execute(prepared.NEW_CONDUCT, {"agent": agent, **values})
         else:
             await self._connection.execute(sa.update(t.conduct).where(c.agent == agent).values(**values))
         await self._edges(agent, published)
 
     async def _edges(self, agent: str, published: Published) -> None:
         e = t.edges.c
-        rows = await self._connection.execute(sa.select(e.delegator, e.score_permille).where(e.delegate == agent))
+        rows = await self._connection.execute(prepared.EDGES, {"agent_": agent})
         before = {delegator: permille for delegator, permille in rows}  # noqa: C416  rows are no pairs
         now = {edge.delegator: permille for edge, permille in published.scores.items()}
         for delegator in sorted(before.keys() | now.keys()):

@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from ztpm_idp.domain.events import MandateSigned, RevocationKind, TokenDelegated, TokenIssued
 from ztpm_idp.domain.state import Drawn, HopRecord, MandateRecord
+from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.errors import OnceOnlyError
 
@@ -54,7 +55,7 @@ class Lending:
         c, found = t.hops.c, dict[str, HopRecord]()
         query = sa.select(c.hop_id, c.token_id, c.parent, c.agent, c.sponsor)
         if wanted.token is not None:
-            for row in await self._connection.execute(query.where(c.token_id == wanted.token, c.parent.is_(None))):
+            for row in await self._connection.execute(prepared.FIRST_HOP, {"token": wanted.token}):
                 found[row.hop_id] = HopRecord(*row)
         following = wanted.hop
         while following is not None and following not in found:
@@ -155,17 +156,18 @@ class Lending:
                 assert_never(event)
         hop = event.hop
         await self._connection.execute(
-            sa.insert(t.hops).values(
-                hop_id=hop.hop_id,
-                token_id=place.token_id,
-                parent=place.parent,
-                position=place.position,
-                agent=hop.agent,
-                sponsor=place.sponsor,
-                made_ms=at_ms,
-                not_after=event.scope.not_after,
-                mandate=mandate_id,
-            )
+            prepared.NEW_HOP,
+            {
+                "hop_id": hop.hop_id,
+                "token_id": place.token_id,
+                "parent": place.parent,
+                "position": place.position,
+                "agent": hop.agent,
+                "sponsor": place.sponsor,
+                "made_ms": at_ms,
+                "not_after": event.scope.not_after,
+                "mandate": mandate_id,
+            },
         )
 
 
@@ -183,12 +185,8 @@ async def spend(connection: AsyncConnection, event: NonceConsumed, *, at_ms: int
     Raises:
         OnceOnlyError: one of them was spent before.
     """
-    nonces, credentials = t.nonces.c, t.spent_credentials.c
-    spent = await connection.execute(
-        sa.update(t.nonces)
-        .where(nonces.nonce == event.nonce, nonces.spent_on.is_(None))
-        .values(spent_on=event.purpose)
-    )  # fmt: skip
+    credentials = t.spent_credentials.c
+    spent = await connection.execute(prepared.SPEND, {"nonce_": event.nonce, "purpose": event.purpose})
     if spent.rowcount != 1:
         raise OnceOnlyError
     if not event.credential:

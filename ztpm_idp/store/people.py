@@ -112,17 +112,17 @@ class People:
         await self._connection.execute(statement)
 
     async def _changes(self, condition: sa.ColumnElement[bool]) -> list[Change]:
-        w = t.change_words.c
+        c, w = t.changes.c, t.change_words.c
+        ordered = sa.select(t.changes).where(condition).order_by(c.proposed_ms, c.change_id)
+        found = (await self._connection.execute(ordered)).all()
+        if not found:
+            return []
         said: dict[tuple[str, str], set[str]] = defaultdict(set)
         words = sa.select(w.change_id, w.person, w.word).where(
             w.change_id.in_(sa.select(t.changes.c.change_id).where(condition))
         )
         for change_id, person, word in await self._connection.execute(words):
             said[change_id, word].add(person)
-        c = t.changes.c
-        found = await self._connection.execute(
-            sa.select(t.changes).where(condition).order_by(c.proposed_ms, c.change_id)
-        )  # fmt: skip
         return [
             Change(
                 change_id=row.change_id,

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from capabilities.statements.revocation import ended_after_s, first_head, next_head
 from ztpm_idp.domain.events import RevocationKind, Revoked
 from ztpm_idp.domain.parties import Standing
+from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
@@ -66,8 +67,7 @@ class Revocations:
         """The epoch at which this (kind, id) was revoked, or None."""
         if what is None:
             return None
-        c = t.revocations.c
-        found: int | None = await self._connection.scalar(sa.select(c.epoch).where(c.kind == what[0], c.id == what[1]))
+        found: int | None = await self._connection.scalar(prepared.REVOKED_AT, {"kind_": what[0], "id_": what[1]})
         return found
 
     async def among(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
@@ -102,7 +102,7 @@ class Revocations:
             for epoch, e in enumerate(events, start=before + 1)
         ]
         for batch in batches(index):
-            await self._connection.execute(sa.insert(t.revocations), batch)
+            await self._connection.execute(prepared.NEW_REVOCATION, batch)
         parties = [event.party for event in events if event.party is not None]
         for ended in batches(parties):
             await self._connection.execute(

@@ -57,7 +57,7 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
-from ztpm_idp.store import postgres, rows
+from ztpm_idp.store import postgres, prepared, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.errors import LocksTooFewError
 from ztpm_idp.store.lending import spend
@@ -100,7 +100,7 @@ class Transaction(View):
             lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
         for batch in batches(lines):
-            await self._connection.execute(sa.insert(t.ledger), batch)
+            await self._connection.execute(prepared.NEW_ENTRY, batch)
         await counting.change(ledger_size=size, ledger_head=head)
         after = await counting.write()
         if self._locks is not None and after.epoch != counters.epoch:
@@ -149,12 +149,10 @@ class Transaction(View):
                 await self._registry_changed()
             case NonceGiven():
                 # Its own alone: another agent's are in nobody's way.
-                n = t.nonces.c
-                old = sa.and_(n.agent == event.agent, n.given_ms < at_ms - NONCE_MEMORY_MS)
-                await self._connection.execute(sa.delete(t.nonces).where(old))
-                await self._connection.execute(
-                    sa.insert(t.nonces).values(nonce=event.nonce, agent=event.agent, given_ms=event.given_ms)
-                )  # fmt: skip
+                old = {"agent_": event.agent, "old_ms": at_ms - NONCE_MEMORY_MS}
+                await self._connection.execute(prepared.FORGET_NONCES, old)
+                given = {"nonce": event.nonce, "agent": event.agent, "given_ms": event.given_ms}
+                await self._connection.execute(prepared.NEW_NONCE, given)
             case NonceConsumed():
                 await spend(self._connection, event, at_ms=at_ms)
             case AgentAttested(agent=agent):

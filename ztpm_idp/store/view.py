@@ -18,7 +18,7 @@ from ztpm_idp.domain.parties import (
 )
 from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.wanted import wanted_by_change
-from ztpm_idp.store import counts, postgres, rows
+from ztpm_idp.store import counts, postgres, prepared, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
@@ -151,7 +151,8 @@ class View:
 
     async def party_of_key(self, key: bytes) -> Party | None:
         """Party that owns a key, ended or not."""
-        return await self._owner(t.parties.c.key == key, t.person_keys.c.key == key)
+        found = rows.parties(await self._connection.execute(prepared.PARTY_OF_KEY, {"key_": key}))
+        return found[0] if found else None
 
     async def party(self, id_: str) -> Party | None:
         """Party of this id, ended or not."""
@@ -223,12 +224,7 @@ class View:
         if not names:
             return frozenset()
         agents = {id_ for kind, id_ in names if kind == RevocationKind.AGENT.value}
-        a, p = t.agents.c, t.parties.c
-        suspended = await self._connection.scalars(
-            sa.select(a.id)
-            .join_from(t.agents, t.parties, p.id == a.id)
-            .where(a.id.in_(sorted(agents)), a.suspended_ms.is_not(None), p.standing != Standing.REVOKED.value)
-        )
+        suspended = await self._connection.scalars(prepared.SUSPENDED, {"ids": sorted(agents)})
         return await self.revocations.among(names) | {(RevocationKind.AGENT.value, agent) for agent in suspended}
 
     async def _scalar(self, query: sa.Select[Any]) -> Any:
@@ -236,10 +232,10 @@ class View:
 
     async def _parties(self, ids: frozenset[str]) -> dict[str, Party]:
         """The parties, with the sponsors of agents: a judgement of an agent is one of its sponsor too."""
-        c, found = t.parties.c, dict[str, Party]()
+        found = dict[str, Party]()
         for batch in batches(sorted(ids)):
-            sponsors = sa.select(t.agents.c.sponsor).where(t.agents.c.id.in_(batch))
-            found |= {p.id: p for p in await self._read(sa.or_(c.id.in_(batch), c.id.in_(sponsors)))}
+            read = rows.parties(await self._connection.execute(prepared.PARTIES, {"ids": batch}))
+            found |= {party.id: party for party in read}
         return found
 
     async def _read(self, condition: sa.ColumnElement[bool]) -> list[Party]:
@@ -259,10 +255,7 @@ class View:
     async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
         if agent is None:
             return {}
-        c = t.nonces.c
-        found = await self._connection.execute(
-            sa.select(c.nonce, c.agent, c.given_ms, c.spent_on).where(c.agent == agent, c.given_ms >= young_ms)
-        )  # fmt: skip
+        found = await self._connection.execute(prepared.NONCES, {"agent_": agent, "young_ms": young_ms})
         return {
             nonce: Nonce(nonce, owner, given_ms, spent_on is not None) for nonce, owner, given_ms, spent_on in found
         }
@@ -304,11 +297,10 @@ class View:
         return Journal(row.journal_seq, row.journal_head, {row.seq: row.hash for row in found})
 
     async def _refusals(self, agent: str | None) -> tuple[int, int]:
-        c = t.refusals.c
         found = (
             None
             if agent is None
-            else (await self._connection.execute(sa.select(c.since_ms, c.number).where(c.agent == agent))).one_or_none()
+            else (await self._connection.execute(prepared.REFUSALS, {"agent_": agent})).one_or_none()
         )
         return (0, 0) if found is None else (found.since_ms, found.number)
 
