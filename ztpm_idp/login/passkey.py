@@ -73,23 +73,24 @@ async def logged_in(request: Request, form: Mapping[str, str]) -> tuple[str, Aut
     provider = _provider(request)
     at_ms, held = provider.now_ms(), session.cookie(request, PASSKEY)
     kept = None if held is None else session.unseal(await _secret(provider), PASSKEY, held)
-    asked: dict[str, Any] = {"nonce": "", "at_ms": 0} if kept is None else json.loads(kept)
-    if not 0 <= at_ms - asked["at_ms"] <= PASSKEY_S * 1_000:
+    if kept is None:
+        raise PageProblem(IdpCode.LOGIN_OVER, "open the login page again")
+    asked: dict[str, Any] = json.loads(kept)
+    nonce, asked_ms = str(asked["nonce"]), int(asked["at_ms"])
+    if not 0 <= at_ms - asked_ms <= PASSKEY_S * 1_000:
         raise PageProblem(IdpCode.LOGIN_OVER, "open the login page again")
     try:
         said = AssertionBody.model_validate(dict(form))
     except ValidationError:
         raise PageProblem(IdpCode.FORM_MALFORMED, "not an assertion") from None
     try:
-        person = await passkeys.verified_login(provider, said, nonce=asked["nonce"])
+        person = await passkeys.verified_login(provider, said, nonce=nonce)
     except Problem as problem:
         raise PageProblem(problem.code, problem.detail) from None
     async with provider.store.read() as view:
         known = await view.people.passkey(said.credential)
-    expires_ms = asked["at_ms"] + PASSKEY_S * 1_000
-    if known is None or not await provider.store.first_use(
-        key=known[1], jti=asked["nonce"], expires_ms=expires_ms, at_ms=at_ms
-    ):
+    expires_ms = asked_ms + PASSKEY_S * 1_000
+    if known is None or not await provider.store.first_use(key=known[1], jti=nonce, expires_ms=expires_ms, at_ms=at_ms):
         raise PageProblem(IdpCode.LOGIN_OVER, "the passkey was used for this page before")
     return person.id, Authentication(Method.PASSKEY, at_ms, amr=_METHODS, key=thumbprint(known[1]))
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
+
 import pytest
 from capabilities.keys import keys
 from capabilities.token.static_verification import inspect_token
 from capabilities.token.token_text import token_from_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
+from tests.house.pages import rows as rows_of
 from tests.ztpm_idp.login.browser import Browser
 from tests.ztpm_idp.login.openid import OP, Fake
 from tests.ztpm_idp.login.test_openid import add_login
@@ -291,6 +295,21 @@ def test_an_auditor_reads_and_changes_nothing(world):
     world.people["vera"] = vera
     terminal, found = confirmed(world, "vera")
     assert found.roles == ("auditor",) and terminal.operator("vera").export_ledger()
+
+
+SECONDS = {"min": 60, "h": 3_600, "d": 86_400}
+
+
+def test_the_pages_ages_by_tier_are_those_of_the_sets():
+    top = Path(__file__).parents[3]
+    for names, *ages in rows_of(
+        (top / "docs" / "login.md").read_text("utf-8"), "set", *(f"tier {n}" for n in range(5))
+    ):
+        stated = [int(number) * SECONDS[unit] for number, unit in (age.split() for age in ages)]
+        for name in names.replace("`", "").split(", "):
+            text = (top / "policies" / "sets" / f"{name}.toml").read_text("utf-8")
+            found = [int(re.search(rf"sponsor_age_tier_{n}_s = ([0-9_]+)", text)[1]) for n in range(5)]
+            assert found == stated, name
 
 
 def test_the_ledger_names_the_key_and_the_login_behind_it(shared):
