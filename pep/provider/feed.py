@@ -143,9 +143,6 @@ class ProviderFollower:
         self._begun = 0
         self._ended = 0
         self._over = asyncio.Event()
-        self._approvers: dict[bytes, str] = {}
-        self._passkeys: dict[bytes, str] = {}
-        self._peps: dict[str, bytes] = {}
         self.trusts = TrustFeed(self._get, trust, caps=caps, clock=clock, incident=incident)
         self.trusts.followers.append(self._trust_newer)
         self._confirmation = FeedConfirmation(self._post_mark, issuer=issuer, key=key, clock=clock)
@@ -190,15 +187,15 @@ class ProviderFollower:
 
     def approvers(self) -> Mapping[bytes, str]:
         """The registered approvers, by raw key."""
-        return self._approvers
+        return {} if self._known is None else {entry.key: entry.id for entry in self._known.snapshot.approvers}
 
     def passkeys(self) -> Mapping[bytes, str]:
         """The registered approvers, by raw key of a passkey."""
-        return self._passkeys
+        return {} if self._known is None else {entry.key: entry.id for entry in self._known.snapshot.passkeys}
 
     def peps(self) -> Mapping[str, bytes]:
         """The registered enforcement points of this audience, by id."""
-        return self._peps
+        return {} if self._known is None else {entry.id: entry.key for entry in self._known.snapshot.peps}
 
     # -- pulling
 
@@ -338,9 +335,6 @@ class ProviderFollower:
             self.standings.begin_anew()
         if known is None or known.snapshot is not snapshot:
             self._sensors = {s.id: RegisteredSensor(s.id, s.key, s.calibration, s.transit_ms) for s in snapshot.sensors}
-            self._approvers = {approver.key: approver.id for approver in snapshot.approvers}
-            self._passkeys = {passkey.key: passkey.id for passkey in snapshot.passkeys}
-            self._peps = {pep.id: pep.key for pep in snapshot.peps}
         suspended = frozenset((str(revocation.Revoked.AGENT), agent) for agent in snapshot.suspended)
         self._known = AcceptedFeed(index.line, index.epoch, index.head, sent_ms, snapshot, suspended)
 

@@ -55,6 +55,8 @@ def passkey(cell, person, confirmed_by="dan", **changes) -> Authenticator:
     caller = cell.world.people[person]
     assert caller.enrolled_passkey(enrolment) == answer.json()["key"] == keys.b64u(held.key)
     change = caller.propose_passkey(enrolment, keys.b64u(held.key))
+    (shown,) = (row for row in caller.changes() if row["change_id"] == change)
+    assert (shown["kind"], shown["passkey"], shown["key"]) == ("key", True, keys.thumbprint(held.key))
     assert cell.world.people[confirmed_by].confirm_change(change) == "done"
     return held
 

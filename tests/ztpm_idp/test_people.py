@@ -139,7 +139,7 @@ def test_another_administrator_confirms(world):
     assert shown[change] == {
         "change_id": change, "kind": "person", "person": "erin", "name": "Erin", "key": keys.thumbprint(raw),
         "roles": ["admin", "approver"], "reason": "", "by": "alice", "state": "open",
-        "until": int(world.clock()) + DAY_S, "login": "", "confirmed": [], "declined": [],
+        "until": int(world.clock()) + DAY_S, "login": "", "passkey": False, "confirmed": [], "declined": [],
     }  # fmt: skip
     for who in ("bob", "carol"):
         assert code_of(lambda: world.people[who].confirm_change(change)) == "NOT_PERMITTED"

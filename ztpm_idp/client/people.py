@@ -90,8 +90,8 @@ class PeopleCaller(Caller):
     def changes(self) -> list[dict[str, Any]]:
         """The changes of people that wait, oldest first.
 
-        Each has change_id, kind ("person", "key", "login", "end", "recovery"), person, name, roles, key (thumbprint),
-        login, reason, by, state, until (seconds since the epoch), confirmed, declined.
+        Each has change_id, kind ("person", "key", "login", "roles", "end", "recovery"), person, name, roles, login, key
+        (thumbprint), passkey (the key is one), reason, by, state, until (seconds since the epoch), confirmed, declined.
         """
         found: list[dict[str, Any]] = self._json(self._send("GET", "/changes", b"", None))
         return found

@@ -194,6 +194,7 @@ def _shown(change: Change) -> dict[str, Any]:
         "roles": sorted(role.value for role in change.roles),
         "login": change.login,
         "key": "" if change.key is None else thumbprint(change.key),
+        "passkey": change.credential != "",
         "reason": change.reason,
         "by": change.by,
         "state": ChangeState.OPEN.value,

@@ -72,6 +72,15 @@ class Lending:
         query = sa.select(found).where(found == id_).limit(1)
         return (await self._connection.execute(query)).scalar_one_or_none() is not None
 
+    async def refusals(self, agent: str | None) -> tuple[int, int]:
+        """Since when, wall clock in milliseconds, and how many refusals of an agent were counted."""
+        found = (
+            None
+            if agent is None
+            else (await self._connection.execute(prepared.REFUSALS, {"agent_": agent})).one_or_none()
+        )
+        return (0, 0) if found is None else (found.since_ms, found.number)
+
     async def mandate(self, mandate_id: str | None) -> MandateRecord | None:
         """The mandate, when there is one."""
         if mandate_id is None:

@@ -125,7 +125,7 @@ class View:
             open_changes=await self.people.open_changes(at_ms=young_ms) if wanted.people else (),
             change=change,
             held=held,
-            refusals=await self._refusals(wanted.refusals_of),
+            refusals=await self.lending.refusals(wanted.refusals_of),
             line=counters.revocation_line,
             restoring=counters.restoring,
             points=await self._points() if wanted.points or counters.restoring else (),
@@ -295,14 +295,6 @@ class View:
             sa.select(r.seq, r.hash).where(r.pep == wanted.journal, r.seq.in_(seqs))
         )  # fmt: skip
         return Journal(row.journal_seq, row.journal_head, {row.seq: row.hash for row in found})
-
-    async def _refusals(self, agent: str | None) -> tuple[int, int]:
-        found = (
-            None
-            if agent is None
-            else (await self._connection.execute(prepared.REFUSALS, {"agent_": agent})).one_or_none()
-        )
-        return (0, 0) if found is None else (found.since_ms, found.number)
 
     async def lock(self) -> None:
         """The transaction's locks are held until its end, and all its later reads are newest."""

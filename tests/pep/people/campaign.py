@@ -39,7 +39,7 @@ STORM = 10_000
 AGENTS = 20
 SPOOFS = (
     "<script>alert(1)</script>", '"><img src=x onerror=1>', "{{7*7}}", "a\u202eb", "\u200bmover", "mоver", "ｍover",
-    "a\nb", "a\x00b", "a" * 257, "a b/../c", "%0d%0aSet-Cookie:x", "&#x3c;b&#x3e;", "\ufeffmover",
+    "a\nb", "a\x00b", "a" * 257, "a b/../c", "%0d%0aSet-Cookie:x", "&#x3c;b&#x3e;", "\ufeffmover", "a\tb",
     "mover ", " mover", "", "é", "e\u0301",
 )  # fmt: skip
 TEXTS = ("pep", "sponsor", "agent", "object", "operation")

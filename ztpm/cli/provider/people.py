@@ -326,7 +326,11 @@ def _told(row: dict[str, Any]) -> str:
         case "person":
             return f"register {person} ({row['name']}) as {', '.join(row['roles'])}, key {key}"
         case "key":
-            return f"{person} has a further key, {key}"
+            return f"{person} has a further {'passkey' if row.get('passkey') else 'key'}, {key}"
+        case "roles":
+            return f"{person} has the roles {', '.join(row['roles'])}, and no others"
+        case "login":
+            return f"{person} may log in as {row['login']}"
         case "end":
             return f"end {person}: {row['reason']}"
         case _:
