@@ -25,6 +25,7 @@ HANDSHAKE_S: Final = 5.0
 """Longest TLS handshake."""
 RETRY_S: Final = 0.05
 """Pause before the next attempt where the system has no descriptor left."""
+INTERNET: Final = frozenset({socket.AF_INET, socket.AF_INET6})
 NONE_LEFT: Final = frozenset({errno.EMFILE, errno.ENFILE, errno.ENOBUFS, errno.ENOMEM})
 _LOG: Final = logging.getLogger(__name__)
 
@@ -101,6 +102,10 @@ class Listener:
                 self._loop.call_later(RETRY_S, self._listen)
                 return
             accepted.setblocking(False)  # noqa: FBT003 - as socket has it
+            if accepted.family in INTERNET:
+                # An answer of two parts would wait for the caller's delayed acknowledgement (40 ms) between them; the
+                # loop itself sees to it only where a socket was made with its protocol's number.
+                accepted.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             self._admit(accepted, str(peer[0]) if peer else "")
 
     def _admit(self, accepted: socket.socket, address: str) -> None:
