@@ -77,6 +77,9 @@ postgres:  ## the identity provider's tests over PostgreSQL: a real server, whic
 store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,000 rounds of 64 uses at once, on both databases; the figures last
 	$(RUN) python -m tests.ztpm_idp.store.campaign
 
+store-rollback:  ## 50 restores of an old copy beside points that are old, wiped or silent, on each database; what was known and lost last
+	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | grep -E "restores:|passed|failed"
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

@@ -45,6 +45,10 @@ def pytest_configure(config):
     """
     if config.getoption("campaign"):
         settings.load_profile("campaign")
+    if config.getoption("postgres"):
+        from tests.ztpm_idp import world
+
+        world.DATABASE[:] = ["postgres"]
     if hasattr(config, "workerinput"):
         os.setsid()
     if getattr(config.option, "numprocesses", None) and not hasattr(config, "workerinput"):

@@ -207,10 +207,11 @@ class World:
         store = self.folder / "idp.sqlite"
         if self.database == "postgres":
             postgres.lose(self.settings.database_url, damaged=damaged)
-        elif damaged:
+            return
+        for path in self.folder.glob("idp.sqlite*"):
+            path.unlink()
+        if damaged:
             store.write_bytes(b"no database " * 999)
-        else:
-            store.unlink()
 
     @property
     def lost(self) -> bool:

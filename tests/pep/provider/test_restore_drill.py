@@ -10,8 +10,6 @@ import json
 import random
 import secrets
 import shutil
-import sqlite3
-from contextlib import closing
 
 import httpx2
 import pytest
@@ -141,16 +139,11 @@ class Drill:
         silent = self.draw.sample(self.points, self.draw.choice((0, 0, 1, 2)))
         filed = silent[: self.draw.randrange(2)]
         known = set().union(*(point.known for point in self.points), *map(revoked_in, self.exports))
-        world.stop()
-        store = world.folder / "idp.sqlite"
         if crash == "whole":
-            with closing(sqlite3.connect(store)) as base:
-                known |= {(kind, id_) for kind, id_ in base.execute("SELECT kind, id FROM revocations")}
-        else:
-            for path in world.folder.glob("idp.sqlite*"):
-                path.unlink()
-            if crash == "damaged":
-                store.write_bytes(secrets.token_bytes(9_000))
+            known |= self.in_force()
+        world.stop()
+        if crash != "whole":
+            world.lose(damaged=crash == "damaged")
         self.put_back(self.copy, silent, filed)
         if stuck := [point for point in silent if point.pull() in {PepFault.FEED_ROLLED_BACK, PepFault.FEED_FORKED}]:
             # Its line was lost with all who knew it, and is in use again: what it is told names the command.
@@ -193,8 +186,7 @@ class Drill:
         return [json.loads(line) for line in lines[:-1]]
 
     def in_force(self):
-        with closing(sqlite3.connect(self.world.folder / "idp.sqlite")) as base:
-            return set(base.execute("SELECT kind, id FROM revocations"))
+        return set(self.world.sql("SELECT kind, id FROM revocations"))
 
 
 def revoked_in(file):
@@ -203,8 +195,9 @@ def revoked_in(file):
 
 
 @pytest.mark.parametrize("seed", range(10))
-def test_no_revocation_is_lost_that_any_ledger_or_point_had(tmp_path, seed):
+def test_no_revocation_is_lost_that_any_ledger_or_point_had(tmp_path, seed, monkeypatch):
     """One store that is lost and put back five times: two of them in the suite, ten in a campaign."""
+    monkeypatch.chdir(tmp_path)
     lost, known, taken_back = 0, 0, 0
     with World(tmp_path) as world:
         drill = Drill(world, seed)

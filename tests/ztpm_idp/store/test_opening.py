@@ -5,14 +5,18 @@ from __future__ import annotations
 import asyncio
 import errno
 import sqlite3
+import ssl
 import threading
 
 import pytest
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
+from tests.ztpm_idp import postgres
 from ztpm_idp.store.errors import StoreNotOpenedError, StoreUnavailableError
+from ztpm_idp.store.migrate import NEWEST
 
 from ztpm_idp.store import engine
+from ztpm_idp.store import postgres as servers
 
 
 async def opened(path):
@@ -79,3 +83,50 @@ def test_that_fills_its_disk():
     error = StoreUnavailableError()
     error.__cause__ = OperationalError("insert", {}, sqlite3.OperationalError("database or disk is full"))
     assert engine._not_opened(error, make_url("sqlite+aiosqlite:////idp.sqlite")).code == "DISK_FULL"
+
+
+def server_code(url):
+    with pytest.raises(StoreNotOpenedError) as caught:
+        asyncio.run(engine.Store.open(url))
+    assert "\n" not in str(caught.value)
+    return caught.value.code
+
+
+async def opened_by(number, url):
+    """As many stores as processes that begin together."""
+    stores = await asyncio.gather(*(engine.Store.open(url) for _ in range(number)))
+    for store in stores:
+        await store.close()
+    return sorted((store.before for store in stores), key=str)
+
+
+@pytest.mark.xdist_group("postgres")
+def test_a_server_is_migrated_once_and_refused_where_it_is_newer_or_forgets():
+    url = postgres.new_database("template0")
+    try:
+        assert asyncio.run(opened_by(3, url)) == [None, NEWEST, NEWEST]
+        name = postgres.name_of(url)
+        asyncio.run(postgres.execute("UPDATE alembic_version SET version_num = 'f00dfeedf00d'", name))
+        assert server_code(url) == "DATABASE_NEWER"
+        asyncio.run(postgres.execute(f"UPDATE alembic_version SET version_num = '{NEWEST}'", name))
+        asyncio.run(postgres.execute(f"ALTER DATABASE {name} SET synchronous_commit = off"))
+        assert server_code(url) == "DATABASE_UNSAFE"
+    finally:
+        postgres.drop(url)
+    assert server_code(url) == "DATABASE_UNUSABLE"
+
+
+@pytest.mark.parametrize(("host", "verified"), [("db.example", True), ("127.0.0.1", False), ("localhost", False)])
+def test_a_server_beyond_this_machine_is_reached_by_verified_tls(host, verified, monkeypatch):
+    monkeypatch.delenv("PGSSLROOTCERT", raising=False)
+    context = servers._tls(make_url(f"postgresql+asyncpg://idp@{host}/ztpm"))
+    if verified:
+        assert (context.check_hostname, context.verify_mode) == (True, ssl.CERT_REQUIRED)
+    else:
+        assert context is False
+    assert servers._tls(make_url("postgresql+asyncpg://idp@/ztpm?host=/run/postgresql")) is False
+
+
+def test_an_authority_that_cannot_be_read(monkeypatch):
+    monkeypatch.setenv("PGSSLROOTCERT", "/no/such/authority.pem")
+    assert server_code("postgresql+asyncpg://idp@db.example/ztpm") == "DATABASE_UNSAFE"

@@ -182,9 +182,13 @@ def test_a_store_that_cannot_be_opened(world, tmp_path):
         world.on_loop(Store.open(f"sqlite+aiosqlite:///{tmp_path}/garbage.sqlite"))
 
 
-class DiskError(sa.exc.OperationalError):
-    def __init__(self):
-        super().__init__("statement", {}, Exception("disk I/O error"))
+FAILURES = (
+    sa.exc.OperationalError("statement", {}, Exception("disk I/O error")),
+    sa.exc.OperationalError("statement", {}, Exception("database or disk is full")),
+    sa.exc.OperationalError("statement", {}, Exception("database is locked")),
+    TimeoutError("the server says nothing"),
+)
+"""Ways in which a call of the store fails, each call in another one than the call before."""
 
 
 def everything(world):
@@ -243,7 +247,7 @@ def test_each_statement_of_each_change_fails_in_turn(world):
         def fail(*_):
             countdown[0] -= 1
             if countdown[0] < 0:
-                raise DiskError
+                raise FAILURES[place % len(FAILURES)]
 
         sa.event.listen(engine, "before_cursor_execute", fail)
         sa.event.listen(engine, "commit", fail)

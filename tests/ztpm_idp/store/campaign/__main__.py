@@ -28,7 +28,8 @@ def main() -> int:
     parser.add_argument("--databases", nargs="+", default=["sqlite", "postgres"])
     parser.add_argument("--instants", type=int, default=INSTANTS)
     parser.add_argument("--rounds", type=int, default=ROUNDS)
-    parser.add_argument("--parts", nargs="+", default=["crashes", "once"])
+    parser.add_argument("--parts", nargs="+", default=["points", "instants", "once"])
+    parser.add_argument("--commands", nargs="+", help="those that are killed at each boundary (default: all seven)")
     parser.add_argument("--seed", type=int, default=int(time.time()))
     asked = parser.parse_args()
     warnings.simplefilter("ignore", DeprecationWarning)  # of fork beside threads: there are none by then
@@ -37,18 +38,21 @@ def main() -> int:
         with TemporaryDirectory(dir=_memory()) as folder:
             scene, found, rounds = Scene(Path(folder), database, many=MANY), crashes.Found(), once.Rounds()
             try:
-                if "crashes" in asked.parts:
-                    crashes.at_every_point(scene, found)
+                if "points" in asked.parts:
+                    crashes.at_every_point(scene, found, names=asked.commands and frozenset(asked.commands))
+                if "instants" in asked.parts:
                     crashes.at_random_instants(scene, found, number=asked.instants, random=Random(asked.seed))  # noqa: S311
                 if "once" in asked.parts:
                     once.play(scene, asked.rounds, rounds)
+            except KeyboardInterrupt:
+                lines.append(f"{database}: ended early; its figures are of what was done")
             finally:
                 scene.close()
-        enough = found.points >= POINTS or "crashes" not in asked.parts
+        enough = found.points >= POINTS or asked.commands is not None or "points" not in asked.parts
         clean = clean and enough and found.clean and not rounds.wrong
         for wrong in (*found.lost, *found.half, *found.twice, *rounds.wrong):
             sys.stderr.write(f"{wrong}\n")
-        if "crashes" in asked.parts:
+        if {"points", "instants"} & set(asked.parts):
             lines.append(
                 f"C3 {database}: killed at {found.points} boundaries and {found.instants} instants; "
                 f"{found.acknowledged} acknowledged effects, {len(found.lost)} lost, {len(found.half)} half effects, "
