@@ -29,7 +29,9 @@ AUDITORS: Final = frozenset(role for role in PersonRole if role.value in {"admin
 _PARTY_KINDS: Final = frozenset(
     {"person-registered", "agent-registered", "pep-registered", "sensor-registered", "person-key-added"}
 )
-_OBJECTS: Final = ("object", "operation", "tool", "mandate_id", "opening_id", "change_id", "id")
+_OBJECTS: Final = (
+    "object", "operation", "tool", "mandate_id", "opening_id", "envelope_id", "change_id", "client_id", "person", "id",
+)  # fmt: skip
 """Members of a body that say what an act is about, the nearest first."""
 
 

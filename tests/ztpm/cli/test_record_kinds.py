@@ -11,7 +11,6 @@ from ztpm.cli.provider.audit import JOURNAL, LEDGER
 from ztpm_idp.domain.changes import Word
 
 from ztpm_idp.domain import entries
-from ztpm_idp.domain.asking import approvals
 
 PARTIES = ("person", "agent", "pep", "sensor")
 
@@ -25,16 +24,20 @@ def first_words(calls):
 
 
 def entry_kinds():
-    told = [node.value.elts[0] for node in nodes(entries.__file__)
+    domain = Path(entries.__file__).parent
+    told = [node.value.elts[0] for path in sorted(domain.rglob("entries.py")) for node in nodes(path)
             if isinstance(node, ast.Return) and isinstance(node.value, ast.Tuple)]  # fmt: skip
-    calls = (node for node in nodes(approvals.__file__) if isinstance(node, ast.Call))
-    acts = first_words(call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "_Refusing")
+    calls = (node for path in (domain / "asking").glob("*.py") for node in nodes(path) if isinstance(node, ast.Call))
+    acts = first_words(call for call in calls if isinstance(call.func, ast.Name) and call.func.id == "Refusing")
     assert len(acts) > 1
     ends = {"-registered": PARTIES, "-refused": acts, "change-": map(str, Word), "tool-": entries.DONE.values()}
     ends |= {"-suspended": PARTIES[2:], "-restored": PARTIES[2:], "-key-replaced": PARTIES[1:]}
     for kind in told:
         if isinstance(kind, ast.Constant):
             yield kind.value
+            continue
+        if isinstance(kind, ast.IfExp):
+            yield from (kind.body.value, kind.orelse.value)
             continue
         ((fixed,),) = ([part.value for part in kind.values if isinstance(part, ast.Constant)],)
         yield from (f"{fixed}{word}" if fixed.endswith("-") else f"{word}{fixed}" for word in ends[fixed])

@@ -31,12 +31,16 @@ CELL_CHARACTERS: Final = 40
 """Characters of a value that are shown; `--json` shows it whole."""
 MILLI: Final = 1000
 LEDGER: Final = (
-    "agent-attested", "agent-key-replaced", "agent-registered", "agent-restored", "agent-suspended",
-    "agent-vouched", "agents-held", "ask-refused", "ask-taken", "change-confirmed", "change-declined",
-    "change-ended", "change-proposed", "closing-refused", "delegation-refused", "line-begun", "mandate-signed",
-    "opening-closed", "opening-made", "opening-refused", "pep-key-replaced", "pep-record", "pep-registered",
-    "pep-restored", "pep-suspended", "person-key-added", "person-registered", "point-heard", "refusals-spent",
-    "revoked", "sensor-key-replaced", "sensor-registered", "sensor-restored", "sensor-suspended", "store-restored",
+    "access-ended", "agent-attested", "agent-key-replaced", "agent-registered", "agent-restored", "agent-suspended",
+    "agent-vouched", "agents-held", "ask-refused", "ask-taken", "change-confirmed", "change-declined", "change-ended",
+    "change-proposed", "closing-refused", "delegation-refused", "device-confirmed", "device-declined",
+    "envelope-refused", "envelope-revoked", "envelope-revoking-refused", "envelope-signed", "line-begun",
+    "login-added", "login-ended", "mandate-signed", "oauth-access-made", "oauth-assent-given",
+    "oauth-client-registered", "oauth-family-ended", "oauth-scope-declared", "oauth-scope-ended", "opening-closed",
+    "opening-made", "opening-refused", "pep-key-replaced", "pep-record", "pep-registered", "pep-restored",
+    "pep-suspended", "person-key-added", "person-passkey-added", "person-registered", "person-roles-changed",
+    "point-heard", "refusals-spent", "revoked", "sensor-key-replaced", "sensor-registered", "sensor-restored",
+    "sensor-suspended", "session-begun", "session-ended", "session-key-added", "session-key-ended", "store-restored",
     "store-resumed", "suspension-ended", "token-delegated", "token-drawn", "token-issued", "tool-registered",
     "tool-restored", "tool-retired", "tool-suspended", "trust-stated", "vote-cast", "vote-refused",
 )  # fmt: skip
