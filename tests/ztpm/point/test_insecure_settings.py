@@ -53,6 +53,11 @@ STATED = {
     "a database in memory by a URI": ("database_url", "sqlite+aiosqlite:///file:x?mode=memory&uri=true"),
     "a database with options": ("database_url", "sqlite+aiosqlite:////tmp/x?check_same_thread=false"),
     "a database of another driver": ("database_url", "mysql+aiomysql://idp@db/idp"),
+    "a server's password in the file": ("database_url", "postgresql+asyncpg://idp:word@db.example/idp"),
+    "a server with options": ("database_url", "postgresql+asyncpg://idp@db.example/idp?ssl=disable"),
+    "a server without a user": ("database_url", "postgresql+asyncpg://db.example/idp"),
+    "a server without a database": ("database_url", "postgresql+asyncpg://idp@db.example/"),
+    "a server by another driver": ("database_url", "postgresql+psycopg://idp@db.example/idp"),
     "a database in no folder": ("database_url", "sqlite+aiosqlite:////nowhere/at/all/idp.sqlite"),
     "half of TLS: no key": (KEY, None),
     "half of TLS: no certificate": (CERTIFICATE, None),
@@ -110,7 +115,63 @@ def weak(**changes):
     return replace
 
 
+LOGIN = {"name": "corp", "title": "Corp", "issuer": "https://login.example", "client_id": "ztpm"}
+
+
+def login(**changes):
+    """Adds an OpenID provider, with these members of it otherwise."""
+
+    def add(root):
+        members = {name: value for name, value in (LOGIN | changes).items() if value is not None}
+        with (root / "idp/idp.toml").open("a") as config:
+            config.write("[[login_providers]]\n" + "".join(f"{n} = {json.dumps(v)}\n" for n, v in members.items()))
+
+    return add
+
+
+def twice(root):
+    login()(root)
+    login(issuer="https://other.example")(root)
+
+
+def secret(text, rights):
+    def write(root):
+        write_private(root / "idp/client.secret", text.encode())
+        (root / "idp/client.secret").chmod(rights)
+        login(client_secret_file="client.secret")(root)
+
+    return write
+
+
+def oauth(*names, **other):
+    """States keys of the authorization server."""
+
+    def add(root):
+        for name, rights in other.items():
+            other_key(f"idp/{name}.key")(root)
+            (root / f"idp/{name}.key").chmod(rights)
+        state(root, {"oauth_key_files": [*names, *(f"{name}.key" for name in other)]})
+
+    return add
+
+
 FILES = {
+    "a login in the clear": ("login_providers.0", login(issuer="http://login.example")),
+    "a login without an issuer": ("login_providers.0.issuer", login(issuer="")),
+    "a login with a password in its issuer": ("login_providers.0", login(issuer="https://a:b@login.example")),
+    "a login without a client": ("login_providers.0.client_id", login(client_id="")),
+    "a login without signatures": ("login_providers.0.algorithms.0", login(algorithms=["none"])),
+    "a login with a shared secret's signatures": ("login_providers.0.algorithms.0", login(algorithms=["HS256"])),
+    "a login with no algorithm": ("login_providers.0.algorithms", login(algorithms=[])),
+    "a login with groups and no roles": ("login_providers.0", login(groups_claim="groups")),
+    "a login that stands twice": ("login_providers", twice),
+    "a login whose secret others may read": ("login_providers", secret("s" * 32, 0o644)),
+    "a login whose secret is short": ("login_providers", secret("short", 0o600)),
+    "a login whose secret is missing": ("login_providers", login(client_secret_file="absent")),
+    "an access token's key that is missing": ("oauth_key_files", oauth("absent.key")),
+    "an access token's key that others may read": ("oauth_key_files", oauth(oauth=0o644)),
+    "an access token's key that is the provider's": ("oauth_key_files", oauth("feed-1.key")),
+    "an access token's key that stands twice": ("oauth_key_files", oauth("oauth.key", oauth=0o600)),
     "a configuration that others may write": ("config", mode("idp/idp.toml", 0o666)),
     "a configuration that is no TOML": ("config", content("idp/idp.toml", "issuer =")),
     "a ring that others may write": ("key_ring_file", mode("idp/keys.json", 0o662)),
@@ -151,6 +212,7 @@ def made(tmp_path_factory):
     authority = Authority(tmp_path_factory.mktemp("tls"), ["127.0.0.1"])
     plan = ProviderPlan(ISSUER, {})
     settings = plan.settings(layout) | {"key_ring_file": "keys.json", "host": "127.0.0.1", CERTIFICATE: "hosts.pem"}
+    del settings["oauth_key_files"]
     write_private(layout.idp_config, toml(settings | {KEY: "hosts.key", "database_url": "STORE"}))
     write_private(layout.key_ring, ring_to_json(make_ring(layout, ISSUER, PASSPHRASE.encode(), at=int(time.time()))))
     write_private(layout.database, b"")

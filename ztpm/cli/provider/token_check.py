@@ -51,8 +51,8 @@ def verify(
 ) -> None:
     """Verify a token as an enforcement point does, but for its holder's proof and the tools.
 
-    These are steps 1 to 9 of docs/spec.md. The provider is asked what is revoked. A suspended agent is in the registry
-    alone, and not looked for here.
+    These are steps 1 to 9 of docs/spec.md. The provider is asked for its revocations. A suspended agent is in the
+    registry alone, and not looked for here.
     """
     from capabilities.statements.revocation import RevocationView
     from capabilities.token.verify import verify as check
