@@ -13,7 +13,7 @@ from tests.ztpm_idp.world import ISSUER, FakeClock, World
 from typer.testing import CliRunner
 from ztpm.base import layout
 
-from ztpm.cli import command_line
+from ztpm.cli import app
 from ztpm.cli.provider import login
 from ztpm_idp.client import direct_http
 
@@ -44,7 +44,7 @@ def tmp_path(tmp_path):
 
 
 def run(*words):
-    return CliRunner().invoke(command_line(), list(map(str, words)))
+    return CliRunner().invoke(app, list(map(str, words)))
 
 
 def confirming(world, monkeypatch, answer):
