@@ -18,7 +18,7 @@ from fastapi.responses import RedirectResponse
 
 from capabilities.keys.keys import b64u, unb64u
 from capabilities.values.errors import BadKeyError
-from ztpm_idp.domain.locks import Locks
+from ztpm_idp.domain.locks import WHOLE, Locks
 from ztpm_idp.domain.login.commands import LogIn, LogOut
 from ztpm_idp.domain.parties import RegisteredPerson, Standing
 
@@ -42,8 +42,8 @@ SEEN_MS: Final = 60_000
 """Milliseconds after which a session's last request is written again: not with each page."""
 _ID: Final = re.compile(r"[A-Za-z0-9_-]{43}", re.ASCII)
 _BACK: Final = re.compile(r"/[A-Za-z0-9._~/-]*(\?[A-Za-z0-9._~/?:@!$&'()*+,;=%-]*)?", re.ASCII)
-_NO_LOCKS: Final = Locks(frozenset(), frozenset())
-"""Locks of a session's last request: no command is decided on it."""
+_LOCKS: Final = Locks(frozenset({WHOLE}), frozenset())
+"""Locks of a session's last request: beside all but what runs alone, since no command is decided on it."""
 NO_STORE: Final = {"Cache-Control": "no-store"}
 
 
@@ -93,7 +93,7 @@ async def signed_in(request: Request) -> SignedIn | None:
     if person.standing is not Standing.ACTIVE:
         return None
     if at_ms - session.seen_ms >= SEEN_MS:
-        async with provider.store.write(_NO_LOCKS) as transaction:
+        async with provider.store.write(_LOCKS) as transaction:
             await transaction.sessions.seen(session_id, at_ms=at_ms)
     return _signed_in(session, person)
 
