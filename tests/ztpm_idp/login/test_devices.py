@@ -314,7 +314,9 @@ def test_the_pages_ages_by_tier_are_those_of_the_sets():
 
 def test_the_ledger_names_the_key_and_the_login_behind_it(shared):
     terminal, _ = confirmed(shared)
-    lines = b"".join(line for (line,) in rows(shared, "SELECT line FROM ledger ORDER BY seq DESC LIMIT 2")).decode()
+    lines = b"".join(
+        bytes(line) for (line,) in rows(shared, "SELECT line FROM ledger ORDER BY seq DESC LIMIT 2")
+    ).decode()
     thumb = keys.thumbprint(keys.public_raw(terminal.key))
     for said in ('"kind":"device-confirmed"', '"kind":"session-key-added"', thumb, '"method":"operator-key"'):
         assert said in lines

@@ -5,8 +5,8 @@ Forms count only from pages of ours.
 
 from __future__ import annotations
 
+import json
 import re
-import sqlite3
 
 import pytest
 from capabilities.keys import keys
@@ -35,9 +35,13 @@ def code(answer):
     return re.search(r"Code <code>([A-Z_]+)</code>", answer.text)[1]
 
 
+def as_list(column):
+    """A column of JSON, of which SQLite gives the text."""
+    return json.loads(column) if isinstance(column, str) else column
+
+
 def rows(world, query):
-    with sqlite3.connect(world.folder / "idp.sqlite") as base:
-        return base.execute(query).fetchall()
+    return [tuple(row) for row in world.sql(query)]
 
 
 def test_a_link_of_the_operator_key_begins_a_session(shared, browser):
@@ -248,7 +252,7 @@ def test_the_ledger_says_who_logged_in_and_how(shared, browser):
     (line,) = rows(shared, "SELECT line FROM ledger ORDER BY seq DESC LIMIT 1")[0]
     thumb = keys.thumbprint(keys.public_raw(shared.private["bob"]))
     for said in ('"kind":"session-begun"', '"method":"operator-key"', '"amr":["swk"]', f'"key":"{thumb}"'):
-        assert said in line.decode()
+        assert said in bytes(line).decode()
 
 
 def test_sessions_are_the_stores_and_not_a_workers(shared, browser):
