@@ -26,7 +26,7 @@ from evaluation.idp.bench import (
     slope,
 )
 from evaluation.idp.horizon import Follower, horizons_ms
-from evaluation.idp.load import Connection, ready, sent
+from evaluation.idp.load import sent
 from evaluation.idp.place import place
 from evaluation.idp.work import Work
 
@@ -46,6 +46,7 @@ KNOWN_S: Final = 10.0
 """Longest wait for followers to know the last revocation of a round."""
 WARM_UP: Final = 1
 """Rounds that are not counted: statements are compiled in them, and connections made."""
+NOT_MADE: Final = "not measured"
 PAGE_KIB: Final = os.sysconf("SC_PAGESIZE") // 1024
 
 
@@ -66,7 +67,6 @@ class _Place:
     at: IdpPlace
     database: str
     workers: int
-    introspection: str
     series: dict[str, _Series] = field(default_factory=dict)
     horizons: list[float] = field(default_factory=list)
     memory: list[tuple[float, float]] = field(default_factory=list)
@@ -121,7 +121,7 @@ def run(
 async def _measured(
     at: IdpPlace, database: str, workers: int, *, batch: int, rounds: int, told: Callable[[str], object]
 ) -> _Place:
-    found = _Place(at, database, workers, await _introspection(at))
+    found = _Place(at, database, workers)
     for turn in range(rounds + WARM_UP):
         told(f"{database}, {workers} workers: round {turn + 1} of {rounds + WARM_UP}")
         if turn == WARM_UP:
@@ -149,10 +149,6 @@ async def _round(found: _Place, work: Work, *, batch: int, turn: int) -> None:
         found, "delegate", [work.delegate(h, t["token"], d, n["nonce"]) for h, t, d, n in lent], bare
     )  # fmt: skip
     held = list(zip(holders, issued.bodies, strict=True))
-    if found.introspection:
-        await _sent(
-            found, "introspect", [work.introspect(found.introspection, h, t["token"]) for h, t in held], bare
-        )  # fmt: skip
     async with AsyncExitStack() as following:
         followers = [Follower(at, n) for n in range(FOLLOWERS)]
         for follower in followers:
@@ -188,25 +184,12 @@ async def _ended(task: asyncio.Task[None]) -> None:
         await task
 
 
-async def _introspection(at: IdpPlace) -> str:
-    """Address of the introspection endpoint (RFC 7662), as the provider's metadata name it (RFC 8414); else nothing."""
-    connection = await Connection.to(at.provider[0])
-    try:
-        url = f"{at.issuer}/.well-known/oauth-authorization-server"
-        metadata = await connection.answer(ready("GET", url, b"", {}).raw)
-        return str(metadata.get("introspection_endpoint", ""))
-    except WrongAnswerError:
-        return ""
-    finally:
-        connection.close()
-
-
 def _rows(found: _Place) -> list[OperationRow]:
     rows = []
     for operation in (BARE, *OPERATIONS):
         series = found.series.get(operation)
         if series is None:
-            rows.append(OperationRow(found.database, found.workers, operation, why="the provider has none"))
+            rows.append(OperationRow(found.database, found.workers, operation, why=NOT_MADE))
             continue
         n = len(series.took_s)
         rows.append(

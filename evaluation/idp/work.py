@@ -83,13 +83,6 @@ class Work:
         _, key = self._sponsor_of(agent)
         return self._signed("/revocations", {"kind": "token", "id": token_id, "reason": "benchmark"}, key)
 
-    def introspect(self, url: str, agent: int, token: str) -> Ready:
-        """The agent's sponsor asks whether a token is active (RFC 7662)."""
-        _, key = self._sponsor_of(agent)
-        body = f"token={token}".encode()
-        headers = {"content-type": "application/x-www-form-urlencoded", "dpop": _proof(key, url, body)}
-        return ready("POST", url, body, headers)
-
     def bare(self, agent: int) -> Ready:
         """A sponsor's request to the bare endpoint, as large as one for a token."""
         _, key = self._sponsor_of(agent)
