@@ -36,11 +36,11 @@ CONNECTION_WAIT_S: Final = 10.0
 """Seconds for which a request waits for a connection."""
 CONNECT_S: Final = 10.0
 """Seconds after which a server that does not answer is a storage fault."""
-LOCK_TIMEOUT_MS: Final = 10_000
+LOCK_TIMEOUT_MS: Final = 15_000
 """Milliseconds for which the server lets a statement wait for another transaction: longer than a frozen one lasts."""
 STATEMENT_TIMEOUT_MS: Final = 30_000
 """Milliseconds after which the server ends a statement; migrations and copies have no limit."""
-IDLE_TIMEOUT_MS: Final = 5_000
+IDLE_TIMEOUT_MS: Final = 10_000
 """Milliseconds after which the server ends a transaction whose process says nothing: a frozen worker holds no lock."""
 EPOCH_CHANNEL: Final = "ztpm_epoch"
 """Channel of the hint that the epoch has grown."""

@@ -17,6 +17,7 @@ from tests.ztpm_idp import postgres
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import LOWER, MEASUREMENT, SLOWER, World
+from ztpm_idp.store import postgres as servers
 from ztpm_idp.store.schema import metadata
 
 from ztpm_idp import create_app
@@ -148,6 +149,8 @@ class Scene:
             store = await Store.open(self.url)
             try:
                 async with store.read() as view:
+                    if self.database == "postgres":
+                        await servers.without_limits(view._connection)
                     return {
                         table.name: [tuple(row) for row in await view._connection.execute(sa.select(table))]
                         for table in metadata.sorted_tables
