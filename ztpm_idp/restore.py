@@ -29,10 +29,10 @@ from ztpm_idp.domain.state import Wanted
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.store import Store
-from ztpm_idp.store.copies import SqlitePlace, UnreadableError
+from ztpm_idp.store.database.copies import SqlitePlace, UnreadableError
+from ztpm_idp.store.database.postgres import DIALECT
+from ztpm_idp.store.database.postgres_copies import PostgresPlace
 from ztpm_idp.store.errors import RestoreError
-from ztpm_idp.store.postgres import DIALECT
-from ztpm_idp.store.postgres_copies import PostgresPlace
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.settings import Settings
-    from ztpm_idp.store.copies import Place
+    from ztpm_idp.store.database.copies import Place
 
 ACTOR: Final = "restore"
 """Actor in the ledger for acts of a restore that nobody did over the wire."""

@@ -16,7 +16,7 @@ from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.test_revoking import index
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World
 from ztpm_idp.restore import StoppedProvider, RestoreError, backup, place_of, restore
-from ztpm_idp.store.copies import copy_file
+from ztpm_idp.store.database.copies import copy_file
 from ztpm_idp.store.schema import metadata
 
 from capabilities.keys import keys

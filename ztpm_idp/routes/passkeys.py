@@ -25,7 +25,7 @@ from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.approvals import found_ask
 from ztpm_idp.routes.caller import SMALL_BYTES, Call, authenticated, body_of, provider_of, read_body
 from ztpm_idp.routes.people import change_of, propose
-from ztpm_idp.store.enrolments import Enrolment
+from ztpm_idp.store.login.enrolments import Enrolment
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]

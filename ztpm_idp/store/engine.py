@@ -13,8 +13,10 @@ from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from ztpm_idp.domain.locks import EVERYTHING, REVOCATIONS
-from ztpm_idp.store import postgres
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.database import postgres
+from ztpm_idp.store.database.migrate import upgrade
+from ztpm_idp.store.database.sqlite_driver import connect
 from ztpm_idp.store.errors import (
     AgainError,
     ConflictError,
@@ -24,9 +26,7 @@ from ztpm_idp.store.errors import (
     StoreUnavailableError,
     UnsafeDatabaseError,
 )
-from ztpm_idp.store.migrate import upgrade
 from ztpm_idp.store.proof_use import ProofUse
-from ztpm_idp.store.sqlite_driver import connect
 from ztpm_idp.store.transaction import Transaction
 
 if TYPE_CHECKING:

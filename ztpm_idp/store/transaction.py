@@ -57,8 +57,9 @@ from ztpm_idp.domain.parties import (
     Standing,
 )
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
-from ztpm_idp.store import postgres, prepared, rows
+from ztpm_idp.store import prepared, rows
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.database import postgres
 from ztpm_idp.store.errors import LocksTooFewError
 from ztpm_idp.store.lending import spend
 from ztpm_idp.store.revocations import batches

@@ -18,22 +18,23 @@ from ztpm_idp.domain.parties import (
 )
 from ztpm_idp.domain.state import Journal, Nonce, State
 from ztpm_idp.domain.wanted import wanted_by_change
-from ztpm_idp.store import counts, postgres, prepared, rows
+from ztpm_idp.store import counts, prepared, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
 from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
-from ztpm_idp.store.devices import Devices
-from ztpm_idp.store.enrolments import Enrolments
+from ztpm_idp.store.database import postgres
 from ztpm_idp.store.envelopes import Envelopes
 from ztpm_idp.store.lending import Lending
+from ztpm_idp.store.login.devices import Devices
+from ztpm_idp.store.login.enrolments import Enrolments
+from ztpm_idp.store.login.sessions import Sessions
 from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches
-from ztpm_idp.store.sessions import Sessions
 from ztpm_idp.store.upkeep import Upkeep
 
 if TYPE_CHECKING:

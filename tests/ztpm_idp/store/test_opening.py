@@ -13,10 +13,10 @@ from sqlalchemy.engine import make_url
 from sqlalchemy.exc import OperationalError
 from tests.ztpm_idp import postgres
 from ztpm_idp.store.errors import StoreNotOpenedError, StoreUnavailableError
-from ztpm_idp.store.migrate import NEWEST
+from ztpm_idp.store.database.migrate import NEWEST
 
 from ztpm_idp.store import engine
-from ztpm_idp.store import postgres as servers
+from ztpm_idp.store.database import postgres as servers
 
 
 async def opened(path):

@@ -27,7 +27,7 @@ from ztpm_idp.domain.events import (
     TokenIssued,
     VoteCast,
 )
-from ztpm_idp.store import postgres
+from ztpm_idp.store.database import postgres
 from ztpm_idp.store.transaction import Transaction
 
 from ztpm_idp import create_app, ledger_file

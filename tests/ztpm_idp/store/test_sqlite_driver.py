@@ -6,7 +6,7 @@ import threading
 
 import pytest
 from ztpm_idp.store import Store, StoreUnavailableError
-from ztpm_idp.store.sqlite_driver import _waited, connect
+from ztpm_idp.store.database.sqlite_driver import _waited, connect
 
 TURNS = 20
 
@@ -117,7 +117,7 @@ def test_a_store_whose_commit_fails_says_so_and_keeps_nothing(tmp_path, monkeypa
             raise sqlite3.OperationalError("disk I/O error")
 
         with monkeypatch.context() as patched:
-            patched.setattr("ztpm_idp.store.sqlite_driver._waited", torn)
+            patched.setattr("ztpm_idp.store.database.sqlite_driver._waited", torn)
             with pytest.raises(StoreUnavailableError):
                 await store.first_use(**use)
         assert await store.first_use(**use)

@@ -18,7 +18,7 @@ from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, LATEST_TABLES, SLOWER, World, new_jti, drop_latest_columns
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.store.migrate import MIGRATIONS, NEWEST
+from ztpm_idp.store.database.migrate import MIGRATIONS, NEWEST
 from ztpm_idp.store.schema import metadata
 from ztpm_idp.store.transaction import Transaction
 

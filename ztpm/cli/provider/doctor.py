@@ -88,7 +88,7 @@ class ProviderDoctor:
     def database(self) -> Found:
         """The store can be reached, and this release wrote its schema."""
         from ztpm_idp.store import StoreUnavailableError
-        from ztpm_idp.store.migrate import NEWEST, revision_of
+        from ztpm_idp.store.database.migrate import NEWEST, revision_of
 
         if self._read is None:
             return _unread()

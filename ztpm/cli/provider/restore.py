@@ -68,7 +68,7 @@ def migrate(*, config: Config = None, directory: CellDirectory = None, as_json: 
     import asyncio
 
     from ztpm_idp.store import Store
-    from ztpm_idp.store.migrate import NEWEST
+    from ztpm_idp.store.database.migrate import NEWEST
 
     settings, _ = _settings(config, directory)
 

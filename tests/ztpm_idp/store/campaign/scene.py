@@ -17,7 +17,7 @@ from tests.ztpm_idp import postgres
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import LOWER, MEASUREMENT, SLOWER, World
-from ztpm_idp.store import postgres as servers
+from ztpm_idp.store.database import postgres as servers
 from ztpm_idp.store.schema import metadata
 
 from ztpm_idp import create_app

@@ -16,8 +16,8 @@ from ztpm_idp.domain.login.events import (
     SessionKeyEnded,
 )
 from ztpm_idp.domain.login.records import DEVICE_MS, Device, DeviceState, SessionKey
-from ztpm_idp.store import login_schema as t
-from ztpm_idp.store.sessions import how_of, how_values, living, roles_of
+from ztpm_idp.store.login import login_schema as t
+from ztpm_idp.store.login.sessions import how_of, how_values, living, roles_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

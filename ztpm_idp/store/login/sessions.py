@@ -10,7 +10,7 @@ import sqlalchemy as sa
 from ztpm_idp.domain.login.events import AccessEnded, LoginAdded, LoginEnded, LoginOffered, SessionBegun, SessionEnded
 from ztpm_idp.domain.login.records import OFFER_MS, Authentication, Method, Offer, Session
 from ztpm_idp.domain.parties import PersonRole
-from ztpm_idp.store import login_schema as t
+from ztpm_idp.store.login import login_schema as t
 from ztpm_idp.store.rows import REVOKED_KEYS
 
 if TYPE_CHECKING:

@@ -9,10 +9,10 @@ import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.ext.asyncio import create_async_engine
 
-from ztpm_idp.store import postgres
+from ztpm_idp.store.database import postgres
 from ztpm_idp.store.errors import NewerDatabaseError, StoreUnavailableError
 
-MIGRATIONS: Final = Path(__file__).parent / "migrations"
+MIGRATIONS: Final = Path(__file__).parents[1] / "migrations"
 NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py")).partition("_")[0]
 """Newest revision; its file begins with it."""
 

@@ -11,12 +11,12 @@ import sqlalchemy as sa
 from sqlalchemy.exc import SQLAlchemyError
 
 from ztpm_idp.domain.locks import EVERYTHING
-from ztpm_idp.store import copies, postgres
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.copies import UnreadableError
+from ztpm_idp.store.database import copies, postgres
+from ztpm_idp.store.database.copies import UnreadableError
+from ztpm_idp.store.database.migrate import NEWEST
 from ztpm_idp.store.engine import Store
 from ztpm_idp.store.errors import RestoreError, StoreUnavailableError
-from ztpm_idp.store.migrate import NEWEST
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Iterable, Iterator

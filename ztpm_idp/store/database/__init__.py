@@ -1,0 +1,1 @@
+"""The databases: PostgreSQL and SQLite, their migration and their copies."""

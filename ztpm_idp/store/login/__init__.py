@@ -1,0 +1,1 @@
+"""Rows of logging in: sessions, devices, passkeys that are being made."""
