@@ -104,7 +104,7 @@ class Transaction(View):
             await self._connection.execute(prepared.NEW_ENTRY, batch)
         await counting.change(ledger_size=size, ledger_head=head)
         after = await counting.write()
-        if self._locks is not None and after.epoch != counters.epoch:
+        if self._locks is not None and any(isinstance(event, Revoked) for event in events):
             await postgres.tell_epoch(self._connection, after.epoch)
         return after.epoch
 
