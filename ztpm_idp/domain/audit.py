@@ -24,7 +24,7 @@ KEY_CHARACTERS: Final = 256
 """Longest value of a column: an audience, or the id of a request."""
 STATEMENT_BYTES: Final = 262_144
 """Longest signed ask that is looked into: that of a statement."""
-AUDITORS: Final = frozenset(role for role in PersonRole if role.value in {"admin", "approver", "auditor"})
+AUDITORS: Final = frozenset({PersonRole.ADMIN, PersonRole.APPROVER, PersonRole.AUDITOR})
 """Roles that read the ledger."""
 _PARTY_KINDS: Final = frozenset(
     {"person-registered", "agent-registered", "pep-registered", "sensor-registered", "person-key-added"}

@@ -14,6 +14,7 @@ from tests.ztpm_idp.test_lending import chain_of
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 
 from capabilities.keys.keys import Algorithm
+from ztpm_idp.client import ClientError
 from ztpm_idp.oauth.client_auth import ASSERTION_TYPE
 
 OTHER = "http://127.0.0.1:8801/mcp"
@@ -218,6 +219,13 @@ def test_every_revocation_ends_the_access_token(world):
         told = looked_at(world, text)
         world.people["alice"].revoke(what, id_of(chain_of(world, told["ztpm_capability"])), "enough")
         assert looked_at(world, text) == {"active": False}, what
+
+
+def test_nobody_holds_the_key_of_a_clients_agent(shared, viewer):
+    """With one it could lend on, and show the capability itself."""
+    with pytest.raises(ClientError) as refused:
+        shared.people["alice"].replace_key("agent", viewer.client_id, keys.public_raw(keys.generate()), reason="x")
+    assert refused.value.code == "NOT_PERMITTED"
 
 
 def test_a_suspended_client_has_nothing(shared, viewer):

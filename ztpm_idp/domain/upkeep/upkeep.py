@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, assert_never
 from capabilities.keys.keys import thumbprint
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RevocationKind, Revoked
+from ztpm_idp.domain.oauth.registering import ROLE as CLIENT_ROLE
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredAgent,
@@ -84,6 +85,8 @@ def replace_key(rules: Rules, state: State, command: ReplaceKey) -> Outcome:
         return Refusal(IdpCode.NOT_FOUND, f"no such {command.kind}")
     if party.standing is Standing.REVOKED:
         return Refusal(IdpCode.PARTY_ENDED, "it has ended, for ever: register another")
+    if isinstance(party, RegisteredAgent) and party.role == CLIENT_ROLE:
+        return Refusal(IdpCode.NOT_PERMITTED, "an OAuth client's agent has no key that anybody may hold")
     if command.key == party.key:
         return ()  # it was replaced before, and the answer was lost
     if command.key in rules.own_keys or command.key in state.key_owners:
