@@ -366,4 +366,4 @@ def test_a_certificate_that_is_none_ends_it_in_one_line(tmp_path):
     config = tmp_path / "idp.toml"
     tls = f'tls_certificate_file = "{tmp_path}/cert.pem"\ntls_key_file = "{tmp_path}/cert.key"\n'
     config.write_text(tls + config.read_text().replace("http://", "https://"))
-    assert ended(process) == (1, "CERTIFICATE_UNUSABLE")
+    assert ended(process) == (2, "CONFIG_INVALID")

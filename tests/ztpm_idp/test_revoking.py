@@ -344,6 +344,7 @@ def rows(world, revoked):
             await transaction._connection.execute(sa.insert(t.revocations), made)
             await transaction._connection.execute(sa.update(t.counters).values(epoch=len(made)))
             await transaction.revocations.begin(0)
+            await transaction.append((), actor="alice", at_ms=0)
 
     world.on_loop(go())
 

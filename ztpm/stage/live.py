@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 DEFER_TIMEOUT_S: Final = 4
 """The cell waits this long for an answer to a deferral, so that the story stays short."""
 
+ASKS: Final = 1_000
+"""The people of a story answer at once, and more often than people may be asked."""
+
 
 @contextmanager
 def stage(*, begin: Callable[..., Child] = Child.begin, directory: Path | None = None) -> Iterator[Stage]:
@@ -34,6 +37,8 @@ def stage(*, begin: Callable[..., Child] = Child.begin, directory: Path | None =
         addresses = free_addresses(secrets.token_bytes(16))
         passphrase = secrets.token_urlsafe(24).encode()
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEFER_TIMEOUT_S)
+        with layout.idp_config.open("a") as settings:
+            settings.write(f"asks_a_minute = {ASKS}\nasks_an_hour = {ASKS}\n")
         with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin) as cell:
             on_stage = Stage(cell=cell, people={})
             on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}

@@ -43,7 +43,7 @@ from capabilities.statements import (
     ticket,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, mandate, opening, vote
+from capabilities.statements.people import answers, ask, envelope, mandate, opening, vote
 from capabilities.statements import (
     trust as trust_bundle,
 )
@@ -135,6 +135,28 @@ ASKED = ask.Ask(
 )
 VOTED = vote.Vote("0a" * 16, "0b" * 16, HEX, "approve", "alice", False, 1, NOW + 120, NOW)
 OPENED = opening.Opening("0c" * 16, "bob", CELL, "robotic", "ur3e", "move_joint", "maintenance", 1, NOW, NOW + 600)
+ENVELOPED = envelope.Envelope(
+    envelope_id="0f" * 16,
+    approver="carol",
+    audience=CELL,
+    sponsor="alice",
+    agent="robotic",
+    agent_key=keys.thumbprint(raw_of("robotic")),
+    object="ur3e",
+    operation="move_joint",
+    model_digest=HEX,
+    policy_digest=HEX,
+    reasons=("TIER_NEEDS_APPROVAL",),
+    tier=Tier.HIGH_CONSEQUENCE,
+    index_milli=2_900,
+    speed_um_s=250_000,
+    box=(envelope.Side("q0", -600_000, 600_000),),
+    start_urad=tuple(envelope.Side(f"q{n}", -n, n) for n in range(6)),
+    seen=(envelope.Seen("person", "person-1/torso"), envelope.Seen("self", "")),
+    uses=10,
+    not_before=NOW,
+    not_after=NOW + 600,
+)
 STANDING = answers.Answers(
     ISSUER, CELL, "n" * 22, NOW * 1_000, (answers.AnsweredAsk("0a" * 16, "granted", ("vote",)),), ("opening",)
 )
@@ -291,6 +313,7 @@ KINDS = {
     ask: ASKED,
     vote: VOTED,
     opening: OPENED,
+    envelope: ENVELOPED,
     answers: STANDING,
     cell: SURVEY,
     manifest: LISTED,

@@ -206,9 +206,8 @@ def test_the_openapi_names_every_endpoint(world):
         "/changes/{change_id}/decline", "/recoveries", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/retire", "/agents/{id_}/trust",
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
-        "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw",
+        "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw", "/envelopes", "/envelopes/{envelope_id}/revoke",
         "/restoring/marks", "/revocations/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
-        "/restoring/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
         "/oauth/token", "/oauth/introspect", "/oauth/revoke", "/oauth/clients", "/oauth/scopes/{name}", "/oauth/scopes/{name}/end",
         "/oauth/lent/{family}/end",
         "/agents/{id_}/key", "/tools/suspend", "/tools/restore", "/tools/retire",
@@ -220,7 +219,7 @@ def test_the_openapi_names_every_endpoint(world):
     }  # fmt: skip
     assert gets == {
         "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
-        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings",
+        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
         "/.well-known/oauth-authorization-server{path}", "/.well-known/oauth-protected-resource{path}",

@@ -6,7 +6,9 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from capabilities.token import hop_rules
 from capabilities.values import algebra
+from capabilities.values.caps import DEFAULT
 from capabilities.values.chain import EvidenceKind
 from capabilities.values.errors import FaultCode
 from capabilities.values.scope import Grant, Limit, OneOf, Range, Restriction, Scope, Tier
@@ -432,8 +434,8 @@ EVIDENCE = group(
         Case(
             f"As long as evidence of kind {kind} lasts",
             "TOK-7",
-            lambda kind=kind: authority(lasting(HOUR), evidence=kind),
-            Accepted(lasting(HOUR)),
+            lambda kind=kind: authority(lasting(hop_rules.longest_s(kind, DEFAULT)), evidence=kind),
+            Accepted(lasting(hop_rules.longest_s(kind, DEFAULT))),
         )
         for kind in EvidenceKind
     ),
@@ -443,7 +445,7 @@ EVIDENCE = group(
         {
             **{
                 f"A second longer than evidence of kind {kind} lasts": lambda kind=kind: authority(
-                    lasting(HOUR + 1), evidence=kind
+                    lasting(hop_rules.longest_s(kind, DEFAULT) + 1), evidence=kind
                 )
                 for kind in EvidenceKind
             },
