@@ -117,6 +117,7 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.xdist_group("lines" if waits else "cells"))
             if config.pluginmanager.hasplugin("rerunfailures"):  # not with `-p no:rerunfailures`
                 item.add_marker(pytest.mark.flaky(reruns=1))
+    items.sort(key=lambda item: not in_real_time(item))  # they take longest, so they begin first
 
 
 SHARE = Path("/proc/self/autogroup")
