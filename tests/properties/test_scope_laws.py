@@ -269,23 +269,18 @@ def test_equal_scopes_have_equal_bytes_and_others_have_not(a, b):
         assert hash(a) == hash(b)
 
 
+MEMBERS = st.sampled_from(
+    ["grants", "ceiling", "limits", "object", "operation", "one_of", "low", "high", "depth", "unit"]
+)
+
+
+def larger(inner):
+    return st.lists(inner, max_size=3) | st.dictionaries(MEMBERS | st.text(max_size=3), inner, max_size=4)
+
+
 @pytest.mark.clause("VAL-13")
 @given(
-    st.recursive(
-        st.none() | st.booleans() | st.integers() | st.text(max_size=4) | st.floats(),
-        lambda inner: (
-            st.lists(inner, max_size=3)
-            | st.dictionaries(
-                st.sampled_from(
-                    ["grants", "ceiling", "limits", "object", "operation", "one_of", "low", "high", "depth", "unit"]
-                )
-                | st.text(max_size=3),
-                inner,
-                max_size=4,
-            )
-        ),
-        max_leaves=12,
-    )
+    st.recursive(st.none() | st.booleans() | st.integers() | st.text(max_size=4) | st.floats(), larger, max_leaves=12)
 )
 def test_no_json_is_stumbled_over(value):
     for read in (scope_from_json, restriction_from_json):

@@ -148,7 +148,13 @@ def test_values_of_each_kind_are_a_request_and_the_tool_gets_what_was_decided():
 
 
 LEAVES = st.none() | st.booleans() | st.integers() | st.floats() | st.text()
-JSON = st.recursive(LEAVES, lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3))
+
+
+def larger(inner):
+    return st.lists(inner, max_size=3) | st.dictionaries(st.text(), inner, max_size=3)
+
+
+JSON = st.recursive(LEAVES, larger)
 WORDS = st.text(st.sampled_from("ab /é水\u0301\u200b"), max_size=4)
 STATED = {"free": Free(10_000), "text": Word(), "texts": Listed(Word(), Length())}
 NOTE = row("docs", "note", STATED, base_tier=1, exact=False)

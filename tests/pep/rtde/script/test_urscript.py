@@ -126,37 +126,43 @@ def test_what_is_refused(text, code):
 
 
 names = st.sampled_from(["a", "b", "q", "p", "x_1", "async", "class", "__init__"])
-expressions = st.recursive(
-    st.one_of(
-        st.integers(0, 2**40).map(t.Integer),
-        st.floats(min_value=0, allow_nan=False, allow_infinity=False).map(t.Real),
-        st.booleans().map(t.Boolean),
-        st.text(st.characters(codec="ascii", exclude_characters="\"'\n"), max_size=8).map(t.Text),
-        names.map(t.Name),
-    ),
-    lambda inner: st.one_of(
-        st.lists(inner, max_size=3).map(lambda x: t.ListLiteral(tuple(x))),
-        st.lists(inner, min_size=6, max_size=6).map(lambda x: t.PoseLiteral(tuple(x))),
+
+
+def as_list(values):
+    return t.ListLiteral(tuple(values))
+
+
+def as_pose(values):
+    return t.PoseLiteral(tuple(values))
+
+
+def positional(values):
+    return tuple(t.Argument(None, value) for value in values)
+
+
+def alone(value):
+    return positional([value])
+
+
+def keyword(values):
+    return (t.Argument("k", values[0]),) if values else ()
+
+
+# Named, so that nobody parses this file for their text: Python 3.11 may not while it collects garbage.
+def larger_expressions(inner):
+    return st.one_of(
+        st.lists(inner, max_size=3).map(as_list),
+        st.lists(inner, min_size=6, max_size=6).map(as_pose),
         st.builds(t.Unary, st.sampled_from(["-", "+", "not"]), inner),
         st.builds(t.Binary, st.sampled_from(sorted(LEVELS)), inner, inner),
         st.builds(t.Index, st.one_of(names.map(t.Name), inner), st.lists(inner, min_size=1, max_size=2).map(tuple)),
-        st.builds(
-            t.FunctionCall, names, st.lists(inner, max_size=2).map(lambda x: tuple(t.Argument(None, v) for v in x))
-        ),
-        st.builds(t.RunThread, names, st.lists(inner, max_size=2).map(lambda x: (t.Argument("k", x[0]),) if x else ())),
-    ),
-    max_leaves=12,
-)
-statements = st.recursive(
-    st.one_of(
-        st.builds(t.Assign, st.sampled_from([None, "global", "local"]), names.map(t.Name), expressions),
-        st.builds(t.Evaluate, st.builds(t.FunctionCall, names, expressions.map(lambda v: (t.Argument(None, v),)))),
-        st.builds(t.Return, st.none() | expressions),
-        st.builds(t.EndThread, st.sampled_from(["kill", "join"]), expressions),
-        st.builds(t.KeywordStatement, st.sampled_from(["pass", "halt", "enter_critical", "exit_critical"])),
-        st.builds(t.Declare, st.sampled_from(["global", "local"]), names),
-    ),
-    lambda inner: st.one_of(
+        st.builds(t.FunctionCall, names, st.lists(inner, max_size=2).map(positional)),
+        st.builds(t.RunThread, names, st.lists(inner, max_size=2).map(keyword)),
+    )
+
+
+def larger_statements(inner):
+    return st.one_of(
         st.builds(t.While, expressions, st.lists(inner, max_size=3).map(tuple)),
         st.builds(
             t.If,
@@ -168,7 +174,30 @@ statements = st.recursive(
         st.builds(
             t.Definition, st.sampled_from(["def", "thread"]), names, st.just(()), st.lists(inner, max_size=2).map(tuple)
         ),
+    )
+
+
+expressions = st.recursive(
+    st.one_of(
+        st.integers(0, 2**40).map(t.Integer),
+        st.floats(min_value=0, allow_nan=False, allow_infinity=False).map(t.Real),
+        st.booleans().map(t.Boolean),
+        st.text(st.characters(codec="ascii", exclude_characters="\"'\n"), max_size=8).map(t.Text),
+        names.map(t.Name),
     ),
+    larger_expressions,
+    max_leaves=12,
+)
+statements = st.recursive(
+    st.one_of(
+        st.builds(t.Assign, st.sampled_from([None, "global", "local"]), names.map(t.Name), expressions),
+        st.builds(t.Evaluate, st.builds(t.FunctionCall, names, expressions.map(alone))),
+        st.builds(t.Return, st.none() | expressions),
+        st.builds(t.EndThread, st.sampled_from(["kill", "join"]), expressions),
+        st.builds(t.KeywordStatement, st.sampled_from(["pass", "halt", "enter_critical", "exit_critical"])),
+        st.builds(t.Declare, st.sampled_from(["global", "local"]), names),
+    ),
+    larger_statements,
     max_leaves=8,
 )
 
