@@ -262,7 +262,7 @@ def test_no_program_comes_through_that_would_call_back(cell, leased, port, back)
 CLIENT = """
     import os, sys
     from rtde_control import RTDEControlInterface
-    control = RTDEControlInterface(sys.argv[1], 500.0, int(sys.argv[2]))
+    control = RTDEControlInterface(sys.argv[1], 500.0, int(sys.argv[2]), 20_002)  # below the ports of connections
     print(control.moveJ([0.4, -1.57, 1.57, -1.57, -1.57, 0.0], 1.0, 2.0), flush=True)
     os._exit(0)
 """
