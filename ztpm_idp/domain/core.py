@@ -55,21 +55,11 @@ from ztpm_idp.domain.login.commands import (
     PollDevice,
 )
 from ztpm_idp.domain.oauth import deciding as oauth
-from ztpm_idp.domain.oauth.commands import (
-    Assent,
-    DeclareTemplate,
-    DrawAccess,
-    EndAccess,
-    EndFamily,
-    EndTemplate,
-    RedeemCode,
-    Refresh,
-    RegisterClient,
-)
+from ztpm_idp.domain.oauth.commands import EndAccess, EndFamily, OAuthCommand
 from ztpm_idp.domain.oauth.lending import exchanged
 from ztpm_idp.domain.parties import RegisteredPep, RegisteredSensor, Standing
 from ztpm_idp.domain.upkeep import upkeep
-from ztpm_idp.domain.upkeep.acts import ChangeTool, ReplaceKey, RestorePart, RetirePart, SuspendPart
+from ztpm_idp.domain.upkeep.acts import RetirePart, SuspendPart, UpkeepCommand
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import Command
@@ -120,6 +110,10 @@ def decide(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
 
 
 def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcome:
+    if isinstance(command, OAuthCommand):
+        return oauth.decide(rules, state, command, at_ms)
+    if isinstance(command, UpkeepCommand):
+        return upkeep.decide(rules, state, command)
     match command:
         case Initialise():
             return registry.initialise(state, command)
@@ -183,12 +177,6 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return mandates.sign(rules, state, command, at_ms)
         case DrawToken():
             return mandates.draw(rules, state, command, at_ms)
-        case RegisterClient() | DeclareTemplate() | EndTemplate() | Assent() | RedeemCode() | Refresh():
-            return oauth.decide(rules, state, command, at_ms)
-        case DrawAccess() | EndAccess() | EndFamily():
-            return oauth.decide(rules, state, command, at_ms)
-        case SuspendPart() | RestorePart() | RetirePart() | ReplaceKey() | ChangeTool():
-            return upkeep.decide(rules, state, command)
         case OfferLogin() | LogIn() | LogOut() | EndLogin():
             return sessions.login(state, command, at_ms)
         case AskDevice() | PollDevice() | EnterCode() | AnswerDevice() | EndSessionKey():

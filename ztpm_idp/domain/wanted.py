@@ -57,7 +57,7 @@ from ztpm_idp.domain.login.commands import (
     OfferLogin,
     PollDevice,
 )
-from ztpm_idp.domain.oauth import commands as oauth
+from ztpm_idp.domain.oauth.commands import OAuthCommand
 from ztpm_idp.domain.oauth.wanted import wanted as wanted_by_oauth
 from ztpm_idp.domain.state import (
     AgentsOf,
@@ -78,6 +78,8 @@ if TYPE_CHECKING:
 
 def wanted(command: Command) -> Wanted:
     """State that must be loaded to judge `command`."""
+    if isinstance(command, OAuthCommand):
+        return wanted_by_oauth(command)
     match command:
         case Initialise(people=people):
             return Wanted(
@@ -176,10 +178,6 @@ def wanted(command: Command) -> Wanted:
                 revocations=True,
                 conduct_of=frozenset({by}),
             )
-        case oauth.RegisterClient() | oauth.DeclareTemplate() | oauth.EndTemplate() | oauth.Assent():
-            return wanted_by_oauth(command)
-        case oauth.RedeemCode() | oauth.Refresh() | oauth.DrawAccess() | oauth.EndAccess() | oauth.EndFamily():
-            return wanted_by_oauth(command)
         case SuspendPart(by=by, id=id_) | RestorePart(by=by, id=id_) | RetirePart(by=by, id=id_):
             return Wanted(parties=frozenset({by, id_}))
         case ReplaceKey(by=by, id=id_, key=key):

@@ -223,16 +223,6 @@ class Provider:
         """The wall clock, milliseconds since the epoch."""
         return int(self._now() * 1_000)
 
-    async def caller(self, proof: Proof) -> Party:
-        """The registered party that made this proof, which is used up by it.
-
-        Raises:
-            Problem: `CALLER_UNKNOWN`, `CALLER_INACTIVE`, or `REPLAYED` for a proof that was used before.
-        """
-        party = await self.known(proof)
-        await self.use_up(proof)
-        return party
-
     async def known(self, proof: Proof) -> Party:
         """The registered party that made this proof, which is to be used up before anything is answered.
 

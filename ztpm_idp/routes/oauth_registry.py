@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Request
-from pydantic import AfterValidator, Field, StringConstraints
+from pydantic import AfterValidator, Field
 
 from capabilities.keys.keys import generate, public_raw, unb64u
 from capabilities.statements.claims import ID
@@ -40,7 +40,6 @@ def _redirect(value: str) -> str:
 
 
 Redirect = Annotated[str, Field(max_length=REDIRECT_BYTES), AfterValidator(_redirect)]
-ScopeName = Annotated[str, StringConstraints(pattern=f"^{SCOPE_NAME.pattern}$")]
 
 
 class ClientBody(wire.Body):
