@@ -8,9 +8,10 @@ import rfc8785
 import sqlalchemy as sa
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.world import ISSUER, SLOWER
-from ztpm_idp.client import delegate_request, issue_request
+from ztpm_idp.client import ClientError, delegate_request, issue_request
 
-from ztpm_idp.store import StoreUnavailableError
+from ztpm_idp.provider.provider import TRIES, Provider
+from ztpm_idp.store import AgainError, LocksTooFewError, StoreUnavailableError
 from ztpm_idp.store import schema as t
 
 
@@ -136,3 +137,31 @@ def test_a_command_is_one_commit(world, path):
     sa.event.listen(world.provider.store._engine.sync_engine, "commit", commits.append)
     assert send().is_success
     assert len(commits) == 1
+
+
+def test_locks_that_were_too_few_cost_no_try(world, monkeypatch):
+    """Four other transactions were in the way, then its own locks were too few: it is done all the same."""
+    faults = [*(AgainError() for _ in range(TRIES - 1)), LocksTooFewError()]
+    decided = Provider._decided
+
+    async def disturbed(self, *args, **named):
+        if faults:
+            raise faults.pop(0)
+        return await decided(self, *args, **named)
+
+    monkeypatch.setattr(Provider, "_decided", disturbed)
+    assert world.people["alice"].revoke("hop", "a" * 32, "x") > 0
+    assert faults == []
+
+
+def test_a_command_that_others_are_always_in_the_way_of_is_503(world, monkeypatch):
+    tried = []
+
+    async def disturbed(self, *args, **named):
+        tried.append(1)
+        raise AgainError
+
+    monkeypatch.setattr(Provider, "_decided", disturbed)
+    with pytest.raises(ClientError) as refused:
+        world.people["alice"].revoke("hop", "a" * 32, "x")
+    assert (refused.value.code, len(tried)) == ("STORE_UNAVAILABLE", TRIES)

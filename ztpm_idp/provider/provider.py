@@ -297,36 +297,38 @@ class Provider:
             Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
             StoreUnavailableError: the store failed; nothing may be taken to hold.
         """
-        needed = wanted(command)
-        locks = locks_of(command, needed)
-        for tries_left in reversed(range(TRIES)):
-            try:
-                outcome, done = await self._decided(
-                    command, needed, locks, actor=actor, session_key=session_key, once=once
-                )
-            except LocksTooFewError:
-                locks = EVERYTHING
-            except AgainError:
-                if not tries_left:
-                    raise
-            except ProofUsedError:
-                raise Problem(FaultCode.REPLAYED) from None
-            except OnceOnlyError:
-                raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce, or the platform's token, is spent") from None
-            except ConflictError:
-                raise Problem(IdpCode.CONFLICT) from None
-            except CapabilityError as error:
-                raise Problem(error.code, error.detail) from None
-            else:
-                break
-        else:
-            raise AssertionError
+        try:
+            outcome, done = await self._tried(command, actor=actor, session_key=session_key, once=once)
+        except ProofUsedError:
+            raise Problem(FaultCode.REPLAYED) from None
+        except OnceOnlyError:
+            raise Problem(FaultCode.ATTESTATION_INVALID, "the nonce, or the platform's token, is spent") from None
+        except ConflictError:
+            raise Problem(IdpCode.CONFLICT) from None
+        except CapabilityError as error:
+            raise Problem(error.code, error.detail) from None
         if isinstance(outcome, Refusal):
             raise Problem(outcome.code, outcome.detail, outcome.explanation)
         if done is None:
             raise AssertionError
         self.epochs.told(done.epoch)  # after the commit: no caller is woken for an epoch that may still be rolled back
         return done
+
+    async def _tried(
+        self, command: Command, *, actor: str, session_key: SessionKey | None, once: OneUse | None
+    ) -> tuple[Outcome, Done | None]:
+        """The command with the locks that it needs, begun again where the database says so, `TRIES` times in all."""
+        needed = wanted(command)
+        locks, tries_left = locks_of(command, needed), TRIES
+        while True:
+            try:
+                return await self._decided(command, needed, locks, actor=actor, session_key=session_key, once=once)
+            except LocksTooFewError:
+                locks = EVERYTHING  # these are never too few
+            except AgainError:
+                tries_left -= 1
+                if not tries_left:
+                    raise
 
     async def _decided(
         self,
