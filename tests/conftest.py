@@ -1,5 +1,6 @@
 """Profiles of property tests, the ways to run the suite, and room for tests in which real time passes."""
 
+import ast
 import gc
 import os
 import shutil
@@ -90,6 +91,24 @@ def draws_more(item):
     """True where it is a long test once more with another seed."""
     seed = item.callspec.params.get("seed", 0) if hasattr(item, "callspec") else 0
     return item.get_closest_marker("long") is not None and seed >= SEEDS
+
+
+def parsed_in_peace(*args, parse=ast.parse, **named):
+    """The tree of a source, converted while no garbage is collected.
+
+    A finalizer that raises is told with its traceback, which Python 3.11 parses, too: the conversion around it then
+    fails with SystemError, "AST constructor recursion depth mismatch".
+    """
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        return parse(*args, **named)
+    finally:
+        if collects:
+            gc.enable()
+
+
+ast.parse = parsed_in_peace
 
 
 @pytest.hookimpl(tryfirst=True)

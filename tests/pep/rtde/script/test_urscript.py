@@ -148,7 +148,6 @@ def keyword(values):
     return (t.Argument("k", values[0]),) if values else ()
 
 
-# Named, so that nobody parses this file for their text: Python 3.11 may not while it collects garbage.
 def larger_expressions(inner):
     return st.one_of(
         st.lists(inner, max_size=3).map(as_list),
