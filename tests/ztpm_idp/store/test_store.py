@@ -98,7 +98,7 @@ def test_the_first_schema_is_migrated_with_its_rows(tmp_path):
 
 def test_words_on_changes_stay_where_a_change_may_be_about_a_login(tmp_path):
     """SQLite makes a new table for a new constraint, and forgets no row that points at the old one."""
-    with World(tmp_path) as world:
+    with World(tmp_path, database="sqlite") as world:
         waits = world.people["dan"].propose_end("carol", "left")
         world.person("erin", "approver")
         world.stop()
