@@ -241,6 +241,9 @@ def test_a_store_that_cannot_commit_sends_no_heartbeat(world, monkeypatch):
         for path in ("/readyz", f"/revocations?since=0&nonce={NONCE}"):
             response = http.get(ISSUER + path)
             assert (response.status_code, response.json()["code"]) == (503, "STORE_UNAVAILABLE")
+        unready = http.get(ISSUER + "/readyz").json()
+        assert (unready["ready"], unready["causes"]) == (False, {"store": "StoreUnavailableError"})
+        assert http.get(ISSUER + "/livez").json() == {"alive": True}
     monkeypatch.undo()
     assert index(world).nonce == NONCE
 

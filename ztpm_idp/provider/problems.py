@@ -6,6 +6,7 @@ A stranger gets the code and its fixed title only.
 from __future__ import annotations
 
 import json
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.errors import FaultCode
@@ -13,7 +14,7 @@ from policies.words.reason_table import Reason
 from ztpm_idp.domain.codes import Code, IdpCode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from fastapi.responses import Response
 
@@ -227,9 +228,14 @@ class Problem(Exception):  # noqa: N818  RFC 9457's word
 
 
 def answer(
-    code: Code, detail: str = "", explanation: Explanation | None = None, *, allow: Iterable[str] = ()
+    code: Code,
+    detail: str = "",
+    explanation: Explanation | None = None,
+    *,
+    allow: Iterable[str] = (),
+    members: Mapping[str, object] = MappingProxyType({}),
 ) -> Response:
-    """The problem details of a code, with the member `explanation` where there is one (RFC 9457 section 3.2).
+    """The problem details of a code, with `explanation` and further `members` where there are (RFC 9457 section 3.2).
 
     Detail and explanation go only to a caller that is known: for 401 they are left out. `allow` are the methods that a
     path knows, for a request with another.
@@ -247,6 +253,7 @@ def answer(
         "status": status,
         "code": code.value,
         "detail": shown,
+        **members,
     }
     if explanation is not None and status != _UNAUTHORISED:
         body["explanation"] = explanation_to_json(explanation)

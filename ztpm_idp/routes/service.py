@@ -2,31 +2,47 @@
 
 from __future__ import annotations
 
+import logging
 from typing import Any
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response
 
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.provider.problems import answer
 from ztpm_idp.routes.caller import heartbeat_of, provider_of
+from ztpm_idp.store.errors import StoreUnavailableError
 
+logger = logging.getLogger(__name__)
 router = APIRouter()
 
 
+@router.get("/livez")
 @router.get("/healthz")
-async def healthz() -> dict[str, bool]:
-    """The process answers."""
+async def livez() -> dict[str, bool]:
+    """The process answers; nothing else is asked, so that no fault of the store has it started again."""
     return {"alive": True}
 
 
-@router.get("/readyz")
-async def readyz(request: Request) -> dict[str, Any]:
-    """The store can commit, now.
+@router.get("/readyz", response_model=None)
+async def readyz(request: Request) -> dict[str, Any] | Response:
+    """The store can commit, now; else 503 with the cause.
 
     `faults` names each setting whose file changed and cannot be acted on, with the reason; what was read before counts.
+    A store that is being restored is ready: enforcement points must reach it for its restore to end.
     """
-    await heartbeat_of(request).beat()
-    faults = provider_of(request).faults
-    return {"ready": True, **({"faults": dict(faults)} if faults else {})}
+    provider = provider_of(request)
+    try:
+        await heartbeat_of(request).beat()
+        async with provider.store.read() as view:
+            restoring = bool((await view.counters()).restoring)
+    except StoreUnavailableError as error:
+        cause = type(error.__cause__ or error).__name__
+        logger.error("not ready, the store cannot commit: %s", cause)  # noqa: TRY400 - no text of the error
+        unready = {"ready": False, "causes": {"store": cause}}
+        return answer(IdpCode.STORE_UNAVAILABLE, f"the store cannot commit: {cause}", members=unready)
+    beside = {"faults": dict(provider.faults)} if provider.faults else {}
+    return {"ready": True, **beside, **({"restoring": True} if restoring else {})}
 
 
 @router.get("/trust")

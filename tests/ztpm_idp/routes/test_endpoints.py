@@ -218,7 +218,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals/{ask_id}/passkey-votes",
     }  # fmt: skip
     assert gets == {
-        "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
@@ -519,7 +519,8 @@ def test_bad_queries_of_the_registry(world):
 def test_open_endpoints_and_listing(world):
     world.agent("helper", attested=False)
     with world.anonymous() as http:
-        assert http.get(ISSUER + "/healthz").status_code == 200
+        for path in ("/livez", "/healthz"):
+            assert http.get(ISSUER + path).json() == {"alive": True}
         assert http.get(ISSUER + "/readyz").json() == {"ready": True}
         assert TrustBundle.from_json(http.get(ISSUER + "/trust").content) == world.trust
         checked(http.get(ISSUER + "/agents"), status=401)
