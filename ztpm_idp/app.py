@@ -26,6 +26,7 @@ from ztpm_idp.provider.confirmations import Confirmations
 from ztpm_idp.provider.feed import Heartbeat
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
+from ztpm_idp.provider.rates import Rates
 from ztpm_idp.routes import (
     approvals,
     audit,
@@ -49,6 +50,7 @@ from ztpm_idp.routes import (
     upkeep,
 )
 from ztpm_idp.routes.caller import prefix_of, provider_of
+from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
 
@@ -105,6 +107,7 @@ def create_app(
     login_providers: Iterable[LoginProvider] = (),
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     now: Callable[[], float] = time.time,
+    ticks: Callable[[], float] = time.monotonic,
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> FastAPI:
     """The identity provider as an ASGI application.
@@ -120,6 +123,7 @@ def create_app(
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
         now: wall clock, seconds since the epoch.
+        ticks: monotonic clock of rates, seconds.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
     """
     path = "/" + settings.issuer.split("/", 3)[3]
@@ -176,12 +180,14 @@ def create_app(
         app.include_router(part.router, prefix=path, responses=RESPONSES)
     app.include_router(oauth.well_known, responses=RESPONSES)
     app.state.fetch_document = fetch
+    app.state.rates = Rates(settings.rates, ticks)
     app.add_exception_handler(PageProblem, _page_problem)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(OAuthProblem, _oauth_problem)
     app.add_exception_handler(StoreUnavailableError, _unavailable)
     app.add_exception_handler(SignerUnavailableError, _unsigned)
     app.add_exception_handler(HTTPException, _http)
+    app.add_middleware(Door, prefix=path, rates=app.state.rates)
     app.add_middleware(_Shield)
     return app
 
@@ -198,10 +204,17 @@ async def _beside(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
         await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def _problem(_: Request, error: Exception) -> Response:
+async def _problem(request: Request, error: Exception) -> Response:
     if not isinstance(error, Problem):
         raise TypeError
-    return answer(error.code, error.detail, error.explanation)
+    if error.code is IdpCode.RATE_EXCEEDED and _of_clients(request):
+        return await _oauth_problem(request, of_refusal(error.code, error.detail, again_s=error.again_s))
+    return answer(error.code, error.detail, error.explanation, again_s=error.again_s)
+
+
+def _of_clients(request: Request) -> bool:
+    """True for an endpoint whose refusals have the form of OAuth."""
+    return request.scope["path"].removeprefix(prefix_of(provider_of(request))) in oauth.OF_CLIENTS
 
 
 async def _oauth_problem(_: Request, error: Exception) -> Response:
@@ -221,7 +234,7 @@ async def _page_problem(_: Request, error: Exception) -> Response:
 async def _unavailable(request: Request, error: Exception) -> Response:
     cause = error.__cause__
     logger.error("the store failed: %s", type(cause).__name__)
-    if request.scope["path"].removeprefix(prefix_of(provider_of(request))) in oauth.OF_CLIENTS:
+    if _of_clients(request):
         return await _oauth_problem(
             request, of_refusal(IdpCode.STORE_UNAVAILABLE, "nothing was done, as far as is known")
         )

@@ -30,6 +30,7 @@ from ztpm_idp.keys.hardware_token import open_token
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError, UnsafeError, load_key, token_key
 from ztpm_idp.login_settings import LoginProviderSettings, check_login_providers
 from ztpm_idp.platforms.stated import PLATFORMS, PUBLISHERS, Publisher, StatedPlatform, check_together
+from ztpm_idp.rate_settings import RateSettings
 
 if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
@@ -71,6 +72,7 @@ class Stated(BaseModel):
         login_providers: OpenID providers at which people may log in.
         asks_a_minute, asks_an_hour: asks that are shown for each active approver. By default 6 and 30: more
             of them are approved unread.
+        rates: requests of one caller, or from one address, that are taken in a minute.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -89,6 +91,7 @@ class Stated(BaseModel):
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
+    rates: RateSettings = RateSettings()
 
     @model_validator(mode="after")
     def _safe(self) -> Self:

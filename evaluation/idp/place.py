@@ -18,6 +18,7 @@ from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm_idp.bootstrap import ACTOR, FirstPerson, initialise
 from ztpm_idp.domain.events import AgentAttested, PartyRegistered
 from ztpm_idp.domain.parties import RegisteredAgent, Standing
+from ztpm_idp.rate_settings import MOST
 from ztpm_idp.store import Store
 
 if TYPE_CHECKING:
@@ -88,7 +89,10 @@ def place(folder: Path, database: str, *, workers: int, agents: int) -> Iterator
             settings = folder / f"idp-{n}.toml"
             settings.write_text(
                 f'issuer = "{issuer}"\nhost = "{host}"\nport = {PROVIDER + n}\ndatabase_url = "{database}"\n'
-                "root_key_id = 1\n" + "".join(f'{role}_key_file = "{role}.key"\n' for role in ROLES)
+                "root_key_id = 1\n"
+                + "".join(f'{role}_key_file = "{role}.key"\n' for role in ROLES)
+                # One sponsor and one enforcement point make all the load.
+                + f"[rates]\ncaller_a_minute = {MOST}\n"
             )
             provider.append(
                 Child.start(

@@ -5,6 +5,8 @@ from __future__ import annotations
 import asyncio
 import secrets
 import threading
+import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -72,6 +74,8 @@ def settings_for(folder: Path, **changes) -> Settings:
         # The clock of most tests stands still: their asks are all of one minute.
         "asks_a_minute": 10_000,
         "asks_an_hour": 10_000,
+        # One address sends all that a test sends.
+        "rates": {"caller_a_minute": 1_000_000, "address_a_minute": 1_000_000, "login_a_minute": 1_000_000},
     }
     return Settings(**(stated | changes))
 
@@ -154,6 +158,7 @@ class World:
 
     folder: Path
     clock: FakeClock = field(default_factory=FakeClock)
+    ticks: Callable[[], float] = time.monotonic
     idp_keys: IdpKeys = field(default_factory=new_keys)
     oauth_keys: OAuthKeys | None = field(default_factory=lambda: OAuthKeys((keys.generate(),)))
     settings_changes: dict = field(default_factory=dict)
@@ -250,6 +255,7 @@ class World:
             publishers=self.publishers,
             oauth_keys=self.oauth_keys,
             now=self.clock,
+            ticks=self.ticks,
         )
         self.life = self.app.router.lifespan_context(self.app)
         self.on_loop(self.life.__aenter__())

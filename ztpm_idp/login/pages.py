@@ -62,4 +62,7 @@ def page(template: str, *, status: int = 200, script: str | None = None, **value
 def problem_page(problem: Problem) -> HTMLResponse:
     """The page of a refusal: its code, what is wrong, what to do."""
     status, title = STATUS[problem.code]
-    return page("problem.html", status=status, code=problem.code.value, title=title, detail=problem.detail)
+    shown = page("problem.html", status=status, code=problem.code.value, title=title, detail=problem.detail)
+    if problem.again_s is not None:
+        shown.headers["Retry-After"] = str(problem.again_s)
+    return shown

@@ -53,10 +53,11 @@ OF_CODE: Final[dict[Code, OAuthError]] = {
     IdpCode.BODY_MALFORMED: OAuthError.INVALID_REQUEST,
     IdpCode.BODY_TOO_LARGE: OAuthError.INVALID_REQUEST,
     IdpCode.STORE_UNAVAILABLE: OAuthError.TEMPORARILY_UNAVAILABLE,
+    IdpCode.RATE_EXCEEDED: OAuthError.TEMPORARILY_UNAVAILABLE,
 }
 """Error of each reason code; of any other that a grant is refused for, `invalid_grant`."""
 _STATUS: Final = {OAuthError.INVALID_CLIENT: _UNAUTHORISED, OAuthError.TEMPORARILY_UNAVAILABLE: 503}
-_TOO_MANY: Final = frozenset({IdpCode.MANDATE_TOKENS_LIVE, IdpCode.REFUSALS_SPENT})
+_TOO_MANY: Final = frozenset({IdpCode.MANDATE_TOKENS_LIVE, IdpCode.REFUSALS_SPENT, IdpCode.RATE_EXCEEDED})
 
 
 class OAuthProblem(Exception):  # noqa: N818  RFC 9457's word
@@ -79,11 +80,12 @@ class OAuthProblem(Exception):  # noqa: N818  RFC 9457's word
         self.status = status or _STATUS.get(error, 400)
 
 
-def of_refusal(code: Code, detail: str) -> OAuthProblem:
-    """The refusal of a reason code."""
+def of_refusal(code: Code, detail: str, *, again_s: int | None = None) -> OAuthProblem:
+    """The refusal of a reason code; `again_s` is when to send the same request again."""
     error = OF_CODE.get(code, OAuthError.INVALID_GRANT)
     status = 429 if code in _TOO_MANY else None
-    return OAuthProblem(error, f"{code.value}: {detail}" if detail else code.value, status=status)
+    headers = None if again_s is None else {"Retry-After": str(again_s)}
+    return OAuthProblem(error, f"{code.value}: {detail}" if detail else code.value, headers=headers, status=status)
 
 
 def answer(problem: OAuthProblem) -> Response:

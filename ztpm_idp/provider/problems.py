@@ -137,6 +137,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.EPOCH_AHEAD: (409, "The caller knows a later epoch than this store: one of the two is wrong."),
     IdpCode.TOO_MANY_WAITERS: (503, "Too many requests wait already."),
     IdpCode.REFUSALS_SPENT: (429, "Too much that was asked for was refused."),
+    IdpCode.RATE_EXCEEDED: (429, "Too many requests came in a minute."),
     IdpCode.RESTORING: (503, "A restored store waits for enforcement points and an administrator."),
     IdpCode.NOT_RESTORING: (409, "Nothing waits for the end of a restore."),
     IdpCode.POINTS_UNHEARD: (409, "Exactly the enforcement points that were not heard must be named."),
@@ -218,13 +219,20 @@ DECIDED: Final = (403, "The policies do not permit it.")
 
 
 class Problem(Exception):  # noqa: N818  RFC 9457's word
-    """A refusal on its way to the caller."""
+    """A refusal on its way to the caller.
 
-    def __init__(self, code: Code, detail: str = "", explanation: Explanation | None = None) -> None:
+    Attributes:
+        again_s: seconds after which the same request may be taken; None: nothing is known of that.
+    """
+
+    def __init__(
+        self, code: Code, detail: str = "", explanation: Explanation | None = None, *, again_s: int | None = None
+    ) -> None:
         super().__init__(str(code))
         self.code = code
         self.detail = detail
         self.explanation = explanation
+        self.again_s = again_s
 
 
 def answer(
@@ -234,11 +242,12 @@ def answer(
     *,
     allow: Iterable[str] = (),
     members: Mapping[str, object] = MappingProxyType({}),
+    again_s: int | None = None,
 ) -> Response:
     """The problem details of a code, with `explanation` and further `members` where there are (RFC 9457 section 3.2).
 
     Detail and explanation go only to a caller that is known: for 401 they are left out. `allow` are the methods that a
-    path knows, for a request with another.
+    path knows, for a request with another; `again_s` is when to send the same request again (RFC 9110 10.2.3).
     """
     # Whoever explains codes reads the table above without a web server.
     from fastapi.responses import Response
@@ -258,6 +267,8 @@ def answer(
     if explanation is not None and status != _UNAUTHORISED:
         body["explanation"] = explanation_to_json(explanation)
     headers = {"Cache-Control": "no-store"} | ({"Allow": ", ".join(sorted(allow))} if allow else {})
+    if again_s is not None:
+        headers["Retry-After"] = str(again_s)
     if status == _UNAUTHORISED:
         scheme = "invalid_token" if code.value.startswith("TOKEN") else "invalid_dpop_proof"
         headers["WWW-Authenticate"] = f'DPoP error="{scheme}", algs="{_ALGORITHMS}"'

@@ -23,6 +23,7 @@ from ztpm_idp.provider.body_json import BodyError, parse_json
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.provider import OneUse
 from ztpm_idp.provider.wire import Body, parse_body
+from ztpm_idp.routes.rated import count_caller
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable
@@ -238,6 +239,7 @@ async def _known(request: Request, raw: bytes, *, session_keys: bool) -> Call:
     place = (request.scope.get("extensions") or {}).get(PLACE)
     if place is not None:
         place.proven(f"{type(party).__name__} {party.id}")
+    count_caller(request, party.id)
     request.state.notice = await provider.notice(party)
     return Call(key, raw, sent, party, token, OneUse(proof), bound)
 

@@ -30,6 +30,7 @@ from ztpm_idp.provider import wire
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import ProvenCall, body_of, by_any_key, prefix_of, provider_of
 from ztpm_idp.routes.login import host_of
+from ztpm_idp.routes.rated import address_of
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.login.commands import DeviceCommand
@@ -189,7 +190,7 @@ async def _run(request: Request, command: DeviceCommand, found: SignedIn) -> Don
 
 
 def _address(request: Request) -> str:
-    return (request.client.host if request.client is not None else "unknown")[:64]
+    return (address_of(request) or "unknown")[:64]
 
 
 def _time(at_ms: int) -> str:

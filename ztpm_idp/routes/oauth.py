@@ -176,6 +176,8 @@ async def _exchange(request: Request, keys: OAuthKeys, raw: bytes, form: dict[st
     try:
         call = await authenticated_with(request, raw)
     except Problem as problem:
+        if problem.code is IdpCode.RATE_EXCEEDED:
+            raise of_refusal(problem.code, problem.detail, again_s=problem.again_s) from None
         if problem.code in {IdpCode.CALLER_UNKNOWN, IdpCode.CALLER_INACTIVE}:
             raise OAuthProblem(OAuthError.INVALID_CLIENT, problem.code.value) from None
         raise OAuthProblem(OAuthError.INVALID_DPOP_PROOF, problem.code.value) from None

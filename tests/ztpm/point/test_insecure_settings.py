@@ -85,6 +85,10 @@ STATED = {
     "a token for no time": ("lifetimes.token_s", {"lifetimes": {"token_s": 0}}),
     "a nonce for an hour": ("lifetimes.nonce_s", {"lifetimes": {"nonce_s": 3_600}}),
     "a life that nothing has": ("lifetimes.proof_s", {"lifetimes": {"proof_s": 9_999}}),
+    "no requests": ("rates.caller_a_minute", {"rates": {"caller_a_minute": 0}}),
+    "requests without end": ("rates.login_a_minute", {"rates": {"login_a_minute": 10**9}}),
+    "everybody a proxy": ("rates.trusted_proxies", {"rates": {"trusted_proxies": ["0.0.0.0/0"]}}),
+    "any proxy": ("rates.trusted_proxies", {"rates": {"trusted_proxies": ["*"]}}),
     "a setting that nothing reads": ("debug", {"debug": True}),
     "a setting misspelled": ("tls_certifcate_file", {"tls_certifcate_file": "hosts.pem"}),
 }  # fmt: skip
