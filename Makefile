@@ -97,3 +97,6 @@ approval-mutants:  ## D3: 500 changes of what was approved, and names that decei
 
 approval-storm:  ## D4: 10,000 asks by 20 agents in an hour; the figure last
 	$(RUN) python -m tests.pep.people.campaign storm
+
+hostile-api:  ## right and wrong requests of the whole API's description, from twelve roles, on both databases; requests and failures last
+	$(RUN) python -m tests.ztpm_idp.hostile

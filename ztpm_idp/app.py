@@ -50,6 +50,7 @@ from ztpm_idp.routes import (
     upkeep,
 )
 from ztpm_idp.routes.caller import prefix_of, provider_of
+from ztpm_idp.routes.described import described_by
 from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -179,6 +180,7 @@ def create_app(
     for part in _PARTS:
         app.include_router(part.router, prefix=path, responses=RESPONSES)
     app.include_router(oauth.well_known, responses=RESPONSES)
+    app.openapi = lambda: described_by(app, [part.router for part in _PARTS], prefix=path)  # type: ignore[method-assign]
     app.state.fetch_document = fetch
     app.state.rates = Rates(settings.rates, ticks)
     app.add_exception_handler(PageProblem, _page_problem)

@@ -14,7 +14,9 @@ FILES = 25
 """Python files in one folder; a reader takes in no more."""
 OF_THE_WHOLE = ("e2e", "house", "model", "mutation", "properties", "vectors")
 """Folders of tests that are about no single package."""
-CAMPAIGNS = {"pep/pit/campaign", "pep/rtde/campaign", "ztpm_idp/campaign", "ztpm_idp/store/campaign"}
+CAMPAIGNS = {
+    "pep/pit/campaign", "pep/rtde/campaign", "ztpm_idp/campaign", "ztpm_idp/hostile", "ztpm_idp/store/campaign",
+}  # fmt: skip
 """Beside the tests that they vary: what a campaign draws, and a slice of it for the suite."""
 RECORDED = {"MoveJ", "MoveL", "ServoJ", "SpeedJ", "SpeedL"}
 """Names of two classes of `pep`: the published schema of motions has the one, records of refused commands the other."""

@@ -29,6 +29,7 @@ from ztpm_idp.routes.caller import (
     provider_of,
     query_of,
 )
+from ztpm_idp.routes.described import query
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -48,7 +49,7 @@ async def take_ask(request: Request, call: Asker) -> JSONResponse:
     return JSONResponse({"ask_id": ask_id, "url": url}, status_code=201 if done.events else 200, headers=_UNSTORED)
 
 
-@router.get("/approvals/answers", response_class=PlainTextResponse)
+@router.get("/approvals/answers", response_class=PlainTextResponse, openapi_extra=query("audience", "nonce"))
 async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
     """Answers to the asks and openings of an audience, signed, with the nonce, for a PEP that serves it."""
     audience, nonce = query_of(request, "audience", "nonce")
@@ -60,7 +61,7 @@ async def read_answers(request: Request, call: Caller) -> PlainTextResponse:
     )
 
 
-@router.get("/approvals")
+@router.get("/approvals", openapi_extra=query("state"))
 async def list_asks(request: Request, call: Bound) -> JSONResponse:
     """The asks in one state, for people, the oldest first; those that are over for at most ten minutes."""
     _only_people(call)

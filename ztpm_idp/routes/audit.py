@@ -15,6 +15,7 @@ from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.provider import audit
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, provider_of, query_of, since_of
+from ztpm_idp.routes.described import media, query
 from ztpm_idp.store.audit import Search
 
 if TYPE_CHECKING:
@@ -58,7 +59,9 @@ async def checkpoint(request: Request, call: Caller) -> PlainTextResponse:  # no
     return PlainTextResponse(text, headers=_NO_STORE)
 
 
-@router.get("/ledger/proofs/inclusion", response_class=PlainTextResponse)
+@router.get(
+    "/ledger/proofs/inclusion", response_class=PlainTextResponse, openapi_extra=query(optional=("entry", "hash"))
+)
 async def inclusion(request: Request, call: Caller) -> PlainTextResponse:  # noqa: ARG001  it tells hashes alone
     """Proof that the entry with a number, or with a hash, stands in the ledger (C2SP tlog-proof)."""
     by_hash = "hash" in request.query_params
@@ -69,7 +72,7 @@ async def inclusion(request: Request, call: Caller) -> PlainTextResponse:  # noq
     return PlainTextResponse(proof.text, headers=_NO_STORE)
 
 
-@router.get("/ledger/proofs/consistency")
+@router.get("/ledger/proofs/consistency", openapi_extra=query("old"))
 async def consistency(request: Request, call: Caller) -> dict[str, Any]:  # noqa: ARG001  it tells hashes alone
     """Proof that the ledger goes on from its first `old` entries: a path, and the checkpoint that it leads to."""
     (old,) = query_of(request, "old")
@@ -84,7 +87,7 @@ async def entry(request: Request, number: str, call: Auditor) -> Response:  # no
     return Response(line, media_type="application/json", headers=_NO_STORE)
 
 
-@router.get("/ledger/search")
+@router.get("/ledger/search", openapi_extra=query(optional=(*_WORDS, *_NUMBERS, "form")) | media(*_FORMS.values()))
 async def search(request: Request, call: Auditor) -> Response:  # noqa: ARG001
     """Entries by kind, actor, agent, token, object, request, trace and time, page by page.
 

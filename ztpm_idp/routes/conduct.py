@@ -20,12 +20,13 @@ from ztpm_idp.routes.caller import (
     query_of,
     since_of,
 )
+from ztpm_idp.routes.described import query
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
 
 
-@router.get("/conduct", response_class=PlainTextResponse)
+@router.get("/conduct", response_class=PlainTextResponse, openapi_extra=query("since", "nonce"))
 async def conduct(request: Request, call: Caller) -> PlainTextResponse:  # noqa: ARG001  being registered is all that is asked
     """The signed word on conduct after a version, echoing the caller's nonce, for every registered caller.
 

@@ -25,6 +25,7 @@ from ztpm_idp.routes.caller import (
     query_of,
     since_of,
 )
+from ztpm_idp.routes.described import media, query
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -40,7 +41,11 @@ async def take_records(request: Request, call: Batch) -> dict[str, int]:
     return {"accepted_through": int(records[-1]["seq"])}
 
 
-@router.get("/ledger/export", response_class=StreamingResponse)
+@router.get(
+    "/ledger/export",
+    response_class=StreamingResponse,
+    openapi_extra=query(optional=("first", "last")) | media("application/x-ndjson"),
+)
 async def export(request: Request, call: Bound) -> StreamingResponse:
     """Every entry as one JSON line, then the signed checkpoint of the last.
 

@@ -13,7 +13,7 @@ from ztpm_idp.oauth import dpop, metadata
 from ztpm_idp.oauth.access_token import jti_of
 from ztpm_idp.oauth.client_auth import client_of
 from ztpm_idp.oauth.exchanging import exchange
-from ztpm_idp.oauth.form import FORM_TYPE, form_of, needed
+from ztpm_idp.oauth.form import form_of, needed
 from ztpm_idp.oauth.issuing import (
     CODE,
     CREDENTIALS,
@@ -33,10 +33,12 @@ from ztpm_idp.routes.caller import (
     Call,
     authenticated,
     authenticated_with,
+    prefix_of,
     provider_of,
     query_of,
     read_body,
 )
+from ztpm_idp.routes.described import OAUTH, form_body
 from ztpm_idp.routes.tokens import digest_of_request, named
 
 if TYPE_CHECKING:
@@ -57,7 +59,29 @@ PREFLIGHT: Final = ANY_ORIGIN | {
 }
 OF_CLIENTS: Final = frozenset({metadata.TOKEN, metadata.INTROSPECT, metadata.REVOKE})
 """Paths whose refusals have the form of OAuth, also where the store fails."""
-_FORM: Final = {"requestBody": {"required": True, "content": {FORM_TYPE: {"schema": {"type": "object"}}}}}
+_TOKEN_FORM: Final = form_body(
+    "grant_type",
+    optional=(
+        "client_id",
+        "client_assertion",
+        "client_assertion_type",
+        "code",
+        "code_verifier",
+        "redirect_uri",
+        "refresh_token",
+        "resource",
+        "scope",
+        "subject_token",
+        "subject_token_type",
+        "actor_token",
+        "actor_token_type",
+        "requested_token_type",
+        "authorization_details",
+    ),
+)
+_REVOKE_FORM: Final = form_body(
+    "token", optional=("token_type_hint", "client_id", "client_assertion", "client_assertion_type")
+)
 
 
 def keys_of(request: Request) -> OAuthKeys:
@@ -72,14 +96,24 @@ def keys_of(request: Request) -> OAuthKeys:
     return keys
 
 
+def _of_issuer(request: Request) -> None:
+    """Checks that the path behind a well-known one, where there is one, is the issuer's.
+
+    Raises:
+        Problem: `PATH_UNKNOWN`.
+    """
+    prefix = prefix_of(provider_of(request))
+    if request.path_params.get("path", prefix) != prefix:
+        raise Problem(IdpCode.PATH_UNKNOWN)
+
+
 @router.get(metadata.AT_SERVER)
 @well_known.get(metadata.AT_SERVER + "{path:path}")
-async def describe_server(request: Request, path: str | None = None) -> JSONResponse:
+async def describe_server(request: Request) -> JSONResponse:
     """Description of the authorization server (RFC 8414)."""
     keys_of(request)
     provider = provider_of(request)
-    if path is not None and path != "/" + provider.settings.issuer.split("/", 3)[3]:
-        raise Problem(IdpCode.PATH_UNKNOWN)
+    _of_issuer(request)
     async with provider.store.read() as view:
         scopes = [template.name for template in await view.oauth.templates()]
     told = metadata.of_server(provider.settings.issuer, scopes=scopes, documents=provider.settings.client_documents)
@@ -88,12 +122,11 @@ async def describe_server(request: Request, path: str | None = None) -> JSONResp
 
 @router.get(metadata.AT_RESOURCE)
 @well_known.get(metadata.AT_RESOURCE + "{path:path}")
-async def describe_resource(request: Request, path: str | None = None) -> JSONResponse:
+async def describe_resource(request: Request) -> JSONResponse:
     """Description of the provider's own resource (RFC 9728)."""
     keys_of(request)
     issuer = provider_of(request).settings.issuer
-    if path is not None and path != "/" + issuer.split("/", 3)[3]:
-        raise Problem(IdpCode.PATH_UNKNOWN)
+    _of_issuer(request)
     return JSONResponse(metadata.of_resource(issuer), headers=TOLD)
 
 
@@ -103,15 +136,15 @@ async def jwks(request: Request) -> JSONResponse:
     return JSONResponse(keys_of(request).jwks, headers=TOLD)
 
 
-@router.options(metadata.TOKEN)
-@router.options(metadata.REVOKE)
+@router.options(metadata.TOKEN, status_code=204, include_in_schema=False)
+@router.options(metadata.REVOKE, status_code=204, include_in_schema=False)
 async def preflight(request: Request) -> Response:
     """Methods and headers that a page of a client may send from a browser."""
     keys_of(request)
     return Response(status_code=204, headers=PREFLIGHT)
 
 
-@router.post(metadata.TOKEN, openapi_extra=_FORM)
+@router.post(metadata.TOKEN, responses=OAUTH, openapi_extra=_TOKEN_FORM)
 async def token(request: Request) -> JSONResponse:
     """An access token, by code, refresh token, mandate or exchange."""
     keys, provider = keys_of(request), provider_of(request)
@@ -134,7 +167,7 @@ async def token(request: Request) -> JSONResponse:
     return JSONResponse(await granting(provider, keys, asked), headers=headers)
 
 
-@router.post(metadata.INTROSPECT, openapi_extra=_FORM)
+@router.post(metadata.INTROSPECT, responses=OAUTH, openapi_extra=form_body("token", optional=("token_type_hint",)))
 async def introspect(request: Request, call: Caller) -> JSONResponse:
     """An access token with its capability, told to an enforcement point of its audience (RFC 7662)."""
     keys = keys_of(request)
@@ -143,7 +176,7 @@ async def introspect(request: Request, call: Caller) -> JSONResponse:
     return JSONResponse(told, headers=NO_STORE)
 
 
-@router.post(metadata.REVOKE, openapi_extra=_FORM)
+@router.post(metadata.REVOKE, response_class=Response, responses=OAUTH, openapi_extra=_REVOKE_FORM)
 async def revoke(request: Request) -> Response:
     """A client gives a token back (RFC 7009). The answer is the same for a token that is none."""
     keys, provider = keys_of(request), provider_of(request)

@@ -12,6 +12,7 @@ from ztpm_idp.domain.parties import RegisteredPerson
 from ztpm_idp.provider import confirmations, wire
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, authenticated, body_of, parsed, provider_of, query_of, read_body, since_of
+from ztpm_idp.routes.described import query
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
@@ -37,7 +38,7 @@ def confirmations_of(request: Request) -> Confirmations:
     return found
 
 
-@router.get("/revocations/events", response_class=EventSourceResponse)
+@router.get("/revocations/events", response_class=EventSourceResponse, openapi_extra=query("since"))
 async def events(request: Request) -> EventSourceResponse:
     """Server-sent events: `epoch` at each revocation, for who would wait for the next one again and again.
 

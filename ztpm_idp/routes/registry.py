@@ -30,6 +30,7 @@ from ztpm_idp.routes.caller import (
     provider_of,
     query_of,
 )
+from ztpm_idp.routes.described import query
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -162,7 +163,7 @@ async def give_nonce(request: Request, call: Attesting) -> dict[str, Any]:
     return {"nonce": nonce, "expires_at": provider.now_ms() // 1_000 + provider.rules.nonce_age_s}
 
 
-@router.get("/registry", response_class=PlainTextResponse)
+@router.get("/registry", openapi_extra=query("audience"), response_class=PlainTextResponse)
 async def registry(request: Request, call: Caller) -> PlainTextResponse:  # noqa: ARG001  being registered is all that is asked
     """The signed registry snapshot for one audience, for every registered caller."""
     (audience,) = query_of(request, "audience")

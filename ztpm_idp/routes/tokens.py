@@ -31,6 +31,7 @@ from ztpm_idp.routes.caller import (
     query_of,
     since_of,
 )
+from ztpm_idp.routes.described import query
 
 if TYPE_CHECKING:
     from ztpm_idp.provider.provider import Done, Provider
@@ -119,7 +120,7 @@ async def revoke(request: Request, call: Revoker) -> dict[str, Any]:
     return {"epoch": done.epoch, "known": known, "at_ms": provider.now_ms()}
 
 
-@router.get("/revocations", response_class=PlainTextResponse)
+@router.get("/revocations", response_class=PlainTextResponse, openapi_extra=query("since", "nonce", optional=("base",)))
 async def revocations(request: Request) -> PlainTextResponse:
     """The signed revocation index after an epoch, echoing the caller's nonce. Only a store that can commit answers.
 
@@ -137,7 +138,7 @@ async def revocations(request: Request) -> PlainTextResponse:
     return PlainTextResponse(text, headers={"Cache-Control": "no-store", **hint})
 
 
-@router.get("/revocations/wait")
+@router.get("/revocations/wait", openapi_extra=query("since"))
 async def wait_for_revocation(request: Request) -> dict[str, int]:
     """Waits until the epoch is above `since`, at most 20 s, and answers it.
 
