@@ -123,6 +123,7 @@ FREE: Final = frozenset(
         ("GET", "/trust/signed"),
         # The service is looked after.
         ("GET", "/healthz"),
+        ("GET", "/livez"),
         ("GET", "/readyz"),
     }
 )
