@@ -80,6 +80,9 @@ store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,
 store-rollback:  ## 50 restores of an old copy beside points that are old, wiped or silent, on each database; what was known and lost last
 	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | grep -E "restores:|passed|failed"
 
+paper:  ## the paper's 60 traces, with no gate and before one, in a quarter of an hour; how many kept within their bound, last
+	$(RUN) ztpm eval paper --out evaluation/results
+
 mutants:  ## what the tests of the policies let live; the score last (half an hour)
 	$(RUN) --with "mutmut>=3.8,<3.9" python -m tests.mutation
 

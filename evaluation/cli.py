@@ -8,16 +8,17 @@ from __future__ import annotations
 import json
 import secrets
 import time
-from dataclasses import replace
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from ztpm.cli.output import FAILURE, console, fail, say_json
+from ztpm.preparing import SHOWN, waiting
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Iterator, Sequence
 
     from evaluation.harness.bench import Bench
     from evaluation.harness.campaign import Campaign, Outcome, Skipped
@@ -49,13 +50,9 @@ def stops(
 
     seed = secrets.randbits(32) if seed is None else seed
     try:
-        if as_json:
-            reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=_nothing))
-        else:
-            console.print(f"Starting a cell; seed {seed} ...")
-            with console.status("") as status:
-                told = lambda kind, n: status.update(f"{kind}: {n}")  # noqa: E731
-                reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=told))
+        with _telling(f"a cell, seed {seed}") as told:
+            progress = lambda kind, n: told(f"{kind}: {n}")  # noqa: E731
+            reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=progress))
     except (MeasureError, StageError) as error:
         fail("NOT_MEASURED", str(error))
     result: dict[str, Any] = {
@@ -73,6 +70,47 @@ def stops(
     else:
         console.print(table(reports))
     raise typer.Exit(0 if result["ok"] else FAILURE)
+
+
+@app.command(epilog="Example: ztpm eval paper --each 1")
+def paper(
+    *,
+    each: Annotated[
+        int, typer.Option(min=0, max=10, help="Traces of each model and scene that are replayed; 0 for none.")
+    ] = 10,
+    out: Annotated[Path | None, typer.Option(help="Directory for paper.json, and paper.png with matplotlib.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """The paper's 60 traces: statistics, and each once more with no gate and before one (a quarter of an hour).
+
+    The exit status is not 0 when a trace left the bound of its scene before the gate.
+    """
+    from evaluation.harness.absent import AbsentError
+    from evaluation.paper.picture import draw
+    from evaluation.paper.replay import ReplayError
+    from evaluation.paper.result import last_line, tables
+    from evaluation.paper.run import run
+    from evaluation.paper.sweep import PhysicsError
+
+    try:
+        with _telling() as told:
+            result = run(each=each, told=told)
+    except (ReplayError, PhysicsError) as error:
+        fail("NOT_MEASURED", str(error))
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        (out / "paper.json").write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
+        with suppress(AbsentError):
+            draw(result, out / "paper.png")
+    if as_json:
+        say_json(result.to_json())
+    else:
+        for table in tables(result):
+            console.print(table)
+            console.print()
+        console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+        console.print(last_line(result))
+    raise typer.Exit(0 if result.ok else FAILURE)
 
 
 @bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
@@ -122,11 +160,8 @@ def bench_idp(
 
     sizes: dict[str, Any] = {"batch": 20, "rounds": 1, "workers": (1,)} if quick else {}
     try:
-        if as_json:
-            result = run(database or KINDS, agents=agents, told=_nothing, **sizes)
-        else:
-            with console.status("") as status:
-                result = run(database or KINDS, agents=agents, told=status.update, **sizes)
+        with _telling() as told:
+            result = run(database or KINDS, agents=agents, told=told, **sizes)
     except (WrongAnswerError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
     if as_json:
@@ -164,11 +199,8 @@ def bench_rtde(
     from evaluation.rtde.run import run
 
     try:
-        if as_json:
-            result = run(seconds, told=_nothing)
-        else:
-            with console.status("") as status:
-                result = run(seconds, told=status.update)
+        with _telling() as told:
+            result = run(seconds, told=told)
     except StreamBrokenError as error:
         fail("NOT_MEASURED", str(error))
     if as_json:
@@ -193,11 +225,8 @@ def bench_tools(
     from ztpm_idp.client import ClientError
 
     try:
-        if as_json:
-            result = run(calls, seed=seed, told=_nothing)
-        else:
-            with console.status("") as status:
-                result = run(calls, seed=seed, told=status.update)
+        with _telling() as told:
+            result = run(calls, seed=seed, told=told)
     except (NotMeasuredError, ClientError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
     if as_json:
@@ -218,11 +247,8 @@ def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_jso
 
     plan, few = (bench.quick, bench.few) if quick else (bench.full, {})
     try:
-        if as_json:
-            result = bench.run(plan, seed=seed, told=_nothing, **few)
-        else:
-            with console.status("") as status:
-                result = bench.run(plan, seed=seed, told=status.update, **few)
+        with _telling() as told:
+            result = bench.run(plan, seed=seed, told=told, **few)
         if plot is not None:
             bench.picture(result, plot)
     except (WrongAnswerError, NoPlainFormError, AbsentError) as error:
@@ -316,18 +342,19 @@ def _campaigns(
     if unknown:
         fail("UNKNOWN_CAMPAIGN", f"{', '.join(unknown)} is none of {', '.join(known)}")
     chosen = [campaign for campaign in campaigns if not only or campaign.id in only]
-    settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=_nothing)
-    if as_json:
-        found = [(campaign, campaign.run(settings)) for campaign in chosen]
-    else:
+    if not as_json:
         console.print(f"seed {seed}")
-        found = []
-        with console.status("") as status:
-            for campaign in chosen:
-                told = lambda what, of=campaign.id: status.update(f"{of}: {what}")  # noqa: E731
-                found.append((campaign, campaign.run(replace(settings, told=told))))
+    found: list[tuple[Campaign, Outcome | Skipped]] = []
+    with _telling() as told:
+        for campaign in chosen:
+            tell = lambda what, of=campaign.id: told(f"{of}: {what}")  # noqa: E731
+            settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=tell)
+            found.append((campaign, campaign.run(settings)))
     return found, report(found, quick=quick, seed=seed)
 
 
-def _nothing(*_: object) -> None:
-    """No progress is told."""
+@contextmanager
+def _telling(what: str = "measuring") -> Iterator[Callable[[str], None]]:
+    """Shows on standard error what is told, and how long it takes where nothing is."""
+    with waiting(what):
+        yield SHOWN.tell

@@ -25,12 +25,18 @@ ASKS: Final = 1_000
 
 
 @contextmanager
-def stage(*, begin: Callable[..., Child] = Child.begin, directory: Path | None = None) -> Iterator[Stage]:
+def stage(
+    *,
+    begin: Callable[..., Child] = Child.begin,
+    directory: Path | None = None,
+    prepare: Callable[[Layout, bytes], None] | None = None,
+) -> Iterator[Stage]:
     """Stage on a fresh cell, removed afterwards.
 
     Args:
         begin: begins a process in place of `Child.begin`; the tests of the defences break one here.
         directory: kept afterwards; a temporary one by default.
+        prepare: given the cell's files and their passphrase before anything is started, to change one of them.
     """
     with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
         layout = Layout(directory or Path(temporary) / "cell")
@@ -39,6 +45,8 @@ def stage(*, begin: Callable[..., Child] = Child.begin, directory: Path | None =
         initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEFER_TIMEOUT_S)
         with layout.idp_config.open("a") as settings:
             settings.write(f"asks_a_minute = {ASKS}\nasks_an_hour = {ASKS}\n")
+        if prepare is not None:
+            prepare(layout, passphrase)
         with Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin) as cell:
             on_stage = Stage(cell=cell, people={})
             on_stage.people = {name: on_stage.operator_from_disk(name) for name in OPERATORS}
