@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
+from tests.shared_data import SHARED
 import json
 from dataclasses import replace
 from datetime import timedelta
-from pathlib import Path
 
 import biscuit_auth
 import pytest
@@ -15,7 +15,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, Fault, TokenError
 from tests.capabilities.world import ROOT_ID, TRUST, check
 
-VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
+VECTORS = SHARED / "vectors"
 BISCUIT = VECTORS / "biscuit" / "samples.json"
 WYCHEPROOF = VECTORS / "wycheproof"
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from tests.shared_data import SHARED
 import hashlib
 import hmac
 import json
 from dataclasses import fields, replace
-from pathlib import Path
 
 import pytest
 from capabilities.proof.key_agreement import SessionKeys, Transcript, agree, derive, public_of
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.clause("SES-3")
 
 P = 2**255 - 19
 BASE = bytes([9]) + bytes(31)
-WYCHEPROOF = Path(__file__).parents[4] / "shared" / "data" / "vectors" / "wycheproof" / "x25519_test.json"
+WYCHEPROOF = SHARED / "vectors" / "wycheproof" / "x25519_test.json"
 
 
 def u(number: int) -> bytes:

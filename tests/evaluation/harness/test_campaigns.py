@@ -1,5 +1,6 @@
 """The campaigns on tokens: what they find when all is well, and that they see it when it is not."""
 
+from tests.shared_data import SHARED
 import dataclasses
 import json
 import time
@@ -19,7 +20,7 @@ from evaluation import cli
 
 pytestmark = pytest.mark.long
 
-VECTORS = Path(__file__).parents[3] / "shared" / "data" / "vectors"
+VECTORS = SHARED / "vectors"
 needs_vectors = pytest.mark.skipif(not VECTORS.is_dir(), reason="the reference vectors are not beside this checkout")
 
 

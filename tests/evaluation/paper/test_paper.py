@@ -1,5 +1,6 @@
 """The paper's traces: figures computed of them, and their replay as a user runs it."""
 
+from tests.shared_data import SHARED
 import json
 import subprocess
 import sys
@@ -14,7 +15,7 @@ from evaluation.paper.traces import Trace, paper_traces, spreads
 from policies.decision.load import load_shipped
 from rich.console import Console
 
-SHARED = Path(__file__).parents[4] / "shared" / "data" / "paper-traces.json"
+FIGURE = SHARED / "paper-traces.json"
 BOUNDS = {"C0": Bound(1.05, 1.05), "C1": Bound(1.05, 1.05), "C2": Bound(None, 0.413)}
 ASKED = ("DEFER TIER_NEEDS_APPROVAL", "PERMIT PERMITTED")
 PERMITTED = ("PERMIT PERMITTED",)
@@ -22,9 +23,9 @@ PERMITTED = ("PERMIT PERMITTED",)
 
 @pytest.mark.shared
 def test_the_traces_are_those_of_the_figure():
-    if not SHARED.exists():
+    if not FIGURE.exists():
         pytest.skip("the reference data folder is not beside this checkout")
-    figure = json.loads(SHARED.read_text())["traces"]
+    figure = json.loads(FIGURE.read_text())["traces"]
     told = [(t.model, t.condition, t.speed_rad_s) for t in paper_traces()]
     assert told == [(m, c, v) for m, conditions in figure.items() for c, speeds in conditions.items() for v in speeds]
 

@@ -1,8 +1,8 @@
 """One arm's own kinematics: read strictly, laid over the model, refused when no arm is like that."""
 
+from tests.shared_data import SHARED
 import math
 from dataclasses import replace
-from pathlib import Path as File
 
 import numpy as np
 import pinocchio
@@ -15,7 +15,7 @@ from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 from pep.pit import ModelError, Robot, assess
 from pep.pit.checker import Verified, verify
 
-VENDOR = File(__file__).parents[5] / "shared" / "data" / "ur3e" / "default_kinematics.yaml"
+VENDOR = SHARED / "ur3e" / "default_kinematics.yaml"
 
 # Exports of real UR3e, from public repositories; each is named by its own checksum.
 ARMS = {

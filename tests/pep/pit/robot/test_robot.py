@@ -1,11 +1,11 @@
 """The model file, what is derived from it, and what a model must not be."""
 
+from tests.shared_data import SHARED
 import math
 import re
 import struct
 from dataclasses import replace
 from importlib import resources
-from pathlib import Path as File
 
 import numpy as np
 import pinocchio
@@ -20,7 +20,7 @@ from pep.pit import ModelError, MoveJ, Robot, Scene
 pytestmark = pytest.mark.version
 
 TEXT = (resources.files("pep.pit") / "robots" / "ur3e.toml").read_text()
-VENDOR = File(__file__).parents[5] / "shared" / "data" / "ur3e"
+VENDOR = SHARED / "ur3e"
 needs_vendor = pytest.mark.skipif(
     not VENDOR.is_dir(), reason="vendor meshes are not beside the checkout (../shared/data/ur3e)"
 )
