@@ -43,6 +43,20 @@ def check_files(settings: Stated, config: Path, *, at: float) -> None:
     if settings.policy not in SHIPPED:
         check_modes("policy", folder / settings.policy, OTHERS_WRITE)
     _check_store(settings.database_url)
+    check_tls_files(settings, folder, at=at)
+
+
+def check_tls_files(settings: Stated, folder: Path, *, at: float) -> None:
+    """Certificate and key, where the settings name them, are safe and usable.
+
+    Args:
+        settings: of the configuration.
+        folder: where relative names start.
+        at: seconds since the epoch.
+
+    Raises:
+        SettingsError: `tls_certificate_file` or `tls_key_file`.
+    """
     if settings.tls_certificate_file is not None and settings.tls_key_file is not None:
         check_modes("tls_certificate_file", folder / settings.tls_certificate_file, OTHERS_WRITE)
         check_modes("tls_key_file", folder / settings.tls_key_file, STRANGERS_READ | OTHERS_WRITE)

@@ -6,12 +6,15 @@ Nothing that was acknowledged is lost to kill -9.
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import json
 import os
 import random
+import shutil
 import signal
 import socket
 import sqlite3
+import ssl
 import subprocess
 import sys
 import threading
@@ -24,6 +27,7 @@ import pytest
 from capabilities.keys.trust import TrustBundle
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
+from tests.e2e.tls import Authority
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, MEASUREMENT, World
 from ztpm_idp.bootstrap import FirstPerson, initialise
@@ -330,6 +334,40 @@ def test_kill_9_loses_no_acknowledged_ask_vote_or_opening(tmp_path):
             trust = TrustBundle.from_json(http.get(process.issuer + "/trust").content)
         assert isinstance(ledger_file.verify(alice.export_ledger().splitlines(), trust), ledger_file.Verified)
     assert process.end(signal.SIGTERM) == 0
+
+
+def test_a_certificate_that_is_renewed_is_shown_without_a_restart_and_a_bad_one_is_told_by_readyz(tmp_path):
+    process, folder = Process(tmp_path), tmp_path / "tls"
+    folder.mkdir()
+    config, issuer = tmp_path / "idp.toml", process.issuer.replace("http://", "https://")
+    # Relative names start at the configuration.
+    tls = 'tls_certificate_file = "tls/hosts.pem"\ntls_key_file = "tls/hosts.key"\n'
+    config.write_text(tls + config.read_text().replace("http://", "https://"))
+    Authority(folder, ["127.0.0.1"])
+
+    def ready(authority, until):
+        context = ssl.create_default_context(cafile=authority)
+        for _ in range(200):  # the files are looked at once a second
+            with contextlib.suppress(httpx2.ConnectError), httpx2.Client(verify=context) as http:
+                found = http.get(f"{issuer}/readyz").json()
+                if until(found):
+                    return found
+            time.sleep(0.05)
+        raise AssertionError("it never came")
+
+    process.start()
+    try:
+        first = folder / "first.pem"
+        shutil.copy(folder / "ca.pem", first)
+        assert ready(first, lambda found: found == {"ready": True})
+        Authority(folder, ["127.0.0.1"])  # another one issues both anew
+        assert ready(folder / "ca.pem", lambda found: found == {"ready": True})
+        (folder / "hosts.key").chmod(0o644)
+        os.utime(folder / "hosts.key")
+        told = ready(folder / "ca.pem", lambda found: "faults" in found)["faults"]
+        assert told["tls_certificate_file"].startswith("tls_key_file: ")
+    finally:
+        assert process.end(signal.SIGTERM) == 0
 
 
 # --- what the process needs and cannot have ----------------------------------------------------------------------------

@@ -50,7 +50,7 @@ class Listener:
         listening: bound socket; closed with the listener.
         places: places of the connections.
         protocol: makes the protocol of a connection that has its place.
-        tls: context of TLS connections, or None.
+        tls: tells the context of the next TLS connection; None: there is no TLS.
     """
 
     def __init__(
@@ -59,7 +59,7 @@ class Listener:
         *,
         places: Places,
         protocol: Callable[[ConnectionPlace], asyncio.Protocol],
-        tls: ssl.SSLContext | None,
+        tls: Callable[[], ssl.SSLContext] | None,
     ) -> None:
         self._loop = asyncio.get_running_loop()
         self._socket = listening
@@ -125,7 +125,7 @@ class Listener:
         await self._loop.connect_accepted_socket(
             lambda: self._protocol(place),
             accepted,
-            ssl=self._tls,
+            ssl=None if self._tls is None else self._tls(),
             ssl_handshake_timeout=HANDSHAKE_S if self._tls else None,
         )
 

@@ -23,6 +23,7 @@ from ztpm.codes.unavailable import UnavailableError, line_of
 from ztpm.point.provider_deployment import read_deployment
 from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, SettingsError
 from ztpm_idp.keys.passphrase import passphrase_of
+from ztpm_idp.safe_files import check_tls_files
 from ztpm_idp.store import Store, StoreNotOpenedError
 from ztpm_idp.watching import watching
 
@@ -39,6 +40,8 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
 
+TLS: Final = "tls_certificate_file"
+"""Name under which a fault of certificate or key is told."""
 GRACE_S: Final = 5
 """Seconds that open requests may take to end after SIGTERM."""
 
@@ -50,6 +53,7 @@ def serve(
     policies: PolicySet | None = None,
     login_providers: tuple[LoginProvider, ...] = (),
     *,
+    folder: Path,
     oauth: OAuthKeys | None = None,
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
@@ -62,6 +66,7 @@ def serve(
         platform: the platform whose workload tokens count, if any.
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         login_providers: OpenID providers at which people may log in.
+        folder: where relative names of TLS files start.
         oauth: keys of the authorization server, if there is one.
         publishers: raw public keys by name of each whose releases count.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
@@ -101,12 +106,29 @@ def serve(
             app.state.provider.epochs.close()  # there is a provider from the start of the application on
             await super().shutdown(sockets)
 
+    def check() -> None:
+        try:
+            check_tls_files(settings, folder, at=time.time())
+        except SettingsError as error:
+            raise ValueError(f"{error.setting}: {error.why}") from None
+
+    def tell(fault: str | None) -> None:
+        faults: dict[str, str] = app.state.provider.faults
+        if fault is None:
+            faults.pop(TLS, None)
+        else:
+            faults[TLS] = fault
+
+    named = (settings.tls_certificate_file, settings.tls_key_file)
+    certificate, key = (None if name is None else str(folder / name) for name in named)
     Announcing(
         app,
         host=settings.host,
         port=settings.port,
-        ssl_certfile=settings.tls_certificate_file,
-        ssl_keyfile=settings.tls_key_file,
+        ssl_certfile=certificate,
+        ssl_keyfile=key,
+        check_tls=check,
+        tell_tls=tell,
         lifespan="on",
         log_level="warning",
         timeout_graceful_shutdown=GRACE_S,
@@ -153,6 +175,7 @@ def main() -> int:
             read.platform,
             read.policies,
             read.login_providers,
+            folder=config.parent,
             oauth=read.oauth,
             publishers=read.publishers,
             watch=watch,

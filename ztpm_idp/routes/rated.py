@@ -122,6 +122,7 @@ FREE: Final = frozenset(
         ("GET", "/trust"),
         ("GET", "/trust/signed"),
         # The service is looked after.
+        ("GET", "/livez"),
         ("GET", "/healthz"),
         ("GET", "/livez"),
         ("GET", "/readyz"),

@@ -49,6 +49,7 @@ async def served(play, *, bounds=FEW, **options):
     listening = socket.create_server(("127.0.0.1", 0))
     app = App()
     server = EdgeServer(app, bounds=bounds, log_level="warning", lifespan="off", timeout_graceful_shutdown=1, **options)
+    app.server = server
     running = asyncio.create_task(server.serve(sockets=[listening]))
     try:
         async with asyncio.timeout(PATIENCE_S):
