@@ -4,9 +4,8 @@ One pull is one question with a fresh nonce. The age of the answer runs on our m
 was sent, so no clock of another machine and no recorded answer can make an old view young. What was accepted only ever
 grows: the highest epoch is on disk, and an answer below it is refused.
 
-Beside the pulls one request waits at the provider for the next revocation. Its answer is a hint and nothing more: it
-makes the next pull come at once. A forged hint causes a pull, four a second at most beyond those of revocations; a
-suppressed one leaves the ordinary period to find out.
+Beside the pulls one request waits at the provider for the next revocation (`pep.provider.feed_hints`): what its answer
+revokes by the feed's own signature is in force at once, and everything else is left to the pulls.
 """
 
 from __future__ import annotations
@@ -28,6 +27,7 @@ from pep.base.errors import FeedError, PepFault
 from pep.base.ports import RegisteredSensor, RegisteredTool
 from pep.provider.conduct_feed import ConductFeed
 from pep.provider.feed_confirmation import FeedConfirmation
+from pep.provider.feed_hints import HINT_ROOM, HINT_TIMEOUT_S, FeedHints, Heard
 from pep.provider.feed_mark import FeedMark, KeptRevocations, signed_marks
 from pep.provider.feed_place import PUT_BACK, Place, first_place
 from pep.provider.trust_feed import HEADER, TrustFeed
@@ -50,22 +50,14 @@ MOVING_PERIOD_S: Final = 0.1
 TIMEOUT_S: Final = 1.0
 """Longest wait for one answer; two still fit into the motion lease."""
 NONCE_BYTES: Final = 24
-HINT_TIMEOUT_S: Final = 25.0
-"""Longest wait for a hint: the provider answers within 20 s."""
-HINT_BYTES: Final = 256
-"""Largest hint."""
 PROBLEM_BYTES: Final = 4_096
 """Longest refusal that is read."""
 TELL_PERIOD_S: Final = 5.0
 """Shortest time between two tellings of the mark to a provider that is being restored."""
-BACKOFF_S: Final = 0.25
-"""Shortest pause after a hint that failed, brought nothing new at once, or was not borne out."""
 TELL_TIMEOUT_S: Final = 10.0
 """Longest wait for the answer to a mark, of at most 256 KiB."""
 RESTORING: Final = "RESTORING"
 """Code with which a provider answers that is being restored."""
-LONGEST_BACKOFF_S: Final = 8.0
-"""Longest pause after hints that failed one after another; they are a convenience, and the pull goes on."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,6 +138,10 @@ class ProviderFollower:
         self.trusts = TrustFeed(self._get, trust, caps=caps, clock=clock, incident=incident)
         self.trusts.followers.append(self._trust_newer)
         self._confirmation = FeedConfirmation(self._post_mark, issuer=issuer, key=key, clock=clock)
+        self._hints = FeedHints(
+            ask=self._hint, hear=self._news, newest=lambda: self._known, pulled=self._next_pull, pull=self._pull_now,
+            clock=clock,
+        )  # fmt: skip
         self.standings = ConductFeed(
             self._get_proven, issuer=issuer, trust=trust, caps=caps, clock=clock, incident=incident
         )
@@ -214,7 +210,7 @@ class ProviderFollower:
         self._loop = asyncio.get_running_loop()
         self._wake, self._over = asyncio.Event(), asyncio.Event()  # of this very loop
         confirming = self._confirmation.run(lambda: self._known, self._next_pull)
-        parts = self._listen(), self.standings.run(), self.trusts.run(), confirming
+        parts = self._hints.run(), self.standings.run(), self.trusts.run(), confirming
         beside = [asyncio.create_task(part) for part in parts]
         try:
             while True:
@@ -247,33 +243,6 @@ class ProviderFollower:
             async with asyncio.timeout(left_s):
                 await self._wake.wait()
 
-    async def _listen(self) -> None:
-        """Keeps one request waiting for the next revocation, for ever; its answer wakes the pull."""
-        backoff_s = BACKOFF_S
-        while True:
-            known = self._known
-            if known is None:  # there is no question before the first view
-                await self._over.wait()
-                continue
-            asked_ms = self._clock.monotonic_ms()
-            try:
-                epoch = await self._hint(known.epoch)
-            except FeedError:
-                # No incident: only the pull matters, and it tells its own failures.
-                await asyncio.sleep(backoff_s)
-                backoff_s = min(2 * backoff_s, LONGEST_BACKOFF_S)
-                continue
-            backoff_s = BACKOFF_S
-            if epoch > known.epoch:
-                before = self._begun
-                self._wake.set()
-                await self._pulled(before)
-                borne_out = self._known is not None and self._known.epoch > known.epoch
-            else:
-                borne_out = self._clock.monotonic_ms() - asked_ms >= BACKOFF_S * 1000
-            if not borne_out:
-                await asyncio.sleep(BACKOFF_S)
-
     async def _next_pull(self) -> None:
         await self._over.wait()
 
@@ -282,16 +251,25 @@ class ProviderFollower:
         while self._ended <= before:
             await self._over.wait()
 
-    async def _hint(self, since: int) -> int:
-        text = await self._get("/revocations/wait", {"since": str(since)}, timeout_s=HINT_TIMEOUT_S, most=HINT_BYTES)
+    async def _pull_now(self) -> None:
+        before = self._begun
+        self._wake.set()
+        await self._pulled(before)
+
+    async def _hint(self, since: int) -> str:
+        most, query = self._caps.statement_bytes + HINT_ROOM, {"since": str(since), "news": "1"}
+        return await self._get("/revocations/wait", query, timeout_s=HINT_TIMEOUT_S, most=most)
+
+    def _news(self, text: str, since: int) -> Heard | None:
+        """Place up to which news is in force now; None for no whole index after this epoch ([STM-20])."""
         try:
-            members = strict_json.parse_object(text.encode())
-        except CapabilityError as error:
-            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint") from error
-        epoch = members.get("epoch")
-        if isinstance(epoch, bool) or not isinstance(epoch, int):
-            raise FeedError(PepFault.FEED_UNREACHABLE, "not a hint")
-        return epoch
+            index = revocation.open(text, self._trust.feed, self._caps)
+        except CapabilityError:
+            return None  # a pull tells what is wrong
+        if index.issuer != self._issuer or index.since != since or index.last != index.epoch:
+            return None
+        self._kept.hear(index, text, at=self._clock.wall_s())
+        return Heard(index.line, index.epoch)
 
     async def pull(self) -> None:
         """Pulls one answer, accepted whole.

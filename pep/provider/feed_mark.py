@@ -233,16 +233,17 @@ class KeptRevocations:
             OSError: when it could not be made durable; the next call tries again.
         """
         torn, self._torn = self._torn, True
+        coming = list(self._unsynced)  # more may be heard meanwhile
         if torn:  # half a line may be there
-            replace_file(self._path, b"".join(kept.line for kept in (*self._lines, *self._unsynced)))
+            replace_file(self._path, b"".join(kept.line for kept in (*self._lines, *coming)))
         else:
             with self._path.open("ab") as file:
-                file.write(b"".join(kept.line for kept in self._unsynced))
+                file.write(b"".join(kept.line for kept in coming))
                 file.flush()
                 os.fsync(file.fileno())
         self._torn = False
-        self._lines += self._unsynced
-        self._unsynced.clear()
+        self._lines += coming
+        del self._unsynced[: len(coming)]
 
     def _read(self, line: bytes) -> _Kept:
         stored = json.loads(line)

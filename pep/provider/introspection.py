@@ -41,10 +41,13 @@ _UNKNOWN: Final = Fault(FaultCode.TOKEN_MALFORMED, "OAT-2", "not an access token
 
 @dataclass(frozen=True, slots=True)
 class _Kept:
-    """An answer, and the epoch that was known when it was asked for."""
+    """An answer, and the epoch and number of revoked ids that were known when it was asked for.
+
+    News in force adds ids before the epoch is known.
+    """
 
     looked: Looked
-    epoch: int
+    known: tuple[int, int]
 
 
 class Introspection:
@@ -54,7 +57,7 @@ class Introspection:
         http: client of the identity provider.
         issuer: its base URL.
         key: of this PEP.
-        feed: the revocation view, whose epoch ends what is remembered.
+        feed: the revocation view, whose growth ends what is remembered.
         clock: both clocks.
     """
 
@@ -75,9 +78,9 @@ class Introspection:
         Args:
             token: its text, of any form.
         """
-        name, epoch = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest(), self._feed.view().epoch
-        kept = self._kept.get(name)
-        if kept is not None and kept.epoch == epoch and self._clock.wall_s() < kept.looked.expires_at:
+        name, view = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest(), self._feed.view()
+        kept, known = self._kept.get(name), (view.epoch, len(view.revoked))
+        if kept is not None and kept.known == known and self._clock.wall_s() < kept.looked.expires_at:
             return kept.looked
         self._kept.pop(name, None)
         async with self._asking:
@@ -87,7 +90,7 @@ class Introspection:
             return _UNKNOWN
         while len(self._kept) >= REMEMBERED:
             self._kept.pop(next(iter(self._kept)))
-        self._kept[name] = _Kept(looked, epoch)
+        self._kept[name] = _Kept(looked, known)
         return looked
 
     async def _ask(self, token: str) -> Mapping[str, object] | None:

@@ -582,7 +582,7 @@ class FakeIssuer:
                 return self.take(json.loads(request.content)["records"])
         return httpx2.Response(404)
 
-    def hint(self, *, since):
+    def hint(self, *, since, news):
         """No hints, unless a test gives them."""
         return httpx2.Response(404)
 

@@ -170,6 +170,19 @@ async def revocation_index(
         return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms, base=base)
 
 
+async def index_after(provider: Deployment, *, since: int, nonce: str) -> tuple[str, int]:
+    """Signed index of the revocations after `since`, and its epoch, of a store that need not commit for it.
+
+    Raises:
+        StoreUnavailableError: the store cannot be read.
+        Problem: `RESTORING`; `EPOCH_AHEAD` when the caller knows more than the store.
+    """
+    as_of_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        reached = (await _serving(view)).epoch
+        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms), reached
+
+
 async def _serving(view: Transaction) -> Counters:
     """The counters of a store that is not being restored.
 

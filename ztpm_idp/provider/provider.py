@@ -33,6 +33,7 @@ from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import BaseHeads, read_back
+from ztpm_idp.provider.news import News
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError, ProofUse, ProofUsedError
 
@@ -139,6 +140,7 @@ class Provider:
         snapshots: signed registries by audience, each with its line and the versions of registry and trust bundle
             (`provider.feed`).
         base_heads: of the chain of revocations.
+        news: of revocations, for those who wait.
         faults: by setting, the reason for which a file that changed is not acted on; the one before still is.
     """
 
@@ -167,6 +169,7 @@ class Provider:
         self.epochs = EpochWait(self._epoch)
         self.snapshots: dict[str, tuple[tuple[int, int, int], str]] = {}
         self.base_heads = BaseHeads()
+        self.news = News()
         self.faults: dict[str, str] = {}
         self._signed_trust: tuple[int, tuple[str, ...]] = (-1, ())
 

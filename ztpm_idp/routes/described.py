@@ -29,6 +29,7 @@ _NUMBER: Final = {"type": "string", "pattern": "^(0|[1-9][0-9]{0,14})$"}
 _WORD: Final = {"type": "string", "minLength": 1, "maxLength": KEY_CHARACTERS}
 QUERY: Final[dict[str, dict[str, Any]]] = {
     "since": _NUMBER,
+    "news": {"type": "string", "enum": ["1"]},
     "base": _NUMBER,
     "first": _NUMBER,
     "last": _NUMBER,

@@ -138,19 +138,27 @@ async def revocations(request: Request) -> PlainTextResponse:
     return PlainTextResponse(text, headers={"Cache-Control": "no-store", **hint})
 
 
-@router.get("/revocations/wait", openapi_extra=query("since"))
-async def wait_for_revocation(request: Request) -> dict[str, int]:
+@router.get("/revocations/wait", openapi_extra=query("since", optional=("news",)))
+async def wait_for_revocation(request: Request) -> dict[str, int | str]:
     """Waits until the epoch is above `since`, at most 20 s, and answers it.
 
-    It is an unsigned hint: the signed index counts.
+    It is an unsigned hint: the signed index counts. With `news=1` the answer brings that of everything after `since`,
+    where there is anything, for nobody's nonce: what it revokes is in force, and no view grows young by it.
     """
-    (since,) = query_of(request, "since")
+    names = ("since", "news") if "news" in request.query_params else ("since",)
+    since, *news = query_of(request, *names)
+    if news not in ([], ["1"]):
+        raise Problem(IdpCode.QUERY_MALFORMED, "news")
+    known, provider = since_of(since), provider_of(request)
 
     async def gone() -> None:
         while (await request.receive())["type"] != "http.disconnect":
             pass
 
-    return {"epoch": await provider_of(request).epochs.above(since_of(since), gone=gone)}
+    epoch = await provider.epochs.above(known, gone=gone)
+    if not news or epoch <= known:
+        return {"epoch": epoch}
+    return {"epoch": epoch, "news": await provider.news.after(provider, known, epoch=epoch)}
 
 
 def digest_of_request(body: wire.Body) -> bytes:

@@ -24,6 +24,7 @@ from tests.authenticators import Authenticator
 from tests.capabilities.statements.people.test_passkey_votes import ASK, CHANGES, PARTY, VOTE
 from tests.pep.kit import MOVE
 from tests.pep.people.test_approvals import CRITICAL, DEFECTS, Critical, People, closing
+from tests.progress import Progress
 from tests.unread import unread
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import World
@@ -56,7 +57,9 @@ def defects() -> str:
     cases = [(People, DEFECTS, (name,)) for name in names] + [(People, DEFECTS, pair) for pair in chosen]
     cases += [(Critical, CRITICAL, (name,)) for name in CRITICAL]
     tried = accepted = 0
-    for kind, table, case in cases:
+    progress = Progress()
+    for number, (kind, table, case) in enumerate(cases):
+        progress.at(f"{number} of {len(cases)} defects")
         with TemporaryDirectory() as folder:
             rig = kind(Path(folder))
             try:
@@ -82,12 +85,13 @@ def defects() -> str:
 
 def mutants() -> str:
     """One member of an approved request or ask changed: what was sent, and what was shown of names that deceive."""
-    drawn, effects = random.Random(SEED), 0  # noqa: S311 - drawn cases
+    drawn, effects, progress = random.Random(SEED), 0, Progress()  # noqa: S311 - drawn cases
     with TemporaryDirectory() as folder:
         rig = People(Path(folder))
         rig.ask()
         rig.cast(rig.vote(uses=100))
-        for _ in range(MUTANTS // 2):
+        for number in range(MUTANTS // 2):
+            progress.at(f"{number} of {MUTANTS} changes")
             try:
                 effects += rig.go(arguments=mutated(drawn)).decision.effect is Effect.PERMIT
             except AttributeError:  # no request at all: the arguments are out of the robot's own limits
@@ -154,8 +158,9 @@ def storm() -> str:
         for number in range(AGENTS):
             world.agent(f"agent-{number}")
         approvers = sum("approver" in roles for roles in World.ROLES.values())
-        began = world.clock.at_s
+        began, progress = world.clock.at_s, Progress()
         for number in range(STORM):
+            progress.at(f"{number} of {STORM} asks, {len(taken)} of them taken")
             world.clock.at_s = began + 3_600 * number / STORM
             text = cell.text(agent=f"agent-{number % AGENTS}", expires_at=cell.now + 120)
             answer = cell.post("cell-1", "/approvals", {"ask": text})

@@ -8,7 +8,8 @@ import pytest
 from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.clock import SystemClock
 from pep.base.errors import PepFault
-from pep.provider.feed import BACKOFF_S, MOVING_PERIOD_S, ProviderFollower
+from pep.provider.feed import MOVING_PERIOD_S, ProviderFollower
+from pep.provider.feed_hints import BACKOFF_S
 from pep.provider.feed_mark import FeedMarkFile
 from tests.pep.kit import AUDIENCE, ISSUER, FakeIssuer, issuer_keys
 
@@ -99,6 +100,85 @@ def test_a_hint_brings_the_revocation_without_waiting_for_the_period(world):
 
     world.scenario(act)
     assert len(world.follower.view().revoked) == 5
+    assert world.incidents == []
+
+
+NEWS_NONCE = "0" * 16
+
+
+def with_news(world, *, after=0, **lies):
+    """A provider that brings news with the hint, of what came after another epoch or changed by a test."""
+
+    async def answer(since):
+        while world.issuer.epoch <= since + after:
+            await asyncio.sleep(0.001)
+        world.issuer.lie = lies
+        text = world.issuer.index(since=since + after, nonce=NEWS_NONCE)
+        world.issuer.lie = {}
+        return httpx2.Response(200, json={"epoch": world.issuer.epoch, "news": text})
+
+    return answer
+
+
+@pytest.mark.clause("STM-20")
+def test_news_is_in_force_without_a_pull_and_makes_no_view_young(world):
+    world.answer = with_news(world)
+    gone = [("agent", f"agent-{number}") for number in range(1, 4)]
+
+    async def act():
+        pulls, known = world.pulls, world.follower._known
+        for name in gone:
+            world.issuer.revoke(*name)
+            await world.until(lambda: name in world.follower.view().revoked)  # noqa: B023 - it is over within this turn
+        assert (world.pulls, world.follower._known) == (pulls, known)
+        assert world.follower.view().epoch == 0
+        world.follower._wake.set()  # as the end of a period would
+        await world.until(world.sees(3))
+        assert world.follower._kept.synced
+
+    world.scenario(act)
+    assert world.follower.view().revoked == set(gone)
+    assert world.incidents == []
+
+
+NEWS_LIES = {
+    "of another issuer": {"issuer": "https://elsewhere.example/ztpm"},
+    "of another question": {"after": 1},
+    "cut": {"epoch": 9},
+}
+
+
+@pytest.mark.clause("STM-20")
+@pytest.mark.parametrize("name", [*NEWS_LIES, "signed by a stranger", "no statement"])
+def test_what_is_no_news_is_a_hint_and_the_pull_finds_out(world, name):
+    stranger, honest = keys.generate(), with_news(world, **NEWS_LIES.get(name, {}))
+
+    async def answer(since):
+        signer = world.issuer.signer
+        if since == 0 and name == "signed by a stranger":
+            world.issuer.signer = stranger
+        told = (await honest(since)).json()
+        world.issuer.signer = signer
+        return httpx2.Response(200, json=told | ({"news": "no statement"} if name == "no statement" else {}))
+
+    world.answer = answer
+    heard = []
+    hear = world.follower._kept.hear
+
+    def listen(index, text, **more):
+        heard.append(index.nonce)
+        hear(index, text, **more)
+
+    world.follower._kept.hear = listen
+
+    async def act():
+        await world.until(lambda: world.waits)
+        world.issuer.revoke("agent", "robotic")
+        world.issuer.revoke("agent", "mover")
+        await world.until(world.sees(2))
+
+    world.scenario(act)
+    assert NEWS_NONCE not in heard
     assert world.incidents == []
 
 

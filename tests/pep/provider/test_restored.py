@@ -2,9 +2,11 @@
 
 import asyncio
 import json
+import os
 
 import pytest
 from capabilities.values.caps import DEFAULT as CAPS
+from msgspec import structs
 from pep.base.errors import FeedError, PepFault
 from pep.provider.feed_mark import KeptRevocations
 from capabilities.statements import revocation
@@ -124,6 +126,28 @@ def test_the_file_holds_no_more_than_it_needs(world):
     assert kept(world) == {("agent", name) for name in ALL}
     assert world.path.with_suffix(".kept").read_bytes() == whole
     assert kept(world, issuer="http://127.0.0.1:1/other") == set()
+
+
+def test_what_is_heard_while_it_is_written_is_written_the_next_time(world, monkeypatch):
+    held, hears = world.follower._kept, world.issuer
+    late = revocation.RevocationIndex(
+        issuer=ISSUER, epoch=9, since=8, as_of_ms=0, nonce="0" * 16, registry_version=1,
+        entries=(revocation.RevocationEntry(9, "agent", "late"),),
+    )  # fmt: skip
+    text, fsync = revocation.sign(late, hears.made["feed"]), os.fsync
+
+    def meanwhile(descriptor):
+        fsync(descriptor)
+        held.hear(late, text, at=world.clock.wall_s())
+
+    monkeypatch.setattr("pep.provider.feed_mark.os.fsync", meanwhile)
+    held.hear(structs.replace(late, entries=(revocation.RevocationEntry(9, "agent", "early"),)), text, at=0)
+    held.sync()
+    monkeypatch.undo()
+    assert not held.synced
+    held.sync()
+    assert held.synced
+    assert ("agent", "late") in kept(world)
 
 
 def test_a_line_that_was_cut_by_a_power_failure_is_left_out(world):

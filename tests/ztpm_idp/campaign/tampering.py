@@ -1,6 +1,6 @@
 """Changed copies of a ledger before the holder of a checkpoint: each must be found (F6).
 
-    python -m tests.ztpm_idp.campaign.tampering [--entries 10000] [--trials 10000] [--seed 1]
+    python -m tests.ztpm_idp.campaign.tampering [--entries 10000] [--trials 10000] [--seed 1] [--processes N]
 
 A copy is flipped, cut in the middle, put in another order, cut at its end, gone on with other entries (a fork), or
 spliced with a part of itself or of another ledger. Half of the copies are made by a thief of the ledger's key: it numbers
@@ -11,16 +11,22 @@ from __future__ import annotations
 
 import argparse
 import copy
+import gc
 import hashlib
 import json
+import multiprocessing
+import os
 import random
 import sys
 import time
 from collections import Counter
+from contextlib import suppress
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import rfc8785
 from capabilities.values.errors import StatementError
+from tests.progress import PERIOD_S, Progress
 from ztpm_idp.domain.ledger import FIRST_PREV
 from ztpm_idp.keys.key_files import IdpKeys
 
@@ -29,11 +35,12 @@ from capabilities.log import merkle, tree_head
 from capabilities.statements import checkpoint
 from ztpm_idp import ledger_file
 
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
 ISSUER = "https://idp.example/ztpm"
 EVERY = 100
 """Entries between two states of an honest walk, from which the check of a copy begins."""
-TOLD = 1_000
-"""Copies after which it says that it is still at work."""
 WAYS = ("flip", "delete", "reorder", "truncate", "fork", "splice")
 
 
@@ -228,19 +235,57 @@ def trial(scene: Scene, way: str, *, thief: bool, drawn: random.Random) -> str:
     return "ESCAPED" if found is None else str(found)
 
 
-def run(*, entries: int, trials: int, seed: int) -> tuple[Counter[tuple[str, str, str]], int]:
+def tried(scene: Scene, seed: int, number: int) -> tuple[str, str, str]:
+    """(way, by whom, code) of the trial of this number, drawn by itself."""
+    drawn, way, thief = random.Random(f"{seed} {number}"), WAYS[number % len(WAYS)], number // len(WAYS) % 2 == 1
+    while (code := trial(scene, way, thief=thief, drawn=drawn)) == "unchanged":
+        pass
+    return way, "thief" if thief else "stranger", code
+
+
+def run(*, entries: int, trials: int, seed: int, processes: int = 1) -> tuple[Counter[tuple[str, str, str]], int]:
     """(way, by whom, code) of each trial, and the number of effects whose inclusion was proven."""
-    scene, drawn, counted = Scene(entries), random.Random(seed), Counter()
+    progress = Progress()
+    progress.at(f"a ledger of {entries} entries")
+    scene, counted = Scene(entries), Counter()
     if scene.found(scene.honest) is not None:
         raise AssertionError("the honest ledger is refused")
-    while counted.total() < trials:
-        way, thief = WAYS[counted.total() % len(WAYS)], counted.total() // len(WAYS) % 2 == 1
-        code = trial(scene, way, thief=thief, drawn=drawn)
-        if code != "unchanged":
-            counted[way, "thief" if thief else "stranger", code] += 1
-            if counted.total() % TOLD == 0:
-                print(f"{counted.total()} copies", file=sys.stderr, flush=True)
+    for code in _each(scene, trials, seed, processes):
+        if code is not None:
+            counted[code] += 1
+        progress.at(f"{counted.total()} of {trials} copies")
+    progress.at("proofs of inclusion")
     return counted, proven(scene)
+
+
+def _each(scene: Scene, trials: int, seed: int, processes: int) -> Iterator[tuple[str, str, str] | None]:
+    """Result of each trial, and None where a moment passed without one."""
+    if processes == 1:
+        yield from (tried(scene, seed, number) for number in range(trials))
+        return
+    gc.freeze()  # the children share it
+    with multiprocessing.get_context("fork").Pool(processes, _begin, (scene, seed)) as pool:
+        coming = pool.imap_unordered(_numbered, range(trials))
+        with suppress(StopIteration):
+            while True:
+                try:
+                    found = coming.next(PERIOD_S)
+                except multiprocessing.TimeoutError:
+                    found = None
+                yield found
+
+
+_AT: list[tuple[Scene, int]] = []
+"""Scene and seed of a child."""
+
+
+def _begin(scene: Scene, seed: int) -> None:
+    _AT[:] = [(scene, seed)]
+
+
+def _numbered(number: int) -> tuple[str, str, str]:
+    ((scene, seed),) = _AT
+    return tried(scene, seed, number)
 
 
 def proven(scene: Scene) -> int:
@@ -265,9 +310,10 @@ def main() -> int:
     asked.add_argument("--entries", type=int, default=10_000)
     asked.add_argument("--trials", type=int, default=10_000)
     asked.add_argument("--seed", type=int, default=1)
+    asked.add_argument("--processes", type=int, default=os.cpu_count() or 1)
     given = asked.parse_args()
     began = time.monotonic()
-    counted, effects = run(entries=given.entries, trials=given.trials, seed=given.seed)
+    counted, effects = run(entries=given.entries, trials=given.trials, seed=given.seed, processes=given.processes)
     for (way, who, code), number in sorted(counted.items()):
         print(f"{way:10} {who:9} {code:24} {number}")
     escaped = sum(number for (_, _, code), number in counted.items() if code == "ESCAPED")

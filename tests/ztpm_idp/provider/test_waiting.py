@@ -7,8 +7,11 @@ import threading
 import time
 
 import pytest
+from capabilities.statements import revocation
+from capabilities.values.caps import DEFAULT as CAPS
 from tests.ztpm_idp.world import ISSUER
 from ztpm_idp.provider.epoch_wait import EpochWait
+from ztpm_idp.provider.news import NONCE
 from ztpm_idp.provider.problems import Problem
 
 from ztpm_idp.store import StoreUnavailableError
@@ -46,6 +49,48 @@ def test_what_is_no_epoch(world, since):
     answer = ask(world, since)
     assert (answer.status_code, answer.json()["code"]) == (400, "QUERY_MALFORMED")
     assert ask(world, 0, nonce="n" * 32).status_code == 400
+    assert ask(world, 0, news=since or "0").json()["code"] == "QUERY_MALFORMED"
+
+
+@pytest.mark.clause("STM-20")
+def test_news_is_signed_once_for_all_who_wait(world, monkeypatch):
+    signed = []
+    sign = revocation.sign
+
+    def counted(index, key):
+        signed.append(index.nonce)
+        return sign(index, key)
+
+    monkeypatch.setattr("ztpm_idp.provider.feed.revocation.sign", counted)
+    got, many = [], 8
+    waiters = [threading.Thread(target=lambda: got.append(ask(world, 0, news="1")), daemon=True) for _ in range(many)]
+    for waiter in waiters:
+        waiter.start()
+    deadline = time.monotonic() + 20
+    while world.provider.epochs._waiting < many:
+        assert time.monotonic() < deadline
+        time.sleep(0.001)
+    signed.clear()
+    world.people["alice"].revoke("hop", "a" * 32, "test")
+    for waiter in waiters:
+        waiter.join(20)
+    (text,) = {answer.json()["news"] for answer in got}
+    index = revocation.open(text, world.trust.feed, CAPS)
+    assert [(entry.kind, entry.id) for entry in index.entries] == [("hop", "a" * 32)]
+    assert (index.since, index.epoch, index.nonce) == (0, 1, NONCE)
+    assert len(signed) == 2, "once to be read back before the commit, and once for everybody"
+    world.people["alice"].revoke("hop", "b" * 32, "test")
+    later = revocation.open(ask(world, 0, news="1").json()["news"], world.trust.feed, CAPS)
+    assert (later.epoch, len(later.entries)) == (2, 2), "what was made before is not told for new"
+    assert ask(world, 0).json() == {"epoch": 2}
+
+
+@pytest.mark.clause("STM-20")
+def test_a_store_that_is_being_restored_tells_no_news(world):
+    world.people["alice"].revoke("hop", "a" * 32, "test")
+    world.sql("UPDATE counters SET restoring = :yes", yes=True)
+    answer = ask(world, 0, news="1")
+    assert (answer.status_code, answer.json()["code"]) == (503, "RESTORING")
 
 
 class Scene:
