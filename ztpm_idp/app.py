@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import secrets
 import time
 import traceback
 from contextlib import asynccontextmanager
@@ -24,6 +25,9 @@ from ztpm_idp.oauth.problem import answer as oauth_answer
 from ztpm_idp.provider.audit import LedgerFollower
 from ztpm_idp.provider.confirmations import Confirmations
 from ztpm_idp.provider.feed import Heartbeat
+from ztpm_idp.provider.metrics import Metrics
+from ztpm_idp.provider.metrics_access import MetricsAccess, by_settings
+from ztpm_idp.provider.observing import Observing
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.provider.rates import Rates
@@ -107,6 +111,7 @@ def create_app(
     oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
+    metrics_access: MetricsAccess | None = None,
     now: Callable[[], float] = time.time,
     ticks: Callable[[], float] = time.monotonic,
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
@@ -123,11 +128,13 @@ def create_app(
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
+        metrics_access: right to read `/metrics`; None: on this machine alone, and nowhere behind a TLS proxy.
         now: wall clock, seconds since the epoch.
         ticks: monotonic clock of rates, seconds.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
     """
     path = "/" + settings.issuer.split("/", 3)[3]
+    metrics = Metrics(time.perf_counter)
     decided_by = load_policies(settings) if policies is None else policies
 
     @asynccontextmanager
@@ -143,6 +150,7 @@ def create_app(
                 policies=decided_by,
                 oauth=oauth_keys,
                 publishers=publishers,
+                metrics=metrics,
             )
             app.state.heartbeat = Heartbeat(app.state.provider)
             app.state.confirmations = Confirmations(store)
@@ -183,6 +191,8 @@ def create_app(
     app.openapi = lambda: described_by(app, [part.router for part in _PARTS], prefix=path)  # type: ignore[method-assign]
     app.state.fetch_document = fetch
     app.state.rates = Rates(settings.rates, ticks)
+    app.state.metrics = metrics
+    app.state.metrics_access = by_settings(settings) if metrics_access is None else metrics_access
     app.add_exception_handler(PageProblem, _page_problem)
     app.add_exception_handler(Problem, _problem)
     app.add_exception_handler(OAuthProblem, _oauth_problem)
@@ -191,6 +201,7 @@ def create_app(
     app.add_exception_handler(HTTPException, _http)
     app.add_middleware(Door, prefix=path, rates=app.state.rates)
     app.add_middleware(_Shield)
+    app.add_middleware(Observing, metrics=metrics, random=secrets.token_bytes)
     return app
 
 
@@ -209,6 +220,7 @@ async def _beside(*work: Coroutine[None, None, None]) -> AsyncIterator[None]:
 async def _problem(request: Request, error: Exception) -> Response:
     if not isinstance(error, Problem):
         raise TypeError
+    request.state.code = error.code.value
     if error.code is IdpCode.RATE_EXCEEDED and _of_clients(request):
         return await _oauth_problem(request, of_refusal(error.code, error.detail, again_s=error.again_s))
     return answer(error.code, error.detail, error.explanation, again_s=error.again_s)
@@ -219,23 +231,26 @@ def _of_clients(request: Request) -> bool:
     return request.scope["path"].removeprefix(prefix_of(provider_of(request))) in oauth.OF_CLIENTS
 
 
-async def _oauth_problem(_: Request, error: Exception) -> Response:
+async def _oauth_problem(request: Request, error: Exception) -> Response:
     if not isinstance(error, OAuthProblem):
         raise TypeError
+    request.state.code = error.error
     response = oauth_answer(error)
     response.headers.update(oauth.CROSS)
     return response
 
 
-async def _page_problem(_: Request, error: Exception) -> Response:
+async def _page_problem(request: Request, error: Exception) -> Response:
     if not isinstance(error, PageProblem):
         raise TypeError
+    request.state.code = error.code.value
     return problem_page(error)
 
 
 async def _unavailable(request: Request, error: Exception) -> Response:
     cause = error.__cause__
     logger.error("the store failed: %s", type(cause).__name__)
+    request.state.code = IdpCode.STORE_UNAVAILABLE.value
     if _of_clients(request):
         return await _oauth_problem(
             request, of_refusal(IdpCode.STORE_UNAVAILABLE, "nothing was done, as far as is known")
@@ -243,7 +258,8 @@ async def _unavailable(request: Request, error: Exception) -> Response:
     return answer(IdpCode.STORE_UNAVAILABLE)
 
 
-async def _unsigned(_: Request, error: Exception) -> Response:
+async def _unsigned(request: Request, error: Exception) -> Response:
+    request.state.code = IdpCode.SIGNER_UNAVAILABLE.value
     logger.error("a key does not sign: %s", error)
     return answer(IdpCode.SIGNER_UNAVAILABLE)
 

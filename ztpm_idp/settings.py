@@ -63,6 +63,7 @@ class Stated(BaseModel):
         database_url: `sqlite+aiosqlite:///FILE`, or `postgresql+asyncpg://USER@HOST/NAME`. The password of a server
             is in `PGPASSFILE` or `PGPASSWORD`, its certificate authority in the file that `PGSSLROOTCERT` names.
         policy: the set that decides on delegations: the name of a shipped policy set, or a TOML file.
+        access_log: each request is a line of the log, but for those that come again and again by themselves.
         client_documents: OAuth clients may be known by a metadata document, which is fetched from their host.
         tls_certificate_file, tls_key_file: PEM files; needed wherever it listens beyond loopback.
         open_nonces: unused nonces that one agent may hold at a time.
@@ -88,6 +89,7 @@ class Stated(BaseModel):
     asks_an_hour: Annotated[int, Field(ge=1, le=10_000)] = 30
     policy: Annotated[str, Field(min_length=1)] = "paper-default"
     client_documents: bool = False
+    access_log: bool = True
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
@@ -143,12 +145,14 @@ class FileSettings(Stated):
         root_key_file, attester_key_file, feed_key_file, registry_key_file, ledger_key_file: one key for each role.
         oauth_key_files: keys of the authorization server, the one that signs first; all are published. Without one
             there is no authorization server here.
+        metrics_token_file: file with the bearer token by which `/metrics` is read; without it only on this machine.
         platform_trust_domain, platform_jwks_file: whose workload tokens are evidence of kind `jwt`, and its public keys
             (Ed25519, P-256 or RSA, each with a `kid`). Both or neither.
         platforms: further platforms: SPIFFE trust domains and Kubernetes clusters.
         publishers: those whose releases of agents' software are evidence of kind `release`.
     """
 
+    metrics_token_file: KeyFile = None
     key_ring_file: KeyFile = None
     pkcs11: Pkcs11 | None = None
     root_key_id: RootKeyId | None = None

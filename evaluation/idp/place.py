@@ -89,7 +89,7 @@ def place(folder: Path, database: str, *, workers: int, agents: int) -> Iterator
             settings = folder / f"idp-{n}.toml"
             settings.write_text(
                 f'issuer = "{issuer}"\nhost = "{host}"\nport = {PROVIDER + n}\ndatabase_url = "{database}"\n'
-                "root_key_id = 1\n"
+                "root_key_id = 1\naccess_log = false\n"
                 + "".join(f'{role}_key_file = "{role}.key"\n' for role in ROLES)
                 # One sponsor and one enforcement point make all the load.
                 + f"[rates]\ncaller_a_minute = {MOST}\n"

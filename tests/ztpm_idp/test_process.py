@@ -83,11 +83,18 @@ class Process:
         line = self.popen.stdout.readline()
         self.output += line
         assert json.loads(line) == {"ready": True, "port": self.port}
+        # A full pipe would hold the process up.
+        self.drain = threading.Thread(target=self._drain, args=(self.popen.stdout,), daemon=True)
+        self.drain.start()
         return self
+
+    def _drain(self, stream):
+        for line in stream:
+            self.output += line
 
     def end(self, sign):
         self.popen.send_signal(sign)
-        self.output += self.popen.stdout.read()
+        self.drain.join(20)
         self.popen.stdout.close()
         return self.popen.wait(20)
 

@@ -258,6 +258,7 @@ def test_one_commit_serves_those_who_waited_and_nobody_later(world):
 
     class Providing:
         store = Counting()
+        now_ms = staticmethod(lambda: 1)
 
     async def go():
         beat = feed.Heartbeat(Providing())

@@ -104,6 +104,7 @@ LATEST_COLUMNS = (
     ("peps", "suspended_ms"),
     ("sensors", "suspended_ms"),
     ("tools", "suspended_ms"),
+    ("asks", "trace_id"),
 )
 """Columns that no database of an earlier release has."""
 

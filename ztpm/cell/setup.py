@@ -286,6 +286,8 @@ def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int |
         "oauth_key_files": [str(layout.idp_key(OAUTH_KEY))],
         "platform_trust_domain": TRUST_DOMAIN,
         "platform_jwks_file": str(layout.platform_jwks),
+        # The last lines that a process of the cell said are shown when it fails.
+        "access_log": False,
     }
 
 

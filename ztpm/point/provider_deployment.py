@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from ztpm_idp.keys import oauth_keys
 from ztpm_idp.keys.key_ring import check_current
 from ztpm_idp.login_settings import load_login_providers
+from ztpm_idp.provider import metrics_access
 from ztpm_idp.safe_files import check_files
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
 
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.login_settings import LoginProvider
+    from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.settings import FileSettings
 
 
@@ -35,6 +37,7 @@ class ProviderDeployment:
         login_providers: OpenID providers at which people may log in.
         oauth: keys of the authorization server; None: there is none.
         publishers: raw public keys by name of each whose releases count.
+        metrics: right to read the figures.
     """
 
     settings: FileSettings
@@ -44,6 +47,7 @@ class ProviderDeployment:
     login_providers: tuple[LoginProvider, ...]
     oauth: OAuthKeys | None
     publishers: Mapping[str, frozenset[bytes]]
+    metrics: MetricsAccess
 
 
 def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
@@ -69,4 +73,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         load_login_providers(settings.login_providers, config.parent),
         oauth_keys.load(settings.oauth_key_files, config.parent, keys, passphrase),
         {each.name: each.raw for each in settings.publishers},
+        metrics_access.load(settings, config.parent),
     )

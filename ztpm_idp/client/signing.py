@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import sys
 import time
 from typing import TYPE_CHECKING, Final
 
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
 
 _JTI_BYTES: Final = 18
+_TRACES: Final = "opentelemetry.trace"
 
 
 class ProofAuth(httpx2.Auth):
@@ -50,4 +52,8 @@ class ProofAuth(httpx2.Auth):
         )
         if self._token is not None:
             request.headers["Authorization"] = f"DPoP {self._token}"
+        if _TRACES in sys.modules:  # without it no trace is current, and it takes a while to load
+            from ztpm_idp import tracing
+
+            request.headers.update(tracing.carried())
         yield request

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import secrets
 import time
 from contextlib import AsyncExitStack
 from typing import TYPE_CHECKING, Any, Final, Self
@@ -11,6 +12,8 @@ import httpx2
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
 
+from capabilities.values import trace_context
+from ztpm_idp import tracing
 from ztpm_idp.client import direct_http
 from ztpm_idp.client.caller import TIMEOUT_S, ClientError
 from ztpm_idp.client.denials import DECISION_META, REFUSED_CODE, Deferred, Denied, error_of
@@ -114,7 +117,12 @@ class Tools:
             Deferred: people were asked, and have not answered within `patience_s`.
             ClientError: `UNREACHABLE` or `ANSWER_MALFORMED`: whether it has happened is not known.
         """
-        given, begun, told = dict(arguments or {}), self._clock(), False
+        # One trace for the call, however often it is tried again while people are asked.
+        with tracing.begun(trace_context.CALL, random=secrets.token_bytes):
+            return await self._tried(tool, dict(arguments or {}))
+
+    async def _tried(self, tool: str, given: dict[str, Any]) -> CallToolResult:
+        begun, told = self._clock(), False
         while True:
             try:
                 return await self._once(tool, given)

@@ -272,10 +272,11 @@ class TakeRecords:
 
 @dataclass(frozen=True, slots=True)
 class TakeAsk:
-    """An enforcement point asks people; `text` is its signed ask."""
+    """An enforcement point asks people; `text` is its signed ask, `trace_id` that of the request that brought it."""
 
     by: str
     text: str
+    trace_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

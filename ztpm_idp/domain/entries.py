@@ -62,6 +62,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party
 
 Json = dict[str, object]
+TRACE: Final = "trace_id"
+"""Member of a body: the id of a trace, by the word of a caller."""
 DONE: Final = {ToolAct.SUSPEND: "suspended", ToolAct.RESTORE: "restored", ToolAct.RETIRE: "retired"}
 """Word of a tool's entry for each act."""
 
@@ -181,9 +183,10 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
         case RecordTaken(record=record):
             return "pep-record", {"record": record}
         case AskTaken(ask=ask, text=text):
-            return "ask-taken", {"ask_id": ask.ask_id, "agent": ask.agent, "sponsor": ask.sponsor, "ask": text}
+            taken: Json = {"ask_id": ask.ask_id, "agent": ask.agent, "sponsor": ask.sponsor, "ask": text}
+            return "ask-taken", taken | _traced(ask.trace_id)
         case VoteCast(ask_id=ask_id, vote=vote, state=state):
-            return "vote-cast", {
+            return "vote-cast", _traced(event.trace_id) | {
                 "ask_id": ask_id,
                 "approver": vote.approver,
                 "answer": vote.answer.value,
@@ -250,6 +253,23 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             return f"tool-{DONE[act]}", {"audience": audience, "name": name, "reason": reason}
         case _:
             assert_never(event)
+
+
+def traced(kind: str, body: Json, trace_id: str | None) -> Json:
+    """The body with the trace that it was written in, unless it is a point's record or names one.
+
+    Args:
+        kind: of the entry.
+        body: of it.
+        trace_id: of the request that brought it about, or None.
+    """
+    if trace_id is None or kind == "pep-record" or TRACE in body:
+        return body
+    return body | _traced(trace_id)
+
+
+def _traced(trace_id: str) -> Json:
+    return {TRACE: trace_id} if trace_id else {}
 
 
 def _party(party: Party) -> Json:

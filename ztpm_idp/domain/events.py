@@ -303,12 +303,14 @@ class VoteCast:
         place: 1 and upwards among the votes on this ask.
         vote: the answer, with its text.
         state: how the ask stands after it.
+        trace_id: of the trace that was asked in; empty where none is known.
     """
 
     ask_id: str
     place: int
     vote: VoteRecord
     state: AskState
+    trace_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)

@@ -119,10 +119,14 @@ class Heartbeat:
 
     One commit serves all callers that were waiting when it began; nobody is served by a commit that began before it
     asked.
+
+    Attributes:
+        beaten_ms: when the newest commit began by the wall clock, milliseconds since the epoch; None before the first.
     """
 
     def __init__(self, provider: Deployment) -> None:
         self._provider = provider
+        self.beaten_ms: int | None = None
         self._turn = asyncio.Lock()
         self._asked = 0
         self._served = 0
@@ -138,9 +142,9 @@ class Heartbeat:
         async with self._turn:
             if self._served >= mine:
                 return
-            everybody = self._asked
+            everybody, begun_ms = self._asked, self._provider.now_ms()
             await self._provider.store.beat()
-            self._served = everybody
+            self._served, self.beaten_ms = everybody, begun_ms
 
 
 async def revocation_index(

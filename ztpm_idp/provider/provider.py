@@ -15,8 +15,10 @@ from capabilities.statements import trust as trust_statement
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.token.verify import token_to_text
+from capabilities.values import trace_context
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode
+from ztpm_idp import tracing
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import CompleteRecovery, Delegate
@@ -33,6 +35,7 @@ from ztpm_idp.keys import key_ring
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import BaseHeads, read_back
+from ztpm_idp.provider.metrics import DONE, FAILED
 from ztpm_idp.provider.news import News
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError, ProofUse, ProofUsedError
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.state import Wanted
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
+    from ztpm_idp.provider.metrics import Metrics
     from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
 
@@ -134,6 +138,7 @@ class Provider:
         policies: the set that decides on delegations.
         oauth: keys of the authorization server, or None: there is none here.
         publishers: raw public keys by name of each whose releases are trusted.
+        metrics: count commands and transactions; None: nobody does.
 
     Attributes:
         epochs: requests that wait for the next revocation.
@@ -142,6 +147,7 @@ class Provider:
         base_heads: of the chain of revocations.
         news: of revocations, for those who wait.
         faults: by setting, the reason for which a file that changed is not acted on; the one before still is.
+        platform_keys_ms: by platform, when its keys were taken, milliseconds since the epoch.
     """
 
     def __init__(
@@ -155,6 +161,7 @@ class Provider:
         policies: PolicySet,
         oauth: OAuthKeys | None = None,
         publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
+        metrics: Metrics | None = None,
     ) -> None:
         self._reserved = frozenset[bytes]() if oauth is None else frozenset(oauth.public.values())
         self._platforms: dict[str, AnyPlatform] = {} if platform is None else {"": platform}
@@ -171,6 +178,10 @@ class Provider:
         self.base_heads = BaseHeads()
         self.news = News()
         self.faults: dict[str, str] = {}
+        self.platform_keys_ms = dict.fromkeys(self._platforms, self.now_ms())
+        self._metrics = metrics
+        if metrics is not None:
+            store.timed = metrics.transaction
         self._signed_trust: tuple[int, tuple[str, ...]] = (-1, ())
 
     def adopt(self, keys: IdpKeys) -> None:
@@ -204,6 +215,9 @@ class Provider:
             if any(each.holds(platform.root) or platform.holds(each.root) for each in others.values()):
                 raise SettingsError(name, "another platform has these workloads already")
         self._platforms = others if platform is None else {**others, name: platform}
+        self.platform_keys_ms = {known: self.platform_keys_ms.get(known, 0) for known in others}
+        if platform is not None:
+            self.platform_keys_ms[name] = self.now_ms()
         self.rules = self._rules(self.keys)
 
     def _rules(self, keys: IdpKeys) -> Rules:
@@ -300,6 +314,23 @@ class Provider:
             Problem: it is refused; nothing of it holds, but the ledger keeps its record of the attempt.
             StoreUnavailableError: the store failed; nothing may be taken to hold.
         """
+        name, end = type(command).__name__, FAILED
+        try:
+            with tracing.step(trace_context.COMMAND, {trace_context.OPERATION: name}) as span:
+                try:
+                    done = await self._run(command, actor=actor, session_key=session_key, once=once)
+                    end = DONE
+                except Problem as refused:
+                    end = refused.code.value
+                    raise
+                finally:
+                    span.set_attribute(trace_context.RESULT, end)
+        finally:
+            if self._metrics is not None:
+                self._metrics.command(name, end)
+        return done
+
+    async def _run(self, command: Command, *, actor: str, session_key: SessionKey | None, once: OneUse | None) -> Done:
         try:
             outcome, done = await self._tried(command, actor=actor, session_key=session_key, once=once)
         except ProofUsedError:
@@ -328,10 +359,16 @@ class Provider:
                 return await self._decided(command, needed, locks, actor=actor, session_key=session_key, once=once)
             except LocksTooFewError:
                 locks = EVERYTHING  # these are never too few
+                self._again("locks")
             except AgainError:
                 tries_left -= 1
                 if not tries_left:
                     raise
+                self._again("conflict")
+
+    def _again(self, cause: str) -> None:
+        if self._metrics is not None:
+            self._metrics.repeated(cause)
 
     async def _decided(
         self,
@@ -344,7 +381,7 @@ class Provider:
         once: OneUse | None,
     ) -> tuple[Outcome, Done | None]:
         """The command in one transaction: its outcome, and what it has done unless it is refused."""
-        at_ms = self.now_ms()
+        at_ms, trace_id = self.now_ms(), tracing.trace_id()
         use = None if once is None or once.spent else self._use_of(once.proof)
         young_ms = at_ms - self.rules.nonce_age_s * 1_000
         async with self.store.write(locks, use=use) as transaction:
@@ -358,11 +395,12 @@ class Provider:
             if isinstance(outcome, Refusal):
                 written, done = outcome.recorded, None
                 if written:
-                    await transaction.append(written, actor=actor, at_ms=at_ms)
+                    await transaction.append(written, actor=actor, at_ms=at_ms, trace_id=trace_id)
             else:
                 token = self._make_token(command, outcome)
                 written = _kept(outcome, token)
-                done = Done(outcome, await transaction.append(written, actor=actor, at_ms=at_ms), token)
+                epoch = await transaction.append(written, actor=actor, at_ms=at_ms, trace_id=trace_id)
+                done = Done(outcome, epoch, token)
             await read_back(self, transaction, written, before=before, at_ms=at_ms)
         if once is not None:
             once.spent = True  # with the commit; where it was rolled back, the use was, too

@@ -10,6 +10,7 @@ from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 from capabilities.keys.keys import b64u
 from capabilities.statements.claims import ID
 from capabilities.statements.people import answers, ask
+from ztpm_idp import tracing
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode
@@ -42,7 +43,7 @@ _UNSTORED = {"Cache-Control": "no-store"}
 async def take_ask(request: Request, call: Asker) -> JSONResponse:
     """An enforcement point's ask is shown to people: 201, or 200 when the very same was taken before."""
     text, provider = call.body(wire.AskBody).ask, provider_of(request)
-    done = await provider.run(commands.TakeAsk(call.party.id, text), actor=call.party.id)
+    done = await provider.run(commands.TakeAsk(call.party.id, text, tracing.trace_id() or ""), actor=call.party.id)
     # It was opened strictly on the way: its id is a safe part of a path.
     ask_id = stated(text, provider.rules.caps)["ask_id"]
     url = f"{provider.settings.issuer}/approvals/{ask_id}/page"
@@ -92,6 +93,7 @@ async def read_ask(request: Request, ask_id: str, call: Bound) -> JSONResponse:
         "state": asked.state(provider.now_ms()).value,
         "votes": [vote.text for vote in asked.votes],
         "expires_at": asked.ask.expires_at,
+        "trace_id": asked.ask.trace_id,
         "pep_key": b64u(key),
     }
     return JSONResponse(answer, headers=_UNSTORED)
@@ -204,4 +206,5 @@ def _row(asked: Asked, shown: ask.Ask, state: AskState) -> dict[str, object]:
         "votes": len(asked.votes),
         "asked_at": shown.asked_at,
         "expires_at": shown.expires_at,
+        "trace_id": asked.ask.trace_id,
     }

@@ -240,6 +240,7 @@ async def _known(request: Request, raw: bytes, *, session_keys: bool) -> Call:
     if place is not None:
         place.proven(f"{type(party).__name__} {party.id}")
     count_caller(request, party.id)
+    request.state.caller = f"{type(party).__name__} {party.id}"
     request.state.notice = await provider.notice(party)
     return Call(key, raw, sent, party, token, OneUse(proof), bound)
 

@@ -6,10 +6,11 @@ import logging
 from typing import Any
 
 from fastapi import APIRouter, Request
-from fastapi.responses import Response
+from fastapi.responses import PlainTextResponse, Response
 
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.provider.problems import answer
+from ztpm_idp.provider import figures
+from ztpm_idp.provider.problems import Problem, answer
 from ztpm_idp.routes.caller import heartbeat_of, provider_of
 from ztpm_idp.store.errors import StoreUnavailableError
 
@@ -43,6 +44,21 @@ async def readyz(request: Request) -> dict[str, Any] | Response:
         return answer(IdpCode.STORE_UNAVAILABLE, f"the store cannot commit: {cause}", members=unready)
     beside = {"faults": dict(provider.faults)} if provider.faults else {}
     return {"ready": True, **beside, **({"restoring": True} if restoring else {})}
+
+
+@router.get("/metrics", response_class=PlainTextResponse)
+async def metrics(request: Request) -> Response:
+    """Figures of this process, and of the store as it is now, in Prometheus' text form.
+
+    Read from the provider's own machine alone, or with the bearer token of `metrics_token_file`.
+    """
+    state = request.app.state
+    client = "" if request.client is None else request.client.host
+    given = request.headers.getlist("authorization")
+    if not state.metrics_access.may_read(client, given[0] if len(given) == 1 else None):
+        raise Problem(IdpCode.NOT_PERMITTED, "figures are read on this machine, or with the token of the settings")
+    text = await figures.text(state.metrics, provider_of(request), heartbeat_of(request))
+    return Response(text, media_type=figures.MEDIA_TYPE, headers={"Cache-Control": "no-store"})
 
 
 @router.get("/trust")

@@ -30,6 +30,7 @@ _ASK = (
     t.asks.c.fresh,
     t.asks.c.asked_at,
     t.asks.c.expires_at,
+    t.asks.c.trace_id,
 )
 """The columns of an `AskRecord`, in its order."""
 

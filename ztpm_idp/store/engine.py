@@ -47,6 +47,8 @@ SWEEP_MS: Final = 60_000
 """Milliseconds between two times at which a process forgets old proof ids."""
 SWEPT: Final = 2_048
 """Most proof ids that are forgotten at a time, so that nobody waits long for it."""
+COMMITTED, ROLLED_BACK, CONFLICT, FAILED = "committed", "rolled-back", "conflict", "failed"
+"""Ends of a writing transaction: a refusal rolls back, a conflict is with another transaction, a fault is the rest."""
 _P = t.proofs.c
 _OLD = (
     sa.select(_P.key, _P.jti)
@@ -68,6 +70,7 @@ class Store:
 
     Attributes:
         before: revision of the schema before it was opened; None of a new database.
+        timed: told that a writing transaction begins; what it gives back is told its end, once.
     """
 
     def __init__(self, engine: AsyncEngine) -> None:
@@ -78,6 +81,7 @@ class Store:
         self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
         self._swept_ms: int | None = None
         self.before: str | None = None
+        self.timed: Callable[[], Callable[[str], None]] | None = None
 
     @classmethod
     async def open(cls, database_url: str) -> Self:
@@ -221,15 +225,23 @@ class Store:
 
     @asynccontextmanager
     async def _write_connection(self, place: AbstractAsyncContextManager[Any]) -> AsyncIterator[AsyncConnection]:
+        ended, end = None if self.timed is None else self.timed(), ROLLED_BACK
         try:
             async with place, self._engine.connect() as connection:
                 connection = await connection.execution_options(ztpm_writes=True)  # noqa: PLW2901
                 async with connection.begin():
                     yield connection
+            end = COMMITTED
         except IntegrityError as error:
+            end = CONFLICT
             raise ConflictError from error
         except (SQLAlchemyError, OSError) as error:
-            raise (AgainError if postgres.again(error) else StoreUnavailableError) from error
+            again = postgres.again(error)
+            end = CONFLICT if again else FAILED
+            raise (AgainError if again else StoreUnavailableError) from error
+        finally:
+            if ended is not None:
+                ended(end)
 
 
 def _sqlite_engine(url: sa.URL) -> AsyncEngine:

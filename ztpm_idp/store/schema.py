@@ -246,6 +246,7 @@ asks = sa.Table(
     sa.Column("expires_at", sa.BigInteger, nullable=False, index=True),
     sa.Column("taken_ms", sa.BigInteger, nullable=False),
     sa.Column("text", sa.Text, nullable=False),
+    sa.Column("trace_id", sa.String(32), nullable=False, server_default=""),
 )
 
 votes = sa.Table(

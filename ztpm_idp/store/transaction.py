@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, assert_never
 import sqlalchemy as sa
 
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
-from ztpm_idp.domain.entries import entry_of
+from ztpm_idp.domain.entries import entry_of, traced
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
@@ -77,8 +77,14 @@ NONCE_MEMORY_MS = 600_000
 class Transaction(View):
     """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises."""
 
-    async def append(self, events: Iterable[Event], *, actor: str, at_ms: int) -> int:
+    async def append(self, events: Iterable[Event], *, actor: str, at_ms: int, trace_id: str | None = None) -> int:
         """The events are in their tables and in the ledger; the highest epoch given, or the epoch as it was.
+
+        Args:
+            events: in order.
+            actor: for the ledger.
+            at_ms: now.
+            trace_id: of the request that brought them about.
 
         Raises:
             LocksTooFewError: they change more than this transaction has locked.
@@ -97,7 +103,7 @@ class Transaction(View):
             kept = entry_of(event)
             if kept is None:
                 continue
-            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=kept[1])
+            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=traced(*kept, trace_id))
             lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
         for batch in batches(lines):

@@ -159,6 +159,17 @@ def oauth(*names, **other):
     return add
 
 
+def metrics(text, rights):
+    """States a token by which the figures are read."""
+
+    def write(root):
+        write_private(root / "idp/metrics.token", text.encode())
+        (root / "idp/metrics.token").chmod(rights)
+        state(root, {"metrics_token_file": "metrics.token"})
+
+    return write
+
+
 FILES = {
     "a login in the clear": ("login_providers.0", login(issuer="http://login.example")),
     "a login without an issuer": ("login_providers.0.issuer", login(issuer="")),
@@ -176,6 +187,12 @@ FILES = {
     "an access token's key that others may read": ("oauth_key_files", oauth(oauth=0o644)),
     "an access token's key that is the provider's": ("oauth_key_files", oauth("feed-1.key")),
     "an access token's key that stands twice": ("oauth_key_files", oauth("oauth.key", oauth=0o600)),
+    "a token of the figures that others may read": ("metrics_token_file", metrics("t" * 44, 0o644)),
+    "a token of the figures that is short": ("metrics_token_file", metrics("short", 0o600)),
+    "a token of the figures that is missing": (
+        "metrics_token_file",
+        lambda root: state(root, {"metrics_token_file": "absent"}),
+    ),
     "a configuration that others may write": ("config", mode("idp/idp.toml", 0o666)),
     "a configuration that is no TOML": ("config", content("idp/idp.toml", "issuer =")),
     "a ring that others may write": ("key_ring_file", mode("idp/keys.json", 0o662)),

@@ -99,7 +99,7 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     # 6. Waiting asks are still few enough to be read, and no agent crowds the others out.
     if (spent := _budget_spent(rules, state, asked, at_ms)) is not None:
         return refused(IdpCode.ASK_BUDGET_SPENT, spent)
-    return (AskTaken(_record(asked, command.text), command.text),)
+    return (AskTaken(_record(asked, command.text, command.trace_id), command.text),)
 
 
 def _against_registry(rules: Rules, state: State, asked: Ask) -> tuple[Code, str] | None:
@@ -153,7 +153,7 @@ def _budget_spent(rules: Rules, state: State, asked: Ask, at_ms: int) -> str | N
     return None if alive < STANDING_ASKS else f"{STANDING_ASKS} asks of this audience are open or granted"
 
 
-def _record(asked: Ask, text: str) -> AskRecord:
+def _record(asked: Ask, text: str, trace_id: str) -> AskRecord:
     return AskRecord(
         ask_id=asked.ask_id,
         nonce=asked.nonce,
@@ -166,6 +166,7 @@ def _record(asked: Ask, text: str) -> AskRecord:
         fresh=asked.perception in {"fresh", asks.NO_ROBOT},
         asked_at=asked.asked_at,
         expires_at=asked.expires_at,
+        trace_id=trace_id,
     )
 
 
@@ -209,7 +210,7 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
         return refused(IdpCode.CLEAR_NOT_SEEN, "without fresh perception an approver attests to seeing the cell clear")
     cast = VoteRecord(vote.approver, Answer(vote.answer), vote.not_after, active=True, text=command.text)
     after = replace(state.asked, votes=(*state.asked.votes, cast)).state(at_ms)
-    return (VoteCast(ask.ask_id, len(state.asked.votes) + 1, cast, after),)
+    return (VoteCast(ask.ask_id, len(state.asked.votes) + 1, cast, after, ask.trace_id),)
 
 
 def _opened(rules: Rules, ask: AskRecord, command: CastVote, person: RegisteredPerson) -> Vote:

@@ -61,6 +61,7 @@ class AskRecord:
         fresh: whether it was assessed on fresh perception, or needs none; if not, every approver attests to seeing the
             cell clear.
         asked_at, expires_at: seconds since the epoch.
+        trace_id: of the trace that the enforcement point asked in; empty where it named none. It is not signed.
     """
 
     ask_id: str
@@ -74,6 +75,7 @@ class AskRecord:
     fresh: bool
     asked_at: int
     expires_at: int
+    trace_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
