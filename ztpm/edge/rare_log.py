@@ -47,10 +47,3 @@ class OnceAMinute(logging.Filter):
 
     def _forget(self, now: float) -> None:
         self._told = {kind: told for kind, told in self._told.items() if now - told[0] < PERIOD_S}
-
-
-def tell_rarely() -> None:
-    """Tells equal lines of every logger once a minute from now on; call it after the log is configured."""
-    once = OnceAMinute()
-    for written in logging.getLogger().handlers:
-        written.addFilter(once)

@@ -16,13 +16,15 @@ import sys
 import traceback
 from typing import TYPE_CHECKING, Any, Final
 
+from pep.base import tracing
 from pep.base.errors import ConfigError, PepError
 from pep.point.parts import PointParts
 from ztpm.base.report_server import serve_reports, view_of
+from ztpm.base.trace_export import exporting
 from ztpm.codes.code_table import FAILURE, status_of
 from ztpm.codes.unavailable import UnavailableError, line_of, unavailable
+from ztpm.edge.log import tell
 from ztpm.edge.places import Bounds
-from ztpm.edge.rare_log import tell_rarely
 from ztpm.edge.server import EdgeServer
 
 if TYPE_CHECKING:
@@ -118,22 +120,23 @@ class EnforcementPoint(PointParts):
         """Releases inputs, after everything else has ended and before the last record is written."""
 
 
-def main_of(serve: Callable[[], Coroutine[None, None, None]], *, config: Path) -> None:
+def main_of(serve: Callable[[], Coroutine[None, None, None]], *, config: Path, service: str) -> None:
     """Process of an enforcement point: it serves, and ends with the exit status of its end.
 
     Args:
         serve: its work.
         config: file of its configuration, for a person who has to mend it.
+        service: name of the process in its traces.
     """
     # The watch looks every few ms: other threads hand the interpreter over within one (5 by default).
     sys.setswitchinterval(SWITCH_S)
     # Before MCPServer does, which would hide our warnings; its own, about strangers' input, stay hidden.
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
+    tell(sys.stderr, context=tracing.context)
     logging.getLogger("mcp").setLevel(logging.ERROR)
-    tell_rarely()
     status = FAILURE
     try:
-        asyncio.run(serve())
+        with exporting(service, os.environ):
+            asyncio.run(serve())
         status = 0
     except ConfigError as error:
         status = _told(error.code, f"{config}: {error.detail}")

@@ -447,7 +447,7 @@ def main(certifier: Callable[..., Certifying] = CellStream) -> None:
         config.check()
         await serve(config, reports=options.reports, unsafe_observe=options.unsafe_observe, certifier=certifier)
 
-    main_of(served, config=options.config)
+    main_of(served, config=options.config, service="ztpm-gateway")
 
 
 if __name__ == "__main__":

@@ -9,7 +9,6 @@ import argparse
 import asyncio
 import gc
 import json
-import logging
 import os
 import signal
 import sys
@@ -18,6 +17,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from ztpm.base.trace_export import exporting
 from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
 from ztpm.point.provider_deployment import read_deployment
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.oauth_keys import OAuthKeys
     from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
+    from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
 
@@ -56,6 +57,7 @@ def serve(
     folder: Path,
     oauth: OAuthKeys | None = None,
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
+    metrics: MetricsAccess | None = None,
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
@@ -69,6 +71,7 @@ def serve(
         folder: where relative names of TLS files start.
         oauth: keys of the authorization server, if there is one.
         publishers: raw public keys by name of each whose releases count.
+        metrics: right to read the figures; None: on this machine alone.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
 
     Raises:
@@ -87,6 +90,7 @@ def serve(
         oauth_keys=oauth,
         login_providers=login_providers,
         publishers=publishers,
+        metrics_access=metrics,
         watch=watch,
     )
 
@@ -148,15 +152,15 @@ def _told(code: str, sentence: str) -> int:
 
 def main() -> int:
     """Serves by the configuration; the exit status."""
-    from ztpm.edge.rare_log import tell_rarely
+    from ztpm.edge.log import tell
+    from ztpm_idp.provider import observing
 
     parser = argparse.ArgumentParser(
         prog="python -m ztpm.point.provider_server", description="The ZTPM identity provider."
     )
     parser.add_argument("--config", required=True, type=Path, help="idp.toml")
     config: Path = parser.parse_args().config
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
-    tell_rarely()
+    tell(sys.stderr, context=observing.context, accesses=observing.ACCESS.name)
     os.umask(0o077)  # the database is nobody else's
     try:
         passphrase = passphrase_of(PASSPHRASE_VARIABLE, os.environ)
@@ -166,20 +170,23 @@ def main() -> int:
         watch = watching(read.settings, config.parent, passphrase, read.keys)
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
+    observing.ACCESS.disabled = not read.settings.access_log
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     try:
-        serve(
-            read.settings.settings(read.keys),
-            read.keys,
-            read.platform,
-            read.policies,
-            read.login_providers,
-            folder=config.parent,
-            oauth=read.oauth,
-            publishers=read.publishers,
-            watch=watch,
-        )
+        with exporting("ztpm-idp", os.environ):
+            serve(
+                read.settings.settings(read.keys),
+                read.keys,
+                read.platform,
+                read.policies,
+                read.login_providers,
+                folder=config.parent,
+                oauth=read.oauth,
+                publishers=read.publishers,
+                metrics=read.metrics,
+                watch=watch,
+            )
     except (StoreNotOpenedError, UnavailableError) as error:
         return _told(error.code, error.sentence)
     return 0

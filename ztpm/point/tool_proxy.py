@@ -106,7 +106,11 @@ def main() -> None:
     parser.add_argument("--config", type=Path, required=True)
     parser.add_argument("--reports", action="store_true", help="answer questions on standard input")
     options = parser.parse_args()
-    main_of(lambda: serve(read_door_config(options.config), reports=options.reports), config=options.config)
+    main_of(
+        lambda: serve(read_door_config(options.config), reports=options.reports),
+        config=options.config,
+        service="ztpm-tools",
+    )
 
 
 if __name__ == "__main__":
