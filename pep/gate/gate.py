@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import asyncio
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextvars import copy_context
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -195,7 +196,7 @@ class Gate(Edge):
         except asyncio.CancelledError:
             # The caller has gone, and the shell has stopped the motion. A caller who goes waits for no record.
             if permitted is not None and not (permit is not None and permit.concluded):
-                self._recorder.submit(self._abandoned, call.request, permitted)
+                self._recorder.submit(copy_context().run, self._abandoned, call.request, permitted)
             raise
         except Exception as error:  # noqa: BLE001 - any exception on the way is DENY; a narrower net would leak
             return await self._broken(call, error)
@@ -415,7 +416,8 @@ class Gate(Edge):
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
             state: AskState | None
             # On the recorder: a question or an expiry is on record before people are told.
-            consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
+            asked = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
+            consult = partial(copy_context().run, asked)
             try:
                 state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
             except StatementError as error:

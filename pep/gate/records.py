@@ -1,4 +1,7 @@
-"""Records of a PEP as plain JSON: decisions with their evidence, refusals at the edge, outcomes."""
+"""Records of a PEP as plain JSON: decisions with their evidence, refusals at the edge, outcomes.
+
+Each names the trace that is current where it is made, as `trace_id`; it is what the caller said, and proves nothing.
+"""
 
 from __future__ import annotations
 
@@ -7,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import rfc8785
 
+from pep.base.tracing import traced
 from pep.journal.conduct import near_permille
 from policies.evidence import case_json
 from policies.evidence.evidence import Evidence
@@ -86,7 +90,7 @@ def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: AskNotic
         body["approval"] = use_body(decided.approval)
     if ask is not None:
         body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": round(ask.expires_at * 1000)}
-    return body
+    return traced(body)
 
 
 def use_body(use: ApprovalUse) -> dict[str, object]:
@@ -128,7 +132,7 @@ def outcome(
         body["watch"] = jsonable(watch)
     if returned is not None:
         body["returned"] = use_body(returned)
-    return body
+    return traced(body)
 
 
 def refusal(
@@ -159,7 +163,7 @@ def refusal(
     if fault is not None:
         body["clause"] = fault.clause
         body["detail"] = fault.detail
-    return body
+    return traced(body)
 
 
 def unfinished(records: Iterable[Mapping[str, Any]]) -> list[tuple[str, str]]:

@@ -8,19 +8,22 @@ else. Every refusal is on record.
 from __future__ import annotations
 
 import json
+import secrets
 from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 from urllib.parse import urlsplit
 
 from capabilities.keys import jws
 from capabilities.proof import mcp_meta
+from capabilities.values import trace_context
 from capabilities.values.errors import Fault, FaultCode
-from pep.base import caller_place
+from pep.base import caller_place, tracing
 from pep.base.access_token import TOKEN_BYTES
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (
     CREDENTIALS,
     HTTP_REQUEST,
+    TRACE,
     HttpRequest,
     Refusals,
     access_in,
@@ -32,13 +35,14 @@ from pep.mcp.http_request import (
     rpc_of,
     short,
     token_in,
+    trace_of,
 )
 from pep.mcp.mapping import bare_request, stops
 from pep.request.authority import Credentials, PresentedRequest
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from starlette.types import ASGIApp, Receive, Scope, Send
 
@@ -74,6 +78,7 @@ class DPoPLayer:
         issuer: of the tokens, for the metadata.
         clock: both clocks.
         access: answers about access tokens of OAuth clients; None: this server takes none.
+        random: so many random bytes, for traces that begin here.
     """
 
     def __init__(
@@ -87,6 +92,7 @@ class DPoPLayer:
         issuer: str,
         clock: Clock,
         access: AccessTokens | None = None,
+        random: Callable[[int], bytes] = secrets.token_bytes,
     ) -> None:
         parts = urlsplit(audience)
         self._app = app
@@ -94,6 +100,7 @@ class DPoPLayer:
         self._edge = edge
         self._refusals = Refusals(edge, clock)
         self._tools = tools
+        self._random = random
         self._access = access
         self._audience = audience
         self._path = parts.path
@@ -130,21 +137,25 @@ class DPoPLayer:
         body = await read_body(receive)
         if body is None:
             return
-        rpc = rpc_of(method, body)
-        if isinstance(rpc, Unfit):
-            await self._refuse(
-                send, 400, rpc.reason, None, {"method": method, "body": digest(body), "detail": rpc.detail}
-            )
-            return
-        http_request = HttpRequest(method, headers_of(scope), body, rpc)
+        rpc, headers = rpc_of(method, body), headers_of(scope)
+        caller = trace_of(headers, {} if isinstance(rpc, Unfit) else rpc)
+        with tracing.entered(trace_context.REQUEST, caller, random=self._random):
+            scope[TRACE] = tracing.current()
+            if isinstance(rpc, Unfit):
+                where: dict[str, object] = {"method": method, "body": digest(body), "detail": rpc.detail}
+                await self._refuse(send, 400, rpc.reason, None, where)
+                return
+            await self._admitted(HttpRequest(method, headers, body, rpc), scope, receive, send)
+
+    async def _admitted(self, http_request: HttpRequest, scope: Scope, receive: Receive, send: Send) -> None:
         credentials = await self._credentials_of(http_request)
         fault = credentials.fault
         if fault is not None and not stops(self._tools, http_request.tool):
             where = {
-                "method": method,
-                "rpc": short(rpc.get("method")),
+                "method": http_request.method,
+                "rpc": short(http_request.rpc.get("method")),
                 "tool": short(http_request.tool),
-                "body": digest(body),
+                "body": digest(http_request.body),
             }
             await self._refuse(send, 401, Reason(fault.code), credentials, where)
             return
@@ -153,7 +164,7 @@ class DPoPLayer:
         else:
             caller_place.proven(scope, credentials.holder)
         scope[CREDENTIALS], scope[HTTP_REQUEST] = credentials, http_request
-        await self._app(scope, replayed(body, receive), send)
+        await self._app(scope, replayed(http_request.body, receive), send)
 
     async def _credentials_of(self, http_request: HttpRequest) -> Credentials:
         """Credentials of an agent, or of an OAuth client: a stop waits for no answer about either."""

@@ -17,7 +17,9 @@ import httpx2
 
 from capabilities.statements import ticket
 from capabilities.statements.ticket import RequestDigests
+from capabilities.values import trace_context
 from capabilities.values.chain import Chain
+from pep.base import tracing
 from pep.base.errors import JournalError
 from pep.mcp.http_request import CREDENTIALS, HTTP_REQUEST, HttpRequest, Refusals, digest, short, token_in
 from pep.mcp.mapping import stops
@@ -153,7 +155,7 @@ class Forward:
         # Of a stop's headers, repeated ones are not passed on.
         once = {name: value for name, value in headers.items() if value is not None}
         name = self._random(16)
-        record = self._record(name, http_request, credentials)
+        record = tracing.traced(self._record(name, http_request, credentials))
         if http_request.calls and not stopping:
             try:
                 await self._edge.record("ticket", record)
@@ -161,7 +163,8 @@ class Forward:
                 await self._refusals.refuse(send, 503, Reason.RECORD_FAILED, credentials=credentials, where=where)
                 return
         try:
-            response = await self._asked(name, http_request, once, again=stopping)
+            with tracing.step(trace_context.FORWARD, {}):
+                response = await self._asked(name, http_request, once, again=stopping)
         except (httpx2.HTTPError, TimeoutError) as error:
             where |= {"ticket": name, "error": type(error).__name__}
             await self._refusals.refuse(send, 503, Reason.GATEWAY_UNREACHABLE, credentials=credentials, where=where)
@@ -219,7 +222,10 @@ class Forward:
         )
         # Made by hand, so that no header and no cookie is added to the caller's own.
         request = httpx2.Request(
-            http_request.method, self._url, headers={**headers, TICKET: issued}, content=http_request.body
+            http_request.method,
+            self._url,
+            headers={**headers, **tracing.carried(), TICKET: issued},
+            content=http_request.body,
         )
         async with asyncio.timeout(ANSWER_S):
             return await self._http.send(request, stream=True)

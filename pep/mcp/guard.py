@@ -24,14 +24,16 @@ from mcp.server.mcpserver import MCPServer
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams, TextContent
 
+from capabilities.values import trace_context
 from capabilities.values.chain import Chain
+from pep.base import tracing
 from pep.base.errors import ActuationRefusedError, JournalError
 from pep.gate import records
 from pep.gate.gate import EffectResult, Gate, GateResult
 from pep.gate.observe_only import OBSERVED
 from pep.mcp import deferred_result, fastmcp_server
 from pep.mcp.dpop import DPoPLayer
-from pep.mcp.http_request import CREDENTIALS
+from pep.mcp.http_request import CREDENTIALS, TRACE
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.tool_digest import definition_digest, tool_reading
@@ -114,6 +116,11 @@ class Guard:
 
     async def __call__(self, ctx: ServerRequestContext[Any, Any], params: CallToolRequestParams) -> HandlerResult:
         """The tool's own result when the call is permitted, else a denial or deferral in its place."""
+        # What is current here is of the server's own task.
+        with tracing.rejoined(None if ctx.request is None else ctx.request.scope.get(TRACE)):
+            return await self._answered(ctx, params)
+
+    async def _answered(self, ctx: ServerRequestContext[Any, Any], params: CallToolRequestParams) -> HandlerResult:
         arrived_ms, at = self._clock.monotonic_ms(), self._clock.wall_s()
         # The scope is this very request's; a context variable could be an older request's of the same session.
         credentials: Credentials = NOBODY if ctx.request is None else ctx.request.scope.get(CREDENTIALS, NOBODY)
@@ -153,7 +160,7 @@ class Guard:
             if operation.robot is None:
                 again = to_request(operation, sent.arguments or {}, request_id="", audience=self._audience, at=at)
                 permit.spend_act(digest="" if isinstance(again, Misfit) else again.digest)
-            with PermitScope(permit):
+            with PermitScope(permit), tracing.step(trace_context.EFFECT, {trace_context.OPERATION: operation.name}):
                 outcome = await self._call(ctx, sent)
             if permit.refusal is not None:
                 raise ActuationRefusedError(permit.refusal)
@@ -170,7 +177,9 @@ class Guard:
         )
         if deferred_result.is_retry(params):
             await self._patience.wait(params)
-        answer = await self._gate.run(call, effect)
+        with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: operation.name}) as span:
+            answer = await self._gate.run(call, effect)
+            tracing.tell(span, answer.decision)
         if wanted(params.meta):
             answer = await self._vouched(answer, call, ctx)
         changed = {} if operation.robot is not None else rounded(params.arguments or {}, sent.arguments or {})

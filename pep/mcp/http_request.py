@@ -9,6 +9,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.values import trace_context
 from pep.base.access_token import is_access_token
 from pep.base.errors import JournalError
 from pep.gate import records
@@ -20,10 +21,13 @@ if TYPE_CHECKING:
 
     from starlette.types import Message, Receive, Scope, Send
 
+    from capabilities.values.trace_context import TraceIds
     from pep.base.ports import Clock
     from pep.request.authority import Credentials
     from pep.request.edge import Edge
 
+TRACE: Final = "ztpm.trace"
+"""Key in the ASGI scope under which the ids of the request's trace travel."""
 CREDENTIALS: Final = "ztpm.credentials"
 """Key in the ASGI scope under which the verified credentials travel."""
 HTTP_REQUEST: Final = "ztpm.knock"
@@ -90,6 +94,19 @@ def access_in(headers: Mapping[str, str | None]) -> tuple[str, bool] | None:
     if scheme.lower() not in {SCHEME, BEARER} or not is_access_token(token):
         return None
     return token, scheme.lower() == BEARER
+
+
+def trace_of(headers: Mapping[str, str | None], rpc: Mapping[str, Any]) -> TraceIds | None:
+    """Ids of the caller's trace: those that its body names, which its proof covers; else those of the header.
+
+    A header of the same trace is nearer: it is of the tool server that passed the request on.
+    """
+    params = rpc.get("params")
+    meta = params.get("_meta") if isinstance(params, dict) else None
+    told = trace_context.read(meta.get(trace_context.HEADER)) if isinstance(meta, dict) else None
+    carried = trace_context.read(headers.get(trace_context.HEADER))
+    same = told is None or (carried is not None and carried.trace_id == told.trace_id)
+    return carried if same else told
 
 
 def rpc_of(method: str, body: bytes) -> Mapping[str, Any] | Unfit:

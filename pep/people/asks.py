@@ -17,6 +17,7 @@ from capabilities.keys import keys
 from capabilities.statements.people import answers as answers_statement
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.chain import Chain
+from pep.base.tracing import trace_id
 from pep.people.ask_composer import compose, reasons_of
 from pep.people.deferral import (
     ANSWERED,
@@ -220,13 +221,17 @@ class Asks:
                 asked_at=int(wall_s),
                 expires_at=max(int(wall_s) + 1, int(expires_at)),
             )
-            ask = self._ask(question, text, reason=str(decision.reason), expires_at=expires_at)
+            ask = self._ask(
+                question, text, reason=str(decision.reason), expires_at=expires_at, trace_id=trace_id() or ""
+            )
             self._journal.append("ask", opened_body(ask))
             with self._lock:
                 self._deferrals[ask.ask_id] = Deferral(ask, question, key_of(question))
             return AskState.OPEN, ask
 
-    def _ask(self, question: ask_statement.Ask, text: str, *, reason: str, expires_at: float) -> AskNotice:
+    def _ask(
+        self, question: ask_statement.Ask, text: str, *, reason: str, expires_at: float, trace_id: str
+    ) -> AskNotice:
         left_ms = min(self._timeout_ms, int((expires_at - self._wall_s()) * 1000 + 0.5))
         return AskNotice(
             ask_id=question.ask_id,
@@ -237,6 +242,7 @@ class Asks:
             expires_at=expires_at,
             url=self._asker.page(question.ask_id),
             text=text,
+            trace_id=trace_id,
         )
 
     def _standing(
@@ -435,7 +441,13 @@ class Asks:
         self._high_s = max(self._high_s, remains.high_s)
         with self._lock:
             for left in remains.asks:
-                ask = self._ask(left.question, left.text, reason=left.reason, expires_at=left.expires_at)
+                ask = self._ask(
+                    left.question,
+                    left.text,
+                    reason=left.reason,
+                    expires_at=left.expires_at,
+                    trace_id=left.trace_id,
+                )
                 deferral = Deferral(ask, left.question, key_of(left.question), state=left.state)
                 deferral.not_after, deferral.used = left.not_after, left.used
                 self._deferrals[ask.ask_id] = deferral

@@ -65,6 +65,7 @@ class AskNotice:
         expires_at: the same in seconds since the epoch, for people.
         url: the page on which people see it.
         text: the signed ask.
+        trace_id: of the trace in which it was asked; empty where none is known. It is not signed.
     """
 
     ask_id: str
@@ -75,6 +76,7 @@ class AskNotice:
     expires_at: float
     url: str
     text: str
+    trace_id: str = ""
 
 
 @dataclass(slots=True)
@@ -220,6 +222,7 @@ def opened_body(ask: AskNotice) -> dict[str, object]:
         "reason": ask.reason,
         "expires_at_ms": round(ask.expires_at * 1000),
         "ask": ask.text,
+        **_traced(ask),
     }
 
 
@@ -233,7 +236,12 @@ def answered_body(ask: AskNotice, counted: Tally, ballots: Iterable[VerifiedVote
         "uses": counted.uses,
         "not_after": counted.not_after,
         "votes": [ballot.text for ballot in ballots],
+        **_traced(ask),
     }
+
+
+def _traced(ask: AskNotice) -> dict[str, str]:
+    return {"trace_id": ask.trace_id} if ask.trace_id else {}
 
 
 def expired_body(ask_id: str, request_digest: str) -> dict[str, object]:

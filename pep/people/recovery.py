@@ -26,6 +26,7 @@ class RecoveredAsk:
     state: AskState = AskState.OPEN
     not_after: int = 0
     used: dict[int, str] = field(default_factory=dict)
+    trace_id: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,6 +73,7 @@ def reopen(records: Iterable[Mapping[str, Any]], keys: Collection[bytes], caps: 
                 asks[question.ask_id] = RecoveredAsk(
                     question, body["ask"], body["reason"], body["expires_at_ms"] / 1000
                 )
+                asks[question.ask_id].trace_id = body.get("trace_id", "")
             case "ask-answered" if body["ask_id"] in asks:
                 asks[body["ask_id"]].state = AskState(body["state"])
                 asks[body["ask_id"]].not_after = body["not_after"]

@@ -16,6 +16,7 @@ import inspect
 import json
 import secrets
 from contextlib import asynccontextmanager
+from contextvars import copy_context
 from functools import wraps
 from typing import TYPE_CHECKING, Any, Self, TypeVar, cast
 from urllib.parse import urlsplit
@@ -23,7 +24,9 @@ from urllib.parse import urlsplit
 from starlette.exceptions import HTTPException
 from starlette.requests import Request as HttpRequest  # noqa: TC002 - a framework reads the annotation at run time
 
+from capabilities.values import trace_context
 from capabilities.values.chain import Chain
+from pep.base import tracing
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, JournalError, PepFault
 from pep.gate import records
@@ -203,7 +206,10 @@ class GuardedFunctions(DecidingPoint):
         Raises:
             NotPermittedError: nothing must happen.
         """
-        call = await self._call(row, presented, arguments)
+        with tracing.begun(trace_context.REQUEST, random=secrets.token_bytes):
+            # What runs of its own from here on is in the trace; the act itself is its caller's, and may end elsewhere.
+            context = copy_context()
+            call = await self._call(row, presented, arguments)
         decided = decided_arguments(row, call.request, arguments)
         entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
 
@@ -213,7 +219,7 @@ class GuardedFunctions(DecidingPoint):
             await left
             return EffectResult(value={})
 
-        running = asyncio.ensure_future(self.gate.run(call, effect))
+        running = asyncio.get_running_loop().create_task(self._decided(call, effect), context=context)
         entering = asyncio.ensure_future(entered.wait())
         try:
             await asyncio.wait({running, entering}, return_when=asyncio.FIRST_COMPLETED)
@@ -230,6 +236,12 @@ class GuardedFunctions(DecidingPoint):
         finally:
             entering.cancel()
             running.cancel()  # a caller who has gone; one that has ended notices nothing
+
+    async def _decided(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:
+        with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: call.operation.name}) as span:
+            answer = await self.gate.run(call, effect)
+            tracing.tell(span, answer.decision)
+        return answer
 
     def _row(self, function: Callable[..., Any]) -> Operation:
         row = declared(function)

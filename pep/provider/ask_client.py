@@ -16,6 +16,7 @@ import httpx2
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
 from capabilities.statements.people import answers as answers_statement
+from capabilities.values import trace_context
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, JournalError, PepError, PepFault
 from pep.people.deferral import AskState
@@ -137,7 +138,9 @@ class AskClient:
         self._next_ms[ask.ask_id] = (tries + 1, self._clock.monotonic_ms() + int(TIMEOUT_S * 1000) + wait_ms)
         body = json.dumps({"ask": ask.text}).encode()
         try:
-            status, answer = await self._send("POST", "/approvals", body=body, most_bytes=REFUSAL_BYTES)
+            status, answer = await self._send(
+                "POST", "/approvals", body=body, most_bytes=REFUSAL_BYTES, trace_id=ask.trace_id
+            )
             if status in {200, 201}:
                 self._asks.posted(ask.ask_id)
             elif status == 429 and _code(answer) == Reason.ASK_BUDGET_SPENT:
@@ -185,7 +188,14 @@ class AskClient:
         return answers
 
     async def _send(
-        self, method: str, path: str, *, most_bytes: int, body: bytes = b"", query: dict[str, str] | None = None
+        self,
+        method: str,
+        path: str,
+        *,
+        most_bytes: int,
+        body: bytes = b"",
+        query: dict[str, str] | None = None,
+        trace_id: str = "",
     ) -> tuple[int, bytes]:
         """Status and content of one request with this PEP's proof; a content over the bound counts as none."""
         url = f"{self._asker.issuer}{path}"
@@ -199,6 +209,8 @@ class AskClient:
             jti=secrets.token_urlsafe(18),
         )
         headers = {"dpop": proof, **({"content-type": "application/json"} if body else {})}
+        if (ids := trace_context.of(trace_id, secrets.token_bytes)) is not None:
+            headers[trace_context.HEADER] = ids.header
         content = bytearray()
         try:
             async with (

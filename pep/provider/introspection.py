@@ -18,6 +18,7 @@ import httpx2
 from capabilities.proof.proof import prove
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.strict_json import JsonError, read
+from pep.base import tracing
 from pep.base.access_token import Looked
 
 if TYPE_CHECKING:
@@ -104,7 +105,7 @@ class Introspection:
             at=int(self._clock.wall_s()),
             jti=secrets.token_urlsafe(18),
         )
-        headers = {"dpop": proof, "content-type": "application/x-www-form-urlencoded"}
+        headers = {"dpop": proof, "content-type": "application/x-www-form-urlencoded", **tracing.carried()}
         content = bytearray()
         try:
             async with (

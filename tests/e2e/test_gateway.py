@@ -15,10 +15,13 @@ from dataclasses import replace
 from functools import partial
 
 import pytest
+from opentelemetry import trace
+from opentelemetry.trace import NonRecordingSpan, SpanContext, TraceFlags
 from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.rtde.command.limits import widest
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY
 from tests.e2e import forked, sabotage
+from tests.e2e.collector import collecting
 from tests.e2e.tls import TlsAddresses, reached_by_tls
 from ztpm.base.layout import OPERATORS, Layout, write_private
 from ztpm.cell.cell import PASSPHRASE_VARIABLE, Cell
@@ -151,7 +154,11 @@ def house(tmp_path_factory):
         def settled(layout):
             believed.setenv("SSL_CERT_FILE", str(reached_by_tls(folder, addresses, layout.idp_config, ends)))
 
+        spans = ends.enter_context(collecting())
+        believed.setenv("OTEL_EXPORTER_OTLP_ENDPOINT", spans.url)
+        believed.setenv("OTEL_BSP_SCHEDULE_DELAY", "200")
         house = House(folder, addresses, settled=settled)
+        house.spans = spans
         ends.callback(house.cell.stop)
         ends.callback(house.stage.close)
         house.agent("mover", SPEED_JOINT, SERVO_JOINT, MOVE_LINEAR)
@@ -367,6 +374,36 @@ def test_tools_and_programs_have_the_arm_in_turns(house, eyes):
         status, said, errors = run.ended()
     assert (status, said) == (0, ["True"]), errors
     tools_move(house)
+
+
+def test_one_trace_goes_from_a_token_to_its_effect(house):
+    """The caller's own: at the provider, tool server and gateway, in both journals, and in the ledger's index."""
+    trace_id = secrets.token_hex(16)
+    ids = SpanContext(
+        int(trace_id, 16), 0xB7AD6B7169203331, is_remote=False, trace_flags=TraceFlags(TraceFlags.SAMPLED)
+    )
+    with trace.use_span(NonRecordingSpan(ids)):
+        house.agent("traced")
+        answer = house.stage.ask("traced", "read_state", {})
+    assert answer.decision == "PERMIT"
+    services = {"ztpm-idp", "ztpm-tools", "ztpm-gateway"}
+    until(lambda: {span["service"] for span in house.spans.of(trace_id)} == services, "spans of all three")
+    until(lambda: [s for s in house.spans.of(trace_id) if s["name"] == "ztpm.decide"], "the decision's span")
+    (decided,) = (span for span in house.spans.of(trace_id) if span["name"] == "ztpm.decide")
+    assert decided["service"] == "ztpm-gateway"
+    assert (decided["said"]["ztpm.decision"], decided["said"]["ztpm.reason"]) == ("PERMIT", "PERMITTED")
+    assert {(s["service"], s["said"].get("ztpm.operation")) for s in house.spans.of(trace_id)} >= {
+        ("ztpm-idp", "Issue"), ("ztpm-gateway", "read_state"),
+    }  # fmt: skip
+    records = [
+        body for body in house.journal("decision") + house.journal("outcome") if body.get("trace_id") == trace_id
+    ]
+    assert [bool(body.get("outcome")) for body in records] == [False, True]
+    carol = house.stage.person("carol")
+    wanted = {"token-issued", "ticket", "decision", "outcome"}
+    until(lambda: {row["kind"] for row in carol.search_rows({"trace": trace_id})} >= wanted, "the ledger's index")
+    told = json.dumps(house.spans.of(trace_id))
+    assert house.issued["traced"].token not in told and house.issued["traced"].token_id not in told
 
 
 def test_a_tool_that_moves_keeps_the_arm(house, eyes):

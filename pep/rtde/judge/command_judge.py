@@ -15,7 +15,9 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values import trace_context
 from capabilities.values.chain import Chain
+from pep.base import tracing
 from pep.base.errors import JournalError
 from pep.people.deferral import AskState
 from pep.request.call import Call
@@ -129,7 +131,9 @@ class LeasedJudge:
         try:
             if before:
                 await asyncio.wait(before, timeout=SETTLES_S)
-            await self._decide(case)
+            # A trace for each command: a program's bytes name none.
+            with tracing.entered(trace_context.REQUEST, None, random=secrets.token_bytes):
+                await self._decide(case)
         except Exception:  # noqa: BLE001 - any failure on the way is a denial; a narrower net would leave it waiting
             if not (case.forwarded or case.withdrawn):
                 case.held.deny(Reason.EVIDENCE_MISSING, told(Reason.EVIDENCE_MISSING))
@@ -192,7 +196,10 @@ class LeasedJudge:
             prepared = found
 
         effect = partial(self._effects.carry_out, case, asked, prepared, fitted)
-        return await self._gate.run(call, effect)
+        with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: asked.operation.name}) as span:
+            answer = await self._gate.run(call, effect)
+            tracing.tell(span, answer.decision)
+        return answer
 
     def _tool(self, operation: Operation) -> ToolReading:
         """The operation as its own tool: this enforcement point is its definition."""

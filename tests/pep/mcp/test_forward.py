@@ -18,6 +18,7 @@ from tests.pep.mcp.test_mcp import HEADERS, Signed, call_body
 
 from capabilities.keys import keys
 from capabilities.statements import ticket
+from capabilities.values import trace_context
 from pep.mcp import forward
 
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("TKT-10")]  # tickets live for half a second of real time
@@ -146,6 +147,7 @@ def test_the_request_goes_on_whole_and_nothing_is_added(house):
         "origin",
         "content-length",
         "mcp-param-x",
+        trace_context.HEADER,
         TICKET,
     }
     assert (last["method"], last["path"], json.loads(last["body"])) == ("POST", "/calls", call_body())
