@@ -33,7 +33,10 @@ HEADER_BYTES: Final = 32_768
 KEEP_ALIVE_S: Final = 5
 """Time for which a connection waits for its next request."""
 NO_PASSPHRASE: Final = "-"  # noqa: S105  it is none
-"""Passphrase of a key that has none. Without any, OpenSSL would ask for that of an encrypted one at the terminal."""
+"""Passphrase of a key that has none.
+
+Without any, OpenSSL would ask for that of an encrypted one at the terminal.
+"""
 NOT_STARTED: Final = 1
 """Exit status where the application itself cannot start; it has said why."""
 

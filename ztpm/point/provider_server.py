@@ -167,7 +167,7 @@ def main() -> int:
         # Taken out of the environment, so that no child and no dump of it has it.
         os.environ.pop(PASSPHRASE_VARIABLE, None)
         read = read_deployment(config, passphrase, at=time.time())
-        watch = watching(read.settings, config.parent, passphrase, read.keys)
+        watch = watching(read.settings, config, passphrase, read.keys)
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
     observing.ACCESS.disabled = not read.settings.access_log

@@ -31,7 +31,7 @@ from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.domain.wanted import wanted
-from ztpm_idp.keys import key_ring
+from ztpm_idp.keys import key_ring, oauth_keys
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import BaseHeads, read_back
@@ -201,6 +201,24 @@ class Provider:
         if any(platform.all_keys & keys.every_public for platform in self.rules.platforms):
             raise SettingsError(key_ring.SETTING, "a key of a platform: one key has one role")
         self.keys, self.rules = keys, self._rules(keys)
+
+    def adopt_oauth(self, keys: OAuthKeys | None) -> None:
+        """Signs access tokens with these keys from now on, and takes those that any of them signed.
+
+        Raises:
+            SettingsError: `oauth_key_files`, for a key that has another role already, or an authorization server that
+                would begin or end. Nothing changes then.
+        """
+        if keys is None or self.oauth is None:
+            if keys is not self.oauth:
+                raise SettingsError(oauth_keys.SETTING, "an authorization server begins and ends with a new start")
+            return
+        public = frozenset(keys.public.values())
+        if public & self.keys.every_public or any(platform.all_keys & public for platform in self.rules.platforms):
+            raise SettingsError(oauth_keys.SETTING, "a key of the provider or of a platform: one key has one role")
+        # A key that was one of these is nobody's afterwards either.
+        self._reserved |= public
+        self.oauth, self.rules = keys, self._rules(self.keys)
 
     def trust_platform(self, name: str, platform: AnyPlatform | None) -> None:
         """Believes the word of this platform from now on, in place of what had this name; None: of none.

@@ -286,14 +286,14 @@ def test_a_configuration_starts_with_its_platforms(tmp_path):
     own = load_keys(settings, tmp_path, "secret")
     (tmp_path / "world").mkdir()
     with World(tmp_path / "world", idp_keys=own) as world:
-        beside = watching(settings, tmp_path, "secret", own)(world.provider)
-        assert len(beside) == 2
+        beside = watching(settings, tmp_path / "idp.toml", "secret", own)(world.provider)
+        assert len(beside) == 3
         assert world.provider.rules.platform_of("k8s://east/a/b").issuer == cluster.issuer
         assert world.provider.rules.platform_of(f"spiffe://{DOMAIN}/x").authorities
         assert world.provider.rules.platform_of("k8s://west/a/b") is None
     (tmp_path / "bundle.json").chmod(0o622)
     with pytest.raises(SettingsError):
-        watching(settings, tmp_path, "secret", own)
+        watching(settings, tmp_path / "idp.toml", "secret", own)
 
 
 @pytest.mark.parametrize(
