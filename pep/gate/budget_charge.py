@@ -57,13 +57,26 @@ class BudgetCharge:
         Raises:
             JournalError: the charge could not be made durable.
         """
+        ask = self._store.charge if decision.effect is Effect.PERMIT else self._store.look
+        return await self._asked(ask, evidence, decision)
+
+    async def looked(self, evidence: Evidence, decision: Decision) -> Decision:
+        """The decision, or its denial where a budget is spent; nothing is charged.
+
+        Raises:
+            JournalError: the store cannot be asked.
+        """
+        return await self._asked(self._store.look, evidence, decision)
+
+    async def _asked(
+        self, ask: Callable[..., Spending | Shortfall | None], evidence: Evidence, decision: Decision
+    ) -> Decision:
         if decision.effect is Effect.DENY or self._spending is not None or not isinstance(evidence.chain, Chain):
             return decision
         chain = evidence.chain
         due = charges(chain, self._request)
         if not due:
             return decision
-        ask = self._store.charge if decision.effect is Effect.PERMIT else self._store.look
         now_ms = int(self._clock.wall_s() * 1000)
         answer = await asyncio.get_running_loop().run_in_executor(self._recorder, partial(ask, due, wall_ms=now_ms))
         if isinstance(answer, Spending):

@@ -17,19 +17,20 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
-from capabilities.values.chain import Chain, Refusal
+from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault, StatementError
 from pep.base.errors import ActuationRefusedError, JournalError
 from pep.base.operation_row import OperationKind
 from pep.base.operations import touchable
 from pep.base.ports import Assessed
-from pep.gate import records
+from pep.gate import advice, records
 from pep.gate.budget_charge import BudgetCharge
+from pep.gate.first_fault import first_fault
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.gate.robot_ports import robot_of, takes_slot
 from pep.journal.conduct import Conduct
 from pep.people.deferral import AskState
-from pep.request.denial import denial
+from pep.request.denial import broken, denial
 from pep.request.edge import Edge
 from pep.request.permit import Permit, unfulfilled
 from pep.request.standing import StandingAuthority
@@ -205,6 +206,17 @@ class Gate(Edge):
             self._asks.release(call.request.request_id)
             self._free(call)
 
+    async def advise(self, call: Call) -> advice.Advice:
+        """Verdict on a call that is only asked about: nothing is permitted, charged, used, moved or asked of people."""
+        charge = BudgetCharge(self._budgets, recorder=self._recorder, clock=self._clock, request=call.request)
+        return await advice.advised(
+            call,
+            lambda: self._judged(call, self._cheap(call)),
+            asks=self._asks,
+            charge=charge,
+            policy_digest=self._policies.digest,
+        )
+
     def _free(self, call: Call) -> None:
         if self._robot is not None:
             self._robot.slot.release(call.request.request_id)
@@ -216,7 +228,7 @@ class Gate(Edge):
         """
         evidence = self._cheap(call)
         ports = robot_of(call, self._robot)
-        if ports is not None and call.readiness is not None and physical and not _fault(evidence):
+        if ports is not None and call.readiness is not None and physical and not first_fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
             decided_ms = self._clock.monotonic_ms()
@@ -228,10 +240,14 @@ class Gate(Edge):
             if not ready:
                 return evidence, decision, decided_ms
             evidence = await self._dear(call, evidence, ports)
-        if not _fault(evidence):
-            evidence = self._asks.witness(call.request, evidence)
         decided_ms = self._clock.monotonic_ms()
-        return evidence, decide(call.request, evidence, self._policies), decided_ms
+        return *self._judged(call, evidence), decided_ms
+
+    def _judged(self, call: Call, evidence: Evidence) -> tuple[Evidence, Decision]:
+        """The evidence with people's answers, and the verdict on it, for a call or a question about one."""
+        if not first_fault(evidence):
+            evidence = self._asks.witness(call.request, evidence)
+        return evidence, decide(call.request, evidence, self._policies)
 
     def _declared(self, call: Call) -> DeclaredImpact:
         """Impact by the operation's rows: over the request's values, and over facts as they are now."""
@@ -437,20 +453,7 @@ class Gate(Edge):
     async def _broken(self, call: Call, error: Exception) -> GateResult:
         """An exception on the way: DENY, recorded if that is still possible."""
         reason = Reason.RECORD_FAILED if isinstance(error, JournalError) else Reason.EVIDENCE_MISSING
-        decision = Decision(
-            request_id=call.request.request_id,
-            request_digest=call.request.digest,
-            effect=Effect.DENY,
-            reason=reason,
-            primitive="",
-            findings=(Finding("", reason, {"error": type(error).__name__}),),
-            tier=None,
-            index=None,
-            obligations=(),
-            policy_digest=self._policies.digest,
-            evidence=None,
-            lifetime_ms=0,
-        )
+        decision = broken(call.request, reason, error, policy_digest=self._policies.digest)
         if reason is not Reason.RECORD_FAILED:
             unknown = Evidence(at=self._clock.wall_s(), at_ms=self._clock.monotonic_ms())
             try:
@@ -480,19 +483,3 @@ def _agent(call: Call) -> str:
     """Holder that calls, or "" while none is known."""
     chain = call.credentials.chain
     return chain.leaf.agent if isinstance(chain, Chain) else ""
-
-
-def _fault(seen: Evidence) -> object:
-    """First fault that makes dearer evidence pointless, or None."""
-    if isinstance(seen.chain, Fault):
-        return seen.chain
-    if seen.proof is not True:
-        return seen.proof
-    if isinstance(seen.request_fault, (Refusal, Fault)):
-        return seen.request_fault
-    if isinstance(seen.robot_fault, Refusal):
-        return seen.robot_fault
-    tool = seen.tool
-    if tool is not NOT_COLLECTED and (tool.base_tier is None or tool.approved_digest != tool.actual_digest):
-        return tool
-    return None

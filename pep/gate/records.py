@@ -6,6 +6,7 @@ Each names the trace that is current where it is made, as `trace_id`; it is what
 from __future__ import annotations
 
 import hashlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import rfc8785
@@ -91,6 +92,11 @@ def decision(call: Call, evidence: Evidence, decided: Decision, *, ask: AskNotic
     if ask is not None:
         body["ask"] = {"ask_id": ask.ask_id, "expires_at_ms": round(ask.expires_at * 1000)}
     return traced(body)
+
+
+def advice(call: Call, evidence: Evidence, decided: Decision) -> dict[str, object]:
+    """Record of advice: as of a decision, but no intent, and it uses up no approval."""
+    return decision(call, evidence, replace(decided, approval=None))
 
 
 def use_body(use: ApprovalUse) -> dict[str, object]:

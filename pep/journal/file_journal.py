@@ -126,8 +126,8 @@ class FileJournal:
         """The record's hash (hex); it survives a power cut.
 
         Args:
-            kind: "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired", "incident",
-                "lease", "lease-ended", "lease-renewed", "stream", "stream-values" or "ticket".
+            kind: "advice", "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired",
+                "incident", "lease", "lease-ended", "lease-renewed", "stream", "stream-values" or "ticket".
             body: plain JSON values, finite numbers.
 
         Raises:

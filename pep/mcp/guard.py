@@ -384,6 +384,14 @@ async def tools_of(server: AnyServer, ctx: ServerRequestContext[Any, Any] | None
     return listed.tools
 
 
+async def digests_of(server: AnyServer) -> dict[str, str]:
+    """Digest of each tool's definition as the server lists it now, by name; "" for two of one name."""
+    found: dict[str, str] = {}
+    for tool in await tools_of(server):
+        found[tool.name] = "" if tool.name in found else definition_digest(tool)
+    return found
+
+
 def _untold(outcome: HandlerResult) -> HandlerResult:
     """Result of a stop for a stranger: it says that the arm stopped, not where it is."""
     if not isinstance(outcome, CallToolResult) or not isinstance(outcome.structured_content, dict):

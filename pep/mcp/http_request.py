@@ -41,6 +41,7 @@ REFUSALS_AT_ONCE: Final = 4
 
 A flood of strangers must not queue up before a decision's record.
 """
+JSON: Final = b"application/json"
 BODILESS: Final = frozenset({"GET", "DELETE", "HEAD", "OPTIONS"})
 
 
@@ -156,10 +157,12 @@ def short(text: object) -> str | None:
     return text[:64] if isinstance(text, str) else None
 
 
-async def answer(send: Send, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = ()) -> None:
-    """Sends a JSON body, or none, which no cache may keep."""
+async def answer(
+    send: Send, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = (), *, media: bytes = JSON
+) -> None:
+    """Sends a JSON body of that media type, or none, which no cache may keep."""
     fixed = [
-        (b"content-type", b"application/json"),
+        (b"content-type", media),
         (b"content-length", str(len(body)).encode()),
         (b"cache-control", b"no-store"),
     ]
@@ -200,6 +203,23 @@ class Refusals:
             where: known parts of the request, as in `records.refusal`.
             headers: further ones of the answer.
         """
+        await self.record(status, reason, credentials=credentials, where=where)
+        # Clients of MCP read the JSON-RPC error, and show its message.
+        error = {"jsonrpc": "2.0", "id": None, "error": {"code": REFUSED_CODE, "message": str(reason)}}
+        told = {"decision": "DENY", "reason": str(reason), **error}
+        await answer(send, status, json.dumps(told).encode(), headers)
+
+    async def record(
+        self, status: int, reason: Reason, *, credentials: Credentials | None, where: Mapping[str, object]
+    ) -> None:
+        """Puts the refusal of a request on record where that is still possible.
+
+        Args:
+            status: of HTTP.
+            reason: the code.
+            credentials: as for `refuse`.
+            where: likewise.
+        """
         body = records.refusal(
             at=self._clock.wall_s(),
             at_ms=self._clock.monotonic_ms(),
@@ -212,7 +232,3 @@ class Refusals:
             # Refused either way; only the journal's own state has got worse, and that denies every effect by itself.
             with contextlib.suppress(JournalError):
                 await self._edge.record("refusal", body)
-        # Clients of MCP read the JSON-RPC error, and show its message.
-        error = {"jsonrpc": "2.0", "id": None, "error": {"code": REFUSED_CODE, "message": str(reason)}}
-        told = {"decision": "DENY", "reason": str(reason), **error}
-        await answer(send, status, json.dumps(told).encode(), headers)

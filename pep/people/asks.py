@@ -333,6 +333,12 @@ class Asks:
         with self._lock:
             return tuple(d.ask for d in self._deferrals.values() if d.state is AskState.OPEN and not d.posted)
 
+    def notice_of(self, ask_id: str) -> AskNotice | None:
+        """The open deferral of that id, or None."""
+        with self._lock:
+            deferral = self._deferrals.get(ask_id)
+        return deferral.ask if deferral is not None and deferral.state is AskState.OPEN else None
+
     def state_of(self, ask_id: str) -> AskState | None:
         """State of a deferral, or None when it is forgotten."""
         with self._lock:

@@ -20,11 +20,15 @@ from policies.decision.load import SHIPPED, TEXT_LIMIT, load, load_shipped
 from policies.words.errors import PolicyError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.keys.keys import PrivateKey
     from policies.decision.policy import PolicySet
 
 CONFIG_BYTES: Final = 1_048_576
 """Largest configuration; ours."""
+_TYPES: Final[Mapping[str, type]] = {"int": int, "bool": bool}
+"""Types in a file of the settings that are no texts and no tables."""
 
 
 class PartsConfig(Protocol):
@@ -94,7 +98,7 @@ def spelled(form: type[Any], text: str, *, optional: frozenset[str] = frozenset(
         if field.name not in table:
             continue
         value, kind = table[field.name], str(field.type)
-        wanted = int if kind == "int" else str if kind.startswith(("str", "Path")) else dict
+        wanted = _TYPES.get(kind) or (str if kind.startswith(("str", "Path")) else dict)
         if type(value) is not wanted or value == "":
             raise ConfigError(PepFault.CONFIG_INVALID, f"{field.name} must be a {wanted.__name__}, and not empty")
         given[field.name] = Path(str(value)) if kind.startswith("Path") else value

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
 
-OPTIONAL: Final = frozenset({"budgets", "policy", "tool", "sensors"})
+OPTIONAL: Final = frozenset({"budgets", "policy", "tool", "sensors", "authzen"})
 PORT_MOST: Final = 65_535
 
 
@@ -36,6 +36,7 @@ class GuardConfig:
         policy: name of a shipped set, or a path.
         tool: declarations of tools that cannot be decorated, by the tool's name.
         sensors: "HOST:PORT" at which sensors push their frames; "" where no row depends on a fact.
+        authzen: whether gateways may ask for evaluations, at the origin of the audience (docs/authzen.md).
     """
 
     audience: str
@@ -48,6 +49,7 @@ class GuardConfig:
     policy: str = "tools"
     tool: Mapping[str, Any] = field(default_factory=dict)
     sensors: str = ""
+    authzen: bool = False
 
     @classmethod
     def read(cls, path: Path | str) -> GuardConfig:

@@ -11,6 +11,7 @@ revocations nothing is permitted.
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
@@ -20,6 +21,7 @@ from pep.mcp import guard as tool_guard
 from pep.mcp.declared_tools import decorated, rows_of
 from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.point.deciding_point import DecidingPoint
+from pep.point.evaluation_layer import EvaluationLayer
 from pep.point.guard_config import GuardConfig
 
 if TYPE_CHECKING:
@@ -91,6 +93,19 @@ class GuardedServer(DecidingPoint):
             clock=self.clock,
             access=self.access,
         )
+        if config.authzen:
+            self._app = EvaluationLayer(
+                self._app,
+                gate=self.gate,
+                authority=self.authority,
+                registry=self.follower,
+                peps=self.follower.peps,
+                tools=self._rows,
+                served=partial(tool_guard.digests_of, server),
+                audience=config.audience,
+                access=self.access,
+                clock=self.clock,
+            )
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One ASGI connection, or the life of the whole app."""

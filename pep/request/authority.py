@@ -5,9 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Final, assert_never
 
+from capabilities.keys.keys import b64u, thumbprint_bytes
 from capabilities.proof import freshness
 from capabilities.proof.dpop import check_plain
 from capabilities.proof.proof import Proof, check_proof
+from capabilities.statements.revocation import Revoked
 from capabilities.token.token_text import token_from_text
 from capabilities.values.chain import Chain
 from capabilities.values.errors import Fault, FaultCode
@@ -16,12 +18,15 @@ from pep.journal.replay_cache import proof_name
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.token.verify import Verifier
     from capabilities.values.caps import Caps
     from pep.base.access_token import Looked
     from pep.base.ports import Clock, ReplayStore, RevocationFeed
 
 PROOF_CLAUSE: Final = "TOK-10"
+AUTHZEN_CLAUSE: Final = "AZN-1"
 NO_TOKEN: Final = Fault(FaultCode.TOKEN_MISSING, "TOK-1", "no token was presented")
 
 
@@ -175,6 +180,34 @@ class Authority:
             return replace(so_far, proof=Fault(FaultCode.PROOF_WRONG_KEY, "OAT-4", "the proof is by another key"))
         used = Proof(proof.jti, proof.iat, proof.key, b"")
         return replace(so_far, proof=self._once(used) or True, proof_name=proof_name(proof.key, proof.jti).hex())
+
+    def check_pep(self, presented: PresentedRequest, peps: Mapping[str, bytes]) -> str | Fault:
+        """Id of the enforcement point that sends a request with its own key and without a token.
+
+        Args:
+            presented: a proof by that key; unverified.
+            peps: raw public key of each registered enforcement point of this audience, by its id, as of now.
+        """
+        if presented.proof is None:
+            return Fault(FaultCode.PROOF_MISSING, AUTHZEN_CLAUSE, "no token and no proof were presented")
+        proof = check_proof(
+            presented.proof,
+            key=None,
+            method=presented.method,
+            url=presented.url,
+            body=presented.body,
+            token=None,
+            at=self._clock.wall_s(),
+            caps=self._caps,
+        )
+        if isinstance(proof, Fault):
+            return proof
+        pep = next((id_ for id_, key in peps.items() if key == proof.key), None)
+        if pep is None:
+            return Fault(FaultCode.PROOF_WRONG_KEY, AUTHZEN_CLAUSE, "the key of no enforcement point of this audience")
+        if (str(Revoked.KEY), b64u(thumbprint_bytes(proof.key))) in self._feed.view().revoked:
+            return Fault(FaultCode.REVOKED, AUTHZEN_CLAUSE, "the key is revoked")
+        return self._once(proof) or pep
 
     def verify(self, token: bytes, *, lease_ms: int) -> Chain | Fault:
         """Steps 1 to 9 as of now; signatures are cached, times and revocation are not."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from policies.evidence.model import Effect, Finding
+from policies.evidence.model import Decision, Effect, Finding
 
 if TYPE_CHECKING:
-    from policies.evidence.model import Decision
+    from policies.evidence.model import Request
     from policies.words.reason_table import Reason
 
 
@@ -23,4 +23,29 @@ def denial(decided: Decision, reason: Reason, primitive: str = "", **detail: obj
         obligations=(),
         lifetime_ms=0,
         approval=None,
+    )
+
+
+def broken(request: Request, reason: Reason, error: Exception, *, policy_digest: str) -> Decision:
+    """Denial of a request on whose way an exception came.
+
+    Args:
+        request: of it.
+        reason: the code.
+        error: the exception, of which the type is told.
+        policy_digest: of the policy set, hex.
+    """
+    return Decision(
+        request_id=request.request_id,
+        request_digest=request.digest,
+        effect=Effect.DENY,
+        reason=reason,
+        primitive="",
+        findings=(Finding("", reason, {"error": type(error).__name__}),),
+        tier=None,
+        index=None,
+        obligations=(),
+        policy_digest=policy_digest,
+        evidence=None,
+        lifetime_ms=0,
     )

@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING, Final
 from policies.decision.policy import requirement
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from pep.base.ports import Journal
     from policies.decision.policy import PolicySet
     from policies.evidence.model import Request
@@ -45,6 +47,21 @@ class Edge:
             JournalError: when it cannot be one: the caller then has no effect to give.
         """
         return await asyncio.get_running_loop().run_in_executor(self._recorder, self._journal.append, kind, body)
+
+    async def record_all(self, kind: str, bodies: Sequence[dict[str, object]]) -> None:
+        """Makes durable records of one kind, in order, with one sync.
+
+        Raises:
+            JournalError: when one cannot be one; none of them counts then.
+        """
+
+        def write() -> None:
+            for body in bodies[:-1]:
+                self._journal.note(kind, body)
+            for body in bodies[-1:]:
+                self._journal.append(kind, body)
+
+        await asyncio.get_running_loop().run_in_executor(self._recorder, write)
 
     def note(self, kind: str, body: dict[str, object]) -> None:
         """Writes a record of something that has happened; it is durable with the next one, or `SETTLED_S` later.

@@ -173,6 +173,8 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
         Reason.WATCH_LATE: _HOUSE,
         Reason.TICKET_MISSING: _STRANGER,
         Reason.GATEWAY_UNREACHABLE: _HOUSE,
+        Reason.SUBJECT_NOT_HOLDER: _STRANGER,
+        Reason.NOT_EVALUATED: _HOUSE,
     }
 )
 """Charge against the edge for a refusal, by reason."""

@@ -347,6 +347,11 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.GATEWAY_UNREACHABLE: ReasonRow(
             "The robot's gateway does not answer.", "Try again; where it stays so, the operator looks at the gateway."
         ),
+        Reason.SUBJECT_NOT_HOLDER: ReasonRow(
+            "The subject is not the agent that holds the token.",
+            "Ask about the token's last agent, as a subject of type `agent`.",
+        ),
+        Reason.NOT_EVALUATED: ReasonRow("The time of the request was over before this one's turn.", "Ask about fewer."),
     }
 )
 """Every reason with its fixed text, remedy and owners."""

@@ -24,6 +24,7 @@ from pep.mcp.guard import DECISION_META
 from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
 
 from capabilities.keys import keys
+from capabilities.proof.evaluation import prove_evaluation
 from capabilities.proof.proof import prove
 from capabilities.values.scope import Budget, Range, Restriction, Scope, Stems, Tier
 from pep import grant, pins
@@ -75,6 +76,28 @@ class Plant:
         self.provider = Process(folder).start()
         self.audience = f"http://127.0.0.1:{free_port()}/mcp"
         self.child = None
+        self.gateway = keys.generate()
+
+    def evaluated(self, agent, token, evaluations, **options):
+        """Answers to a gateway, which asks with its own key and passes on the agent's word on each."""
+        origin = self.audience.removesuffix("/mcp")
+        with httpx2.Client() as http:
+            url = http.get(f"{origin}/.well-known/authzen-configuration").json()["access_evaluations_endpoint"]
+            for each in evaluations:
+                proof = prove_evaluation(
+                    agent.key, each, audience=self.audience, token=token, at=int(time.time()),
+                    jti=secrets.token_urlsafe(16),
+                )  # fmt: skip
+                each["context"] = {"credentials": {"token": token, "proof": proof}}
+            body = json.dumps({"evaluations": evaluations, **options}).encode()
+            proof = prove(
+                self.gateway, method="POST", url=url, body=body, token=None, at=int(time.time()),
+                jti=secrets.token_urlsafe(16),
+            )  # fmt: skip
+            sent = {"content-type": "application/json", "dpop": proof, "x-request-id": "e2e"}
+            answer = http.post(url, content=body, headers=sent)
+        assert (answer.status_code, answer.headers["x-request-id"]) == (200, "e2e"), answer.text
+        return answer.json()["evaluations"]
 
     def write(self):
         key = keys.generate()
@@ -85,10 +108,11 @@ class Plant:
             (self.folder / "trust.json").write_bytes(http.get(f"{self.provider.issuer}/trust").content)
         (self.folder / "guard.toml").write_text(
             f'audience = "{self.audience}"\npep_id = "plant"\nissuer = "{self.provider.issuer}"\n'
-            'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\n'
+            'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\nauthzen = true\n'
         )
         with self.provider.operator() as alice:
             alice.register_pep("plant", keys.public_raw(key), [self.audience])
+            alice.register_pep("gateway", keys.public_raw(self.gateway), [self.audience])
 
         # A person looks at the tools and registers them.
         person = self.person
@@ -223,6 +247,37 @@ def told(answer):
     return answer.meta[DECISION_META]
 
 
+def evaluation(tool, arguments, agent="worker"):
+    """The question of AuthZEN about one call."""
+    return {
+        "subject": {"type": "agent", "id": agent},
+        "action": {"name": tool, "properties": arguments},
+        "resource": {"type": "object", "id": ROWS[tool].object},
+    }
+
+
+def gateway_asks(plant, worker, less):
+    """A gateway that exists asks; nothing happens, and the answers are those that calls get."""
+    before = len(plant.records())
+    valve = [evaluation("open_valve", {"valve": 3, "percent": percent}) for percent in (45, 95, 85)]
+    told = plant.evaluated(worker, less.token, [*valve, evaluation("read_sensor", {"id": 7}, agent="planner")])
+    permitted, refused, deferred, other = (each["context"] for each in told)
+    assert [each["decision"] for each in told] == [True, False, False, False]
+    assert {"kind": "record"} in permitted["obligations"]
+    assert (refused["reason"], refused["set_by"]["agent"], refused["nearest_permitted"]) == (
+        "LIMIT_EXCEEDED_BY_REQUEST", "worker", 900,
+    )  # fmt: skip
+    assert (deferred["effect"], deferred["reason"], deferred["asked"]) == ("DEFER", "TIER_NEEDS_APPROVAL", False)
+    assert other["reason"] == "SUBJECT_NOT_HOLDER"
+    until_denied = {"options": {"evaluations_semantic": "deny_on_first_deny"}}
+    valve = [evaluation("open_valve", {"valve": 3, "percent": percent}) for percent in (45, 95, 85)]
+    assert len(plant.evaluated(worker, less.token, valve, **until_denied)) == 2
+    records = [record for record in plant.records()[before:] if record["kind"] != "incident"]
+    assert [(record["kind"], record["body"]["asked"]["caller"]) for record in records] == [
+        ("advice", "pep gateway")
+    ] * 6
+
+
 def approve(plant, ask_id):
     """The approver reads the ask where the provider shows it, and signs."""
     until = time.monotonic() + DEADLINE_S
@@ -342,6 +397,8 @@ def test_a_plant_is_guarded(plant):
     heat = ("set_temperature", {"degrees": 80})
     assert told(plant.use(worker, less.token, *heat))["reason"] == "NOT_GRANTED"
 
+    gateway_asks(plant, worker, less)
+
     # texts and paths: the worker's own limits, what is nearest to them, and other spellings, which are none
     found = plant.use(worker, less.token, "search_docs", {"query": "pump 7: sp"})
     assert found.structured_content == {"result": ["pump 7: spare parts"]}
@@ -387,6 +444,8 @@ def test_a_plant_is_guarded(plant):
         alice.revoke("hop", less.hop_id, "no more")
     assert plant.refused_after_s(worker, less.token, "read_sensor", {"id": 7}) < REVOKED_S
     assert plant.records()[-1]["body"]["reason"] == "REVOKED"
+    (ended,) = plant.evaluated(worker, less.token, [evaluation("read_sensor", {"id": 7})])
+    assert ended == {"decision": False, "context": {"effect": "DENY", "reason": "REVOKED"}}
     assert told(plant.use(planner, whole.token, "read_sensor", {"id": 7}))["decision"] == "PERMIT"
 
     # work outlives a token that is drawn from a mandate, and ends with the mandate

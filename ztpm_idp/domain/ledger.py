@@ -27,6 +27,7 @@ FIRST_PREV: Final = "0" * 64
 VERSION: Final = 1
 RECORD_KINDS: Final = frozenset(
     {
+        "advice",
         "decision",
         "outcome",
         "refusal",

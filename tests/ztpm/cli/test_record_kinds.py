@@ -50,7 +50,9 @@ def record_kinds():
                 node for node in nodes(path) if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
             )
             yield from first_words(
-                call for call in calls if call.func.attr in {"append", "record", "_record"} and len(call.args) == 2
+                call
+                for call in calls
+                if call.func.attr in {"append", "record", "record_all", "_record"} and len(call.args) == 2
             )
             # ... and through a thread: its function comes first
             calls = (node for node in nodes(path) if isinstance(node, ast.Call) and len(node.args) == 3)

@@ -46,7 +46,7 @@ LEDGER: Final = (
 )  # fmt: skip
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (
-    "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "lease", "lease-ended",
+    "advice", "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "lease", "lease-ended",
     "lease-renewed", "outcome", "refusal", "stream", "stream-values", "ticket",
 )  # fmt: skip
 """Kinds of a journal's records, which the ledger holds as a `pep-record` each."""
