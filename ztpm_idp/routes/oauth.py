@@ -198,8 +198,8 @@ async def revoke(request: Request) -> Response:
 
 
 async def _body(request: Request) -> bytes:
-    query_of(request)
     try:
+        query_of(request)
         return await read_body(request, body_bytes=SCOPE_BYTES)
     except Problem as problem:
         raise of_refusal(problem.code, problem.detail) from None

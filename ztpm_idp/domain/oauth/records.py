@@ -152,7 +152,10 @@ class OAuthWanted:
 
 @dataclass(frozen=True, slots=True)
 class OAuthState:
-    """OAuth records that were loaded; `live` are the access tokens of the loaded family that may be live."""
+    """OAuth records that were loaded.
+
+    `access` and the `live` ones of the loaded family are access tokens that may be live: none that is revoked.
+    """
 
     client: ClientRecord | None = None
     templates: tuple[TemplateRecord, ...] = ()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import sqlalchemy as sa
 
+from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.oauth.events import (
     AccessMade,
     AssentGiven,
@@ -28,6 +29,7 @@ from ztpm_idp.domain.oauth.records import (
     RefreshRecord,
     TemplateRecord,
 )
+from ztpm_idp.store import schema
 from ztpm_idp.store.errors import OnceOnlyError
 from ztpm_idp.store.oauth import tables as t
 
@@ -43,6 +45,14 @@ GRACE_MS: Final = 600_000
 """Milliseconds for which an access token's row is kept after its end, for a clock that is set back."""
 LISTED: Final = 256
 """Most rows of a list that a caller is shown."""
+_GONE: Final = schema.revocations.alias()
+_LIVES: Final = ~sa.exists().where(
+    sa.or_(
+        sa.and_(_GONE.c.kind == RevocationKind.TOKEN.value, _GONE.c.id == t.access_tokens.c.token_id),
+        sa.and_(_GONE.c.kind == RevocationKind.HOP.value, _GONE.c.id == t.access_tokens.c.jti),
+    )
+)
+"""Access tokens whose own revocation is still to come."""
 
 
 class OAuth:
@@ -67,8 +77,8 @@ class OAuth:
             code=code,
             refresh=refresh,
             family=family,
-            access=None if wanted.access is None else await self.access(wanted.access),
-            live=() if about is None else await self._live(about.family),
+            access=None if wanted.access is None else await self._unrevoked(wanted.access),
+            live=() if about is None else tuple(await self._accesses(t.access_tokens.c.family == about.family, _LIVES)),
         )
 
     async def client(self, client_id: str) -> ClientRecord | None:
@@ -143,16 +153,17 @@ class OAuth:
         query = sa.select(*columns).where(condition).order_by(c.made_ms.desc(), c.family).limit(LISTED)
         return [FamilyRecord(*tuple(row)) for row in await self._rows(query)]
 
-    async def _live(self, family: str) -> tuple[AccessRecord, ...]:
-        return tuple(await self._accesses(t.access_tokens.c.family == family))
+    async def _unrevoked(self, jti: str) -> AccessRecord | None:
+        found = await self._accesses(t.access_tokens.c.jti == jti, _LIVES)
+        return found[0] if found else None
 
-    async def _accesses(self, condition: sa.ColumnElement[bool]) -> list[AccessRecord]:
+    async def _accesses(self, *conditions: sa.ColumnElement[bool]) -> list[AccessRecord]:
         c = t.access_tokens.c
         columns = (
             c.jti, c.token_id, c.family, c.client_id, c.actors, c.sponsor, c.authenticated_at, c.audience, c.scope,
             c.jkt, c.issued_at, c.not_after, c.capability,
         )  # fmt: skip
-        found = await self._rows(sa.select(*columns).where(condition).order_by(c.jti))
+        found = await self._rows(sa.select(*columns).where(*conditions).order_by(c.jti))
         return [replace(AccessRecord(*tuple(row)), actors=tuple(row.actors)) for row in found]
 
     async def _rows(self, query: sa.Select[Any]) -> Sequence[Any]:
