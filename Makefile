@@ -74,8 +74,8 @@ oauth-conformance:  ## `conformance authorization` of the MCP suite against a pr
 postgres:  ## the identity provider's tests over PostgreSQL: a real server, which a wheel brings
 	@$(RUN) pytest -q -n 2 --dist loadgroup --postgres tests/ztpm_idp; echo "postgres: $$SECONDS s"
 
-store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,000 rounds of 64 uses at once, on both databases; the figures last
-	$(RUN) python -m tests.ztpm_idp.store.campaign
+store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,000 rounds of 64 uses at once, on both databases; goes on where it was ended; the figures last
+	$(RUN) python -m tests.ztpm_idp.store.campaign --ledger .store-faults
 
 store-rollback:  ## 50 restores of an old copy beside points that are old, wiped or silent, on each database; what was known and lost last
 	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | grep -E "restores:|passed|failed"

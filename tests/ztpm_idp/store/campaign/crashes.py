@@ -5,18 +5,23 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import random
 import select
 import signal
-import sys
 import time
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import httpx2
 import sqlalchemy as sa
+from tests.progress import Progress
 from tests.ztpm_idp.store.campaign.scene import Prepared, Scene, contradictions
 from tests.ztpm_idp.world import ISSUER
 
 from ztpm_idp.client import ProofAuth
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 RESTART_S = 5.0
 """Longest start after a crash (reliability.md, C3), in seconds."""
@@ -24,8 +29,15 @@ RESTART_S = 5.0
 
 @dataclass
 class Found:
-    """Figures of a campaign."""
+    """Figures of a campaign, and how far each request's boundaries were tried.
 
+    Attributes:
+        places: number of the next boundary, by request.
+        over: requests whose boundaries were all tried.
+    """
+
+    places: dict[str, int] = field(default_factory=dict)
+    over: list[str] = field(default_factory=list)
     points: int = 0
     instants: int = 0
     acknowledged: int = 0
@@ -39,20 +51,40 @@ class Found:
         return not self.lost and not self.half and not self.twice and self.slowest_s < RESTART_S
 
 
-def at_every_point(scene: Scene, found: Found, *, step: int = 1, names: frozenset[str] | None = None) -> None:
-    """Each request of the scene, killed at each boundary of the store in turn, and tried again after that."""
+def at_every_point(
+    scene: Scene,
+    found: Found,
+    *,
+    step: int = 1,
+    names: frozenset[str] | None = None,
+    keep: Callable[[], None] = lambda: None,
+) -> None:
+    """Each request of the scene, killed at each boundary of the store in turn, and tried again after that.
+
+    Args:
+        scene: whose provider it is.
+        found: that it adds to, and goes on from.
+        step: between two boundaries that are tried.
+        names: of the requests; None: all.
+        keep: keeps what was found so far.
+    """
+    progress = Progress()
     for request in scene.requests:
-        if names is not None and request.name not in names:
+        if request.name in found.over or (names is not None and request.name not in names):
             continue
-        sys.stderr.write(f"{scene.database}: {request.name} after {found.points} points\n")
         whole = _whole(scene, request)
-        place, ended = 0, False
+        place, ended = found.places.get(request.name, 0), False
         while not ended:
+            progress.at(f"{scene.database}: {request.name} at boundary {place}, {found.points} in all")
             scene.reset()
             told, ended = _killed(scene, [request], place=place)
-            found.points += not ended
             _check(scene, request, whole, told, found, f"{scene.database} {request.name} {place}")
+            found.points += not ended
             place += step
+            found.places[request.name] = place
+            keep()
+        found.over.append(request.name)
+        keep()
 
 
 def _whole(scene: Scene, request: Prepared) -> dict[str, tuple[int, int]]:
@@ -85,19 +117,31 @@ def _check(scene, request, whole, told, found: Found, where: str) -> None:
         found.twice.append(f"{where}: answered {status} afterwards")
 
 
-def at_random_instants(scene: Scene, found: Found, *, number: int, random) -> None:
-    """Requests one after another, until the process is killed at an instant that nobody chose."""
+def at_random_instants(
+    scene: Scene, found: Found, *, number: int, seed: int, keep: Callable[[], None] = lambda: None
+) -> None:
+    """Requests one after another, until the process is killed at an instant that nobody chose.
+
+    Args:
+        scene: whose provider it is.
+        found: that it adds to, and goes on from.
+        number: of instants in all.
+        seed: of the instants, each drawn by itself.
+        keep: keeps what was found so far.
+    """
+    if found.instants >= number:
+        return
+    progress = Progress()
     scene.reset()
     begun = time.monotonic()
     told, _ = _killed(scene, scene.more, place=None)
     lasts_s = time.monotonic() - begun
     assert len(told) == len(scene.more), told[-1:]
-    for instant in range(number):
+    for instant in range(found.instants, number):
+        progress.at(f"{scene.database}: {instant} of {number} instants")
+        drawn = random.Random(f"{seed} {instant}")  # noqa: S311 - an instant
         scene.reset()
-        told, _ = _killed(scene, scene.more, place=None, after_s=random.uniform(0, lasts_s))
-        found.instants += 1
-        if found.instants % 100 == 0:
-            sys.stderr.write(f"{scene.database}: {found.instants} instants\n")
+        told, _ = _killed(scene, scene.more, place=None, after_s=drawn.uniform(0, lasts_s))
         where = f"{scene.database} instant {instant}"
         begun = time.monotonic()
         rows = scene.rows()
@@ -114,6 +158,8 @@ def at_random_instants(scene: Scene, found: Found, *, number: int, random) -> No
                 found.lost.append(f"{where}: a hop")
         if len(hops) + len(revoked) > len(scene.before["hops"]) + len(scene.before["revocations"]) + len(told) + 1:
             found.twice.append(f"{where}: more than was asked for")
+        found.instants += 1
+        keep()
 
 
 def _killed(scene, requests, *, place: int | None, after_s: float | None = None) -> tuple[list[dict], bool]:

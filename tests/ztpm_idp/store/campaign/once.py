@@ -7,12 +7,13 @@ import json
 import multiprocessing
 import os
 import secrets
-import sys
 from collections import Counter
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import sqlalchemy as sa
 from capabilities.statements.people import vote
+from tests.progress import Progress
 from tests.unread import unread
 from tests.ztpm_idp.store.campaign.scene import Scene
 from tests.ztpm_idp.world import MEASUREMENT
@@ -24,6 +25,9 @@ from capabilities.keys import keys
 from capabilities.statements import attestation
 from ztpm_idp.store import StoreUnavailableError
 from ztpm_idp.store import schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 WORKERS, USES = 2, 64
 KINDS = ("proof", "nonce", "vote")
@@ -40,28 +44,32 @@ class Rounds:
     unavailable: int = 0
 
 
-def play(scene: Scene, rounds: int, found: Rounds) -> None:
-    """The rounds, of each kind in turn; every worker is a process with a store of its own."""
+def play(scene: Scene, rounds: int, found: Rounds, *, keep: Callable[[], None] = lambda: None) -> None:
+    """The rounds that are left, of each kind in turn; every worker is a process with a store of its own."""
+    begin = found.played.total()
+    if begin >= rounds:
+        return
+    progress = Progress()
     scene.reset()
     context = multiprocessing.get_context("fork")
     gate = context.Barrier(WORKERS)
     pipes, children = [], []
     for worker in range(WORKERS):
         reads, writes = os.pipe()
-        child = context.Process(target=_work, args=(scene, rounds, gate, writes, worker))
+        child = context.Process(target=_work, args=(scene, range(begin, rounds), gate, writes, worker))
         child.start()
         os.close(writes)
         pipes.append(os.fdopen(reads, "rb"))
         children.append(child)
-    for number in range(rounds):
+    for number in range(begin, rounds):
+        progress.at(f"{scene.database}: {number} of {rounds} rounds, {len(found.wrong)} wrong")
         told = [json.loads(pipe.readline()) for pipe in pipes]
         kind, taken = KINDS[number % len(KINDS)], sum(each["taken"] for each in told)
         found.played[kind] += 1
         found.unavailable += sum(each["unavailable"] for each in told)
-        if number % 100 == 99:
-            sys.stderr.write(f"{scene.database}: {number + 1} rounds, {len(found.wrong)} wrong\n")
         if taken != 1 or sum(each["uses"] for each in told) != USES:
             found.wrong.append(f"{scene.database} round {number}: {taken} of {kind}")
+        keep()
     for child, pipe in zip(children, pipes, strict=True):
         pipe.close()
         child.join()
@@ -75,7 +83,7 @@ def _work(scene, rounds, gate, out, worker):
 async def _rounds(scene, rounds, gate, out):
     async with scene.app.router.lifespan_context(scene.app):
         provider = scene.app.state.provider
-        for number in range(rounds):
+        for number in rounds:
             use = await _prepared(scene, provider, number, gate)
             gate.wait(PATIENCE_S)
             codes = await asyncio.gather(*(_code(use) for _ in range(USES // WORKERS)))

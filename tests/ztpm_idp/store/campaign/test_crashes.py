@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from random import Random
+import json
 
 import pytest
+from tests.ztpm_idp.store.campaign.__main__ import Book
 from tests.ztpm_idp.store.campaign.crashes import Found, at_every_point, at_random_instants
 from tests.ztpm_idp.store.campaign.scene import Scene
 
@@ -16,7 +17,19 @@ def test_nothing_acknowledged_is_lost_and_nothing_is_half_done(tmp_path, databas
     scene, found = Scene(tmp_path, database, many=1), Found()
     try:
         at_every_point(scene, found, step=17, names=frozenset({"delegate"}))
-        at_random_instants(scene, found, number=1, random=Random(1))
+        at_random_instants(scene, found, number=1, seed=1)
     finally:
         scene.close()
     assert found.points >= 2 and found.clean, found
+
+
+def test_a_run_goes_on_by_its_ledger_and_takes_no_figures_of_other_sources(tmp_path):
+    book = Book(tmp_path / "ledger")
+    found, rounds = book.of("sqlite")
+    found.places["revoke"], found.points = 7, 7
+    rounds.played["vote"] += 3
+    book.keep()
+    assert Book(tmp_path / "ledger").of("sqlite") == (found, rounds)
+    kept = json.loads((tmp_path / "ledger").read_bytes())
+    (tmp_path / "ledger").write_text(json.dumps(kept | {"sources": "others"}))
+    assert Book(tmp_path / "ledger").of("sqlite")[0].points == 0
