@@ -3,17 +3,21 @@
 import asyncio
 import json
 import secrets
+from dataclasses import replace
 
 import pytest
+from capabilities.proof.evaluation import asked, prove_evaluation
 from capabilities.statements.revocation import Revoked
 from capabilities.token.mint import mint
 from capabilities.token.token_text import token_to_text
 from capabilities.values.scope import Scope, Tier
 from pep.base.access_token import Looked
+from pep.gate import gate as gate_module
 from pep.base.errors import ConfigError
 from pep.mcp.http_request import BODY_BYTES
 from pep.point.evaluation_form import EVALUATIONS
 from pep.point.evaluation_layer import DEADLINE_MS, ONE, SEVERAL, WELL_KNOWN, EvaluationLayer
+from policies.evidence.model import Obligation, ObligationKind
 from tests.hostile_bodies import HOSTILE_BODIES
 from tests.pep.kit import AUDIENCE, CAPS, ISSUER, MOVE, FailingJournal
 from tests.pep.point.asking_gateway import GATEWAY, LIMIT, ORIGIN, Asked, few, pouring, why
@@ -103,6 +107,7 @@ def test_a_question_opens_no_question(point):
         told = point.ask(pouring(LIMIT), holder=point.holder)
         assert told["decision"] is True
         assert {"kind": "consume approval"} in told["context"]["obligations"]
+        assert "approval" not in point.records("advice")[-1]["body"], "no use is taken"
     assert point.pour(LIMIT).approval.ask_id == ask_id
     assert why(point.ask(pouring(LIMIT), holder=point.holder)) == (False, "APPROVAL_USED")
 
@@ -171,12 +176,12 @@ def test_a_gateway_without_the_agents_word_is_told_the_code_alone(point):
     assert point.ask(pouring())["context"] == {"effect": "DENY", "reason": "TOKEN_MISSING"}
     token = {"credentials": {"token": point.holder.text}}
     assert point.ask(pouring(context=token))["context"] == {"effect": "DENY", "reason": "PROOF_MISSING"}
-    # a proof of a call is none of a question, and the other way round
-    body = json.dumps(pouring()).encode()
-    call = {"token": point.holder.text, "proof": point.holder.proof(body, at=point.clock.wall_s())}
-    told = point.ask(pouring(context={"credentials": call}))
-    assert why(told) == (False, "PROOF_NOT_FOR_THIS_REQUEST")
-    assert set(told["context"]) == DENIED
+    # a proof of a call is none of a question, be it over the same bytes
+    for body in (asked(pouring()), json.dumps(pouring()).encode()):
+        call = {"token": point.holder.text, "proof": point.holder.proof(body, at=point.clock.wall_s())}
+        told = point.ask(pouring(context={"credentials": call}))
+        assert why(told) == (False, "PROOF_NOT_FOR_THIS_REQUEST")
+        assert set(told["context"]) == DENIED
 
 
 def test_a_proof_is_used_once_also_within_one_request(point):
@@ -248,6 +253,14 @@ def test_an_access_token_is_worth_tier_1_and_a_bearer_may_not_ask(point):
     above = point.ask(pouring(LIMIT, agent="viewer", context=given))
     assert why(above) == (False, "ABOVE_CEILING")
     assert why(point.ask(pouring(context=given))) == (False, "SUBJECT_NOT_HOLDER")
+    key = point.held().key
+    bound = client_of(point, keys.thumbprint(keys.public_raw(key)))
+    question = pouring(agent="viewer")
+    proof = prove_evaluation(
+        key, question, audience=AUDIENCE, token=bound, at=int(point.clock.wall_s()), jti=secrets.token_urlsafe(16)
+    )
+    for given, reason in (({"token": bound}, "PROOF_MISSING"), ({"token": bound, "proof": proof}, "PERMITTED")):
+        assert point.ask({**question, "context": {"credentials": given}})["context"]["reason"] == reason
     unknown = {"credentials": {"token": "a.b.c"}}
     assert point.ask(pouring(agent="viewer", context=unknown))["context"]["reason"] == "TOKEN_MALFORMED"
     # who asks proves a key
@@ -386,6 +399,12 @@ def test_what_is_not_on_record_is_not_said(point):
     point.gate._journal = FailingJournal(point.journal)
     told = point.ask(pouring(), holder=point.holder)
     assert (told["decision"], told["context"]) == (False, {"effect": "DENY", "reason": "RECORD_FAILED"})
+
+
+def test_what_a_call_could_not_fulfil_is_no_advice_to_go_on(point, monkeypatch):
+    honest, notify = gate_module.decide, Obligation(ObligationKind.NOTIFY)
+    monkeypatch.setattr(gate_module, "decide", lambda *a: replace(honest(*a), obligations=(notify,)))
+    assert why(point.ask(pouring(), holder=point.holder)) == (False, "OBLIGATION_UNMET")
 
 
 def test_what_breaks_on_the_way_denies(point):
