@@ -194,7 +194,7 @@ PLACES = (
 
 
 def test_open_redirect_on_errors(shared, alice):
-    """Whatever else is wrong with a request, a browser is sent to a registered URI alone."""
+    """A browser is sent to a registered URI alone, with any other defect beside."""
     for defect in (
         {},
         {"response_type": "token"},

@@ -1,0 +1,63 @@
+"""Each route of the application has a row in `routes.toml`, and answers as its row says."""
+
+from __future__ import annotations
+
+import pytest
+from capabilities.keys import keys
+from tests.ztpm_idp.hostile import matrix
+from tests.ztpm_idp.hostile.scene import PAGES, REQUESTS, Scene
+from tests.ztpm_idp.login.test_devices import Terminal
+from tests.ztpm_idp.world import World
+from ztpm_idp import ledger_file
+
+from ztpm_idp.client import ClientError, Operator
+
+pytestmark = pytest.mark.long
+ALWAYS = {"nobody", "role", "another's", "right", "replayed"}
+"""Columns of each row here; of the others each row has every third, and `make routes` all."""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    with World(tmp_path_factory.mktemp("routes")) as world:
+        yield Scene(world)
+
+
+def test_every_route_has_a_row(scene):
+    assert matrix.routes(scene.world.app) == {*matrix.rows(), *matrix.pages()}
+    assert set(matrix.rows()) == set(REQUESTS)
+    assert set(matrix.pages()) == set(PAGES)
+
+
+def test_every_route_answers_every_caller_as_its_row_says(scene):
+    """Nothing changes without a proof, and nothing that stands in the ledger is changed at all."""
+    before, wrong = ledger(scene.world), []
+    for number, row in enumerate(matrix.rows().values()):
+        columns = tuple(c for n, c in enumerate(matrix.COLUMNS) if c in ALWAYS or (n + number) % 3 == 0)
+        found = matrix.tried(scene, row, columns)
+        wrong += [(row["at"], name, cell) for name, cell in found.items() if cell != row.get(name)]
+    for row in matrix.pages().values():
+        found = matrix.page_tried(scene, row)
+        wrong += [(row["at"], name, cell) for name, cell in found.items() if cell != row.get(name)]
+    assert wrong == []
+    after = ledger(scene.world)
+    assert after[: len(before)] == before
+    exported = scene.world.people["alice"].export_ledger().splitlines()
+    assert isinstance(ledger_file.verify(exported, scene.world.trust), ledger_file.Verified)
+
+
+def ledger(world):
+    return sorted((row["seq"], bytes(row["line"])) for row in world.rows("ledger"))
+
+
+def test_strangers_who_fill_all_that_they_may_keep_nobody_from_recovering(scene):
+    """Command lines of strangers wait in places of their own: the root key and people need none of them."""
+    world = scene.world
+    with pytest.raises(ClientError) as full:
+        for _ in range(10_000):
+            Terminal(world)
+    assert full.value.code == "TOO_MANY_LOGINS"
+    root = Operator("root", world.idp_keys.root, world.issuer, transport=world.transport, now=world.clock)
+    change = root.recover("rescue", "Rescue", keys.public_raw(keys.generate()))
+    assert [row["kind"] for row in world.people["alice"].changes() if row["change_id"] == change] == ["recovery"]
+    assert world.people["alice"].revoke("agent", "other", "odd") > 0
