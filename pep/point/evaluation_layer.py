@@ -130,11 +130,11 @@ class EvaluationLayer:
         if scope["type"] != "http" or scope["path"] not in {ONE, SEVERAL, WELL_KNOWN}:
             await self._app(scope, receive, send)
         elif scope["path"] == WELL_KNOWN:
-            await self._tell_metadata(scope, send)
+            await self._tell_endpoints(scope, send)
         else:
             await self._evaluate(scope, receive, send)
 
-    async def _tell_metadata(self, scope: Scope, send: Send) -> None:
+    async def _tell_endpoints(self, scope: Scope, send: Send) -> None:
         if scope["method"] == "GET":
             await answer(send, 200, self._metadata)
         else:
