@@ -252,7 +252,7 @@ def _restorable(s: Scene) -> str:
 PEOPLE_LISTS = ("/people", "/changes", "/openings", "/envelopes", "/mandates", "/agents", "/peps", "/sensors", "/tools")
 OPEN_READS = (
     "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/passkeys/passkey.js", "/oauth/jwks",
-    "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/openapi.json",
+    "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/openapi.json", "/metrics",
 )  # fmt: skip
 NONCE = "n" * 32
 REQUESTS = {
