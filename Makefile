@@ -62,8 +62,8 @@ forgeries:  ## forged evidence of agents, each wrong in one way, at the wire of 
 rotation:  ## a new key in every role under load, two providers and two enforcement points as processes; the figure last
 	$(RUN) python -m tests.e2e.rotation_campaign
 
-horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,000 descendants; the time to the last permit last (DATABASE=URL for another database)
-	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE))
+horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,000 descendants; the time to the last permit last (DATABASE=URL for another database, ARGS="--postgres --workers 2" and the like)
+	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE)) $(ARGS)
 
 login:  ## a person logs in at the certified oidc-provider in Chromium and confirms a command line; where the pictures lie last
 	$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py

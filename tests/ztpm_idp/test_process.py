@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
+import copy
 import json
 import os
 import random
@@ -68,16 +69,25 @@ class Process:
             f'database_url = "{url}"',
             "root_key_id = 1",
         ]
-        (folder / "idp.toml").write_text("\n".join(lines + [f'{role}_key_file = "{role}.key"' for role in ROLES]))
+        self.config = folder / "idp.toml"
+        self.config.write_text("\n".join(lines + [f'{role}_key_file = "{role}.key"' for role in ROLES]))
         self.private |= {name: keys.generate() for name in ("carol", "dora")}
         roles = {"alice": ("sponsor", "admin"), "carol": ("approver",), "dora": ("approver",)}
         people = [FirstPerson(n, n.title(), keys.public_raw(self.private[n]), held) for n, held in roles.items()]
         asyncio.run(initialise(url, people=people))
         self.output = b""
 
+    def beside(self):
+        """Another process of the same provider over the same database, at a port of its own."""
+        made = copy.copy(self)
+        made.port = free_port()
+        made.config = self.folder / f"idp-{made.port}.toml"
+        made.config.write_text(self.config.read_text().replace(f"\nport = {self.port}\n", f"\nport = {made.port}\n"))
+        return made
+
     def start(self):
         self.popen = subprocess.Popen(
-            [sys.executable, "-m", "ztpm.point.provider_server", "--config", str(self.folder / "idp.toml")],
+            [sys.executable, "-m", "ztpm.point.provider_server", "--config", str(self.config)],
             stdout=subprocess.PIPE, stderr=subprocess.STDOUT, env=os.environ | {"ZTPM_PASSPHRASE": PASSPHRASE},
         )  # fmt: skip
         line = self.popen.stdout.readline()

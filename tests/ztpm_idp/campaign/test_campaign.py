@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import dataclasses
 import random
 import time
@@ -11,6 +12,7 @@ import pytest
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.verify import Verifier
 from capabilities.values.caps import DEFAULT
+from tests.progress import Progress
 from tests.ztpm_idp.campaign import horizon, tampering
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.keys.key_files import IdpKeys
@@ -64,7 +66,13 @@ def test_permits_after_a_denial_and_points_that_never_deny_break_the_claim():
     good = horizon.Horizon([10.0] * 99 + [900.0], [20.0], 0, 0, 0)
     assert good.holds
     assert good.told["revocation_ms.p99"] == 900.0
-    for change in ({"after": 1}, {"unseen": 1}, {"last_ms": [10.0] * 80 + [1_001.0] * 20}, {"cascade_ms": [2_000.0]}):
+    for change in (
+        {"after": 1},
+        {"unseen": 1},
+        {"last_ms": [], "cascade_ms": []},
+        {"last_ms": [10.0] * 80 + [1_001.0] * 20},
+        {"cascade_ms": [2_000.0]},
+    ):
         assert not dataclasses.replace(good, **change).holds
 
 
@@ -77,9 +85,10 @@ def test_the_board_keeps_what_each_point_saw(tmp_path):
     other.denied(2, 1)
     other.permitted(2, 1)
     other.otherwise(2, 1)
-    last, denied, after, stale = board.seen(2, 1)
-    assert (after, stale, 0 < denied <= last) == (1, 1, True)
-    assert board.seen(1, 1) == (0, 0, 0, 0)
+    other.failed(2)
+    last, denied, after, stale, failed = board.seen(2, 1)
+    assert (after, stale, failed, 0 < denied <= last) == (1, 1, 1, True)
+    assert board.seen(1, 1) == (0, 0, 0, 0, 0)
     assert not board.every(1, 0)
 
 
@@ -88,7 +97,7 @@ def test_a_points_look_tells_permit_revoked_and_old_apart(tmp_path):
     made = IdpKeys(*(keys.generate() for _ in range(5)))
     trust = made.trust(issuer="https://idp.example/ztpm", root_key_id=1)
     issuer = horizon.Issuer({"root": made.root, "attester": made.attester}, trust, int(time.time()))
-    root_hop, tree = issuer.tree(12, random.Random(1))
+    root_hop, tree = issuer.tree(12, random.Random(1), Progress())
     board, view = horizon.Board(tmp_path / "board", 1, 1, new=True), None
     point = horizon.Point.__new__(horizon.Point)
     point.number, point.board, point.verifier = 0, board, Verifier(trust, DEFAULT)
@@ -99,8 +108,8 @@ def test_a_points_look_tells_permit_revoked_and_old_apart(tmp_path):
         RevocationView(1, 0, frozenset({("hop", root_hop)})),
         RevocationView(1, horizon.LEASE_MS + 1, frozenset()),
     ):
-        point.look(1, tree)
-        last, denied, _, stale = board.seen(0, 1)
+        asyncio.run(point.look(1, tree))
+        last, denied, _, stale, _ = board.seen(0, 1)
         seen.append((bool(last), bool(denied), stale))
     assert seen == [(True, False, 0), (True, True, 0), (True, True, len(tree))]
 
