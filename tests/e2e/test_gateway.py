@@ -31,6 +31,7 @@ from ztpm.stage.lending import sweep_scope
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import LEFT, Stage, until
 from ztpm.stage.stopping import read_stop
+from ztpm_idp.client import direct_http
 
 # As long as all other tests with whole cells together.
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
@@ -404,6 +405,16 @@ def test_one_trace_goes_from_a_token_to_its_effect(house):
     until(lambda: {row["kind"] for row in carol.search_rows({"trace": trace_id})} >= wanted, "the ledger's index")
     told = json.dumps(house.spans.of(trace_id))
     assert house.issued["traced"].token not in told and house.issued["traced"].token_id not in told
+
+
+def test_tool_server_and_gateway_tell_their_health(house):
+    addresses = house.cell.addresses
+    with direct_http.client(5.0) as http:
+        for door in (addresses.audience, addresses.door):
+            origin = "/".join(door.split("/")[:3])
+            assert http.get(f"{origin}/livez").json() == {"alive": True}
+            until(lambda: http.get(f"{origin}/readyz").json() == {"ready": True}, "a view that is young")  # noqa: B023
+            assert http.post(f"{origin}/readyz").status_code == 405
 
 
 def test_a_tool_that_moves_keeps_the_arm(house, eyes):

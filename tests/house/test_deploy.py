@@ -89,7 +89,14 @@ def test_compose_takes_the_file():
     assert ran.returncode == 0, ran.stderr
 
 
-@pytest.mark.parametrize("more", [(), ("--set=networkPolicy.enabled=false", "--set=service.type=LoadBalancer")])
+@pytest.mark.parametrize(
+    "more",
+    [
+        (),
+        ("--set=metrics.tokenSecret=figures",),
+        ("--set=networkPolicy.enabled=false", "--set=service.type=LoadBalancer"),
+    ],
+)
 def test_the_chart_lints_and_renders(more):
     linted = helm("lint", "--strict", str(CHART), *VALUES, *more)
     assert linted.returncode == 0, linted.stdout

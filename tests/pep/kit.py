@@ -534,6 +534,7 @@ class FakeIssuer:
         self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
         self.envelopes = []
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
+        self.traces = []
         self.asked = []
         self.restoring, self.marks, self.mark_status = False, [], 200
         self.bundles, self.trust_hint = [], None
@@ -570,6 +571,7 @@ class FakeIssuer:
             case "/conduct":
                 return self.proven(request) or httpx2.Response(200, text=self.conduct(**query))
             case "/approvals":
+                self.traces.append(request.headers.get("traceparent"))
                 return self.take_ask(request)
             case "/approvals/answers":
                 return self.proven(request) or httpx2.Response(200, text=self.answers(**query))

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pep.base import tracing
 from pep.base.errors import ConfigError, PepError
 from pep.point.parts import PointParts
+from ztpm.base.path_router import PathRouter
 from ztpm.base.report_server import serve_reports, view_of
 from ztpm.base.trace_export import exporting
 from ztpm.codes.code_table import FAILURE, status_of
@@ -26,6 +27,7 @@ from ztpm.codes.unavailable import UnavailableError, line_of, unavailable
 from ztpm.edge.log import tell
 from ztpm.edge.places import Bounds
 from ztpm.edge.server import EdgeServer
+from ztpm.point.health import health
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Coroutine, Iterator
@@ -62,8 +64,9 @@ class EnforcementPoint(PointParts):
     async def run(self, *, reports: bool = False) -> None:
         """Serves until told to end, with nothing moving afterwards; `reports`: answers for reports."""
         loop = asyncio.get_running_loop()
+        told = health(lambda: self.follower.view().age_ms, lambda: self.edge.lease_ms(None))
         server = _Server(
-            self.app,
+            PathRouter(self.app, told),
             host=self.config.host,
             port=self.config.port,
             bounds=self.bounds,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -73,5 +74,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         load_login_providers(settings.login_providers, config.parent),
         oauth_keys.load(settings.oauth_key_files, config.parent, keys, passphrase),
         {each.name: each.raw for each in settings.publishers},
-        metrics_access.load(settings, config.parent),
+        metrics_access.load(settings, config.parent, os.environ),
     )

@@ -15,15 +15,19 @@ from ztpm_idp.domain.addresses import is_loopback
 from ztpm_idp.keys.key_files import SettingsError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     from ztpm_idp.settings import FileSettings, Stated
 
 SETTING: Final = "metrics_token_file"
+VARIABLE: Final = "ZTPM_METRICS_TOKEN_FILE"
+"""Variable that names the file where the settings name none, as a container is told of a secret."""
 _TOKEN: Final = re.compile(r"[A-Za-z0-9._~+/-]{32,256}=*")
 """Form of a token (RFC 6750 section 2.1): 32 characters of base64 have 192 bits."""
 _FILE_BYTES: Final = 1_024
-_OTHERS: Final = 0o077
+_OTHERS: Final = 0o027
+"""Rights that nobody else may have: a group may read, as it may a key of TLS, and write nothing."""
 _SCHEME: Final = "bearer"
 
 
@@ -59,19 +63,21 @@ def by_settings(settings: Stated) -> MetricsAccess:
     return MetricsAccess(None, loopback=not proxied)
 
 
-def load(settings: FileSettings, folder: Path) -> MetricsAccess:
+def load(settings: FileSettings, folder: Path, environment: Mapping[str, str]) -> MetricsAccess:
     """Right to read the figures, by a deployment's settings.
 
     Args:
         settings: of its file.
         folder: where a relative name starts.
+        environment: of the process; `VARIABLE` counts where the settings name no file.
 
     Raises:
         SettingsError: `metrics_token_file`, when it cannot be read, others may read it, or no token is in it.
     """
-    if settings.metrics_token_file is None:
+    named = settings.metrics_token_file or environment.get(VARIABLE)
+    if not named:
         return by_settings(settings)
-    file = folder / settings.metrics_token_file
+    file = folder / named
     try:
         mode = file.stat().st_mode & 0o777
         with file.open("rb") as opened:
@@ -79,7 +85,7 @@ def load(settings: FileSettings, folder: Path) -> MetricsAccess:
     except OSError:
         raise SettingsError(SETTING, "the file cannot be read") from None
     if mode & _OTHERS:
-        raise SettingsError(SETTING, f"others may read or write it (mode {mode:o}); it needs 600")
+        raise SettingsError(SETTING, f"others may read or write it (mode {mode:o}); at most 640")
     token = raw.decode("ascii", "replace").strip()
     if not _TOKEN.fullmatch(token):
         raise SettingsError(SETTING, "one token of 32 to 256 characters of base64 is needed: openssl rand -base64 32")

@@ -7,12 +7,16 @@ import httpx2
 import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import PepError, PepFault
+from pep.base import tracing
+from pep.people.asks import Asks
 from pep.people.deferral import AskState
 from pep.provider.ask_client import AskClient
 from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 from tests.pep.kit import MOVE, reading
 from tests.pep.people.test_approvals import NEAR, People, closing
+
+from capabilities.values import trace_context
 
 pytestmark = pytest.mark.real_time
 
@@ -35,6 +39,29 @@ def test_an_ask_is_posted_with_proof_before_the_caller_is_told(rig):
     asked = rig.ask()
     assert rig.issuer.asks == {asked.ask_id: asked.text}
     assert rig.asks.unposted() == ()
+
+
+def test_an_ask_and_its_records_are_of_the_requests_trace_also_after_a_restart(rig):
+    ids = trace_context.TraceIds("0af7651916cd43dd8448eb211c80319c", "b7ad6b7169203331")
+    rig.issuer.down = True
+    with tracing.rejoined(ids):
+        asked = rig.go().ask
+    assert [record["body"]["trace_id"] for record in rig.records("ask") + rig.records("decision")] == [ids.trace_id] * 2
+    again = Asks(
+        clock=rig.clock, journal=rig.journal, timeout_ms=60_000, asker=rig.asks._asker, approvers=rig.asks._approvers, caps=rig.asks._caps,
+    )  # fmt: skip
+    again.recover(rig.records())
+    (left,) = again.unposted()
+    assert (left.ask_id, left.trace_id) == (asked.ask_id, ids.trace_id)
+    rig.issuer.down, rig.issuer.traces = False, []
+    asyncio.run(rig.asking._post(left))
+    assert [trace_context.read(each).trace_id for each in rig.issuer.traces] == [ids.trace_id]
+
+
+def test_outside_of_a_trace_records_name_none(rig):
+    rig.ask()
+    assert not any("trace_id" in record["body"] for record in rig.records())
+    assert rig.issuer.traces == [None]
 
 
 def test_a_spent_budget_is_a_denial_on_record_and_is_not_tried_again_at_once(rig):

@@ -8,8 +8,9 @@ import secrets
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 from tests.house import pages
+from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.world import ISSUER, World
-from ztpm_idp.client import ClientError, Operator
+from ztpm_idp.client import ClientError, Operator, ProofAuth
 from ztpm_idp.keys.key_files import SettingsError
 from ztpm_idp.provider import metrics, metrics_access
 from ztpm_idp.provider.metrics_access import MetricsAccess
@@ -161,17 +162,21 @@ def test_a_token_of_the_settings_is_long_and_private(tmp_path):
     file = tmp_path / "metrics.token"
     settings = FileSettings.model_construct(metrics_token_file="metrics.token")
     for text, mode, right in (
-        (TOKEN + "\n", 0o600, True), (TOKEN, 0o640, False), (TOKEN, 0o604, False), ("short", 0o600, False),
+        (TOKEN + "\n", 0o600, True), (TOKEN, 0o640, True), (TOKEN, 0o660, False), (TOKEN, 0o604, False), ("short", 0o600, False),
         ("", 0o600, False), (f"{TOKEN}\n{TOKEN}", 0o600, False), ("x" * 300, 0o600, False), ("é" * 40, 0o600, False),
     ):  # fmt: skip
         file.write_text(text)
         file.chmod(mode)
         if right:
-            assert metrics_access.load(settings, tmp_path).may_read("10.0.0.1", f"Bearer {TOKEN}")
+            assert metrics_access.load(settings, tmp_path, {}).may_read("10.0.0.1", f"Bearer {TOKEN}")
             continue
         with pytest.raises(SettingsError) as caught:
-            metrics_access.load(settings, tmp_path)
+            metrics_access.load(settings, tmp_path, {})
         assert caught.value.setting == "metrics_token_file"
+    told = FileSettings.model_construct(metrics_token_file=None, issuer=ISSUER, tls_certificate_file=None)
+    assert metrics_access.load(told, tmp_path, {}) == MetricsAccess(None, loopback=True)
+    with pytest.raises(SettingsError):
+        metrics_access.load(told, tmp_path, {metrics_access.VARIABLE: str(tmp_path / "absent")})
 
 
 @pytest.mark.parametrize(
@@ -208,3 +213,25 @@ def test_the_ledger_names_the_trace_of_the_request(world):
     assert all(re.fullmatch("[0-9a-f]{32}", trace) for trace in told)
     (found,) = world.people["carol"].search_rows({"trace": told[2]})
     assert (found["kind"], found["trace"]) == ("revoked", told[2])
+
+
+def test_an_ask_and_the_votes_on_it_are_of_one_trace(world):
+    """The trace is that of the ask, though a vote comes in one of its own; nothing signed names it."""
+    cell = Cell(world)
+    text = cell.text()
+    with world.anonymous() as http:
+        body = json.dumps({"ask": text}).encode()
+        auth = ProofAuth(world.private[PEP], now=world.clock)
+        taken = http.post(ISSUER + "/approvals", content=body, auth=auth, headers={"traceparent": TRACEPARENT})
+    ask_id = taken.json()["ask_id"]
+    voted = cell.post("carol", f"/approvals/{ask_id}/votes", {"vote": cell.vote(text)})
+    assert (taken.status_code, voted.status_code) == (201, 201)
+    found = list(world.people["carol"].search_rows({"trace": TRACE, "request": ask_id}))
+    assert [row["kind"] for row in found] == ["ask-taken", "vote-cast"]
+    assert cell.get("carol", f"/approvals/{ask_id}").json()["trace_id"] == TRACE
+    assert TRACE not in jws_claims(text)
+
+
+def jws_claims(text):
+    payload = text.split(".")[1]
+    return base64.urlsafe_b64decode(payload + "=" * (-len(payload) % 4)).decode()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import datetime as dt
+import os
 import time
 from dataclasses import dataclass, field
 from email.utils import parsedate_to_datetime
@@ -57,6 +58,8 @@ class ProviderDoctor:
             ("certificate", self.certificate),
             ("issuer", self.issuer),
             ("files in force", self.files),
+            ("figures", self.figures),
+            ("traces", self.traces),
             ("clock", self.clock),
         )
 
@@ -170,6 +173,29 @@ class ProviderDoctor:
             return False, f"it does not say: status {ready.status_code}"
         told = "; ".join(f"{setting}: {why}" for setting, why in sorted(faults.items()))
         return not faults, f"not acted on, the one before still is: {told}" if faults else "all, as they are now"
+
+    def figures(self) -> Found:
+        """Readers of `/metrics`."""
+        if self._read is None:
+            return _unread()
+        metrics = self._read.metrics
+        if metrics.token_digest is not None:
+            return True, "read with the token of metrics_token_file"
+        return (
+            True,
+            "read on this machine alone" if metrics.loopback else "read by nobody: metrics_token_file is missing",
+        )
+
+    def traces(self) -> Found:
+        """A collector of traces, where the environment names one, can be sent to by this installation."""
+        from ztpm.base.trace_export import endpoint
+        from ztpm.codes.unavailable import UnavailableError
+
+        try:
+            found = endpoint(os.environ)
+        except UnavailableError as error:
+            return False, error.sentence
+        return True, "not sent" if found is None else f"sent to {found}"
 
     def clock(self) -> Found:
         """The clock agrees with the one that answered, to the skew that proofs may have."""

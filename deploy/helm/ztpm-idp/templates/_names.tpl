@@ -25,9 +25,15 @@ securityContext:
 env:
   - {name: ZTPM_PASSPHRASE_FILE, value: /run/secrets/ztpm/passphrase}
   - {name: ZTPM_DATA, value: /var/lib/ztpm/provider}
+  {{- if .Values.metrics.tokenSecret }}
+  - {name: ZTPM_METRICS_TOKEN_FILE, value: /run/secrets/metrics/token}
+  {{- end }}
 volumeMounts:
   - {name: provider, mountPath: /var/lib/ztpm}
   - {name: passphrase, mountPath: /run/secrets/ztpm, readOnly: true}
   - {name: tls, mountPath: /run/tls, readOnly: true}
+  {{- if .Values.metrics.tokenSecret }}
+  - {name: metrics, mountPath: /run/secrets/metrics, readOnly: true}
+  {{- end }}
   - {name: tmp, mountPath: /tmp}
 {{- end -}}

@@ -9,8 +9,10 @@ import httpx2
 import pytest
 from capabilities.keys.trust import TrustBundle
 from tests.ztpm.cli.provider.certificates import certificate
+from ztpm.base import trace_export
 from ztpm.base.layout import Layout
 from ztpm.cell.provider_setup import ProviderPlan
+from ztpm.codes.unavailable import UnavailableError
 from ztpm.cli.provider.doctor import ProviderDoctor, fits, names_of
 from ztpm_idp.settings import load_keys, load_settings
 
@@ -183,6 +185,46 @@ def test_the_command_looks_at_a_directory_and_fails_where_anything_is_wrong(run,
     wrong = {row["check"] for row in told.json["checks"] if not row["ok"]}
     assert "issuer" in wrong
     assert wrong <= {"issuer", "clock", "files in force"}  # as this machine's is
+
+
+@pytest.mark.parametrize(
+    ("stated", "ok"),
+    [
+        ({}, True),
+        ({"OTEL_EXPORTER_OTLP_ENDPOINT": "http://127.0.0.1:4318"}, True),
+        ({"OTEL_EXPORTER_OTLP_TRACES_ENDPOINT": "https://collector.example/v1/traces"}, True),
+        ({"OTEL_EXPORTER_OTLP_ENDPOINT": "127.0.0.1:4318"}, False),
+        ({"OTEL_EXPORTER_OTLP_ENDPOINT": "http://[::1"}, False),
+        ({"OTEL_EXPORTER_OTLP_ENDPOINT": "http://h:99999"}, False),
+        ({"OTEL_EXPORTER_OTLP_ENDPOINT": "http://h:4317", "OTEL_EXPORTER_OTLP_PROTOCOL": "grpc"}, False),
+    ],
+)
+def test_a_collector_that_cannot_be_sent_to_is_seen(made, monkeypatch, stated, ok):
+    for name, value in stated.items():
+        monkeypatch.setenv(name, value)
+    doctor = ProviderDoctor(made.idp_config, PASSPHRASE)
+    found, said = doctor.traces()
+    assert found is ok
+    assert all(value in said for value in stated.values()) or not ok
+
+
+def test_without_the_extra_only_an_export_that_is_asked_for_is_refused(monkeypatch):
+    monkeypatch.setattr(trace_export, "EXTRA", ("opentelemetry.absent",))
+    with trace_export.exporting("here", {}):
+        pass
+    with (
+        pytest.raises(UnavailableError) as caught,
+        trace_export.exporting("here", {trace_export.ENDPOINTS[0]: "http://h"}),
+    ):
+        pass
+    assert caught.value.code == "TRACES_UNUSABLE"
+
+
+def test_readers_of_figures_are_told(made):
+    doctor = ProviderDoctor(made.idp_config, PASSPHRASE)
+    assert doctor.figures()[0] is False  # nothing was read yet
+    assert doctor.configuration()[0]
+    assert doctor.figures()[0]
 
 
 def test_names_of_certificates_fit_by_whole_labels():
