@@ -141,9 +141,11 @@ def drop_latest_columns(base) -> None:
         for table in ("person_keys", "changes"):
             base.execute(f"ALTER TABLE {table} DROP COLUMN credential")
     base.execute("ALTER TABLE counters ADD COLUMN beats BIGINT NOT NULL DEFAULT 0")
+    base.execute("DROP INDEX IF EXISTS ix_agents_sponsor")
     base.execute("DROP INDEX ix_hops_mandate")
     for table, column in LATEST_COLUMNS:
-        base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
+        if base.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
+            base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")
 
 
 TRUST_DOMAIN = "cell.example"

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING
 
@@ -67,3 +67,11 @@ class Held:
     open: Mapping[str, Report] = field(default_factory=lambda: MappingProxyType({}))
     made: Mapping[str, Edge] = field(default_factory=lambda: MappingProxyType({}))
     peers: Mapping[str, Mapping[str, AgentHistory]] = field(default_factory=lambda: MappingProxyType({}))
+
+    def of(self, agents: frozenset[str]) -> Held:
+        """The conduct of these agents, and their peers, alone."""
+        return replace(
+            self,
+            agents={agent: conduct for agent, conduct in self.agents.items() if agent in agents},
+            peers={agent: peers for agent, peers in self.peers.items() if agent in agents},
+        )

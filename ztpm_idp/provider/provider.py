@@ -5,7 +5,7 @@ Order of every change: load, decide, make the token if there is one, write, comm
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
@@ -21,9 +21,10 @@ from capabilities.values.errors import CapabilityError, FaultCode
 from ztpm_idp import tracing
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode, Refusal
-from ztpm_idp.domain.commands import CompleteRecovery, Delegate
+from ztpm_idp.domain.commands import CompleteRecovery, Delegate, Revoke
 from ztpm_idp.domain.core import caller_refused, decide
-from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.events import Revoked, TokenDelegated, TokenIssued
+from ztpm_idp.domain.joint import claim, union
 from ztpm_idp.domain.locks import EVERYTHING, locks_of
 from ztpm_idp.domain.login.devices import within
 from ztpm_idp.domain.oauth.events import AccessMade
@@ -33,15 +34,17 @@ from ztpm_idp.domain.state import State
 from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.keys import key_ring, oauth_keys
 from ztpm_idp.keys.key_files import SettingsError
+from ztpm_idp.provider.done import Done, OneUse
 from ztpm_idp.provider.epoch_wait import EpochWait
 from ztpm_idp.provider.feed import BaseHeads, read_back
+from ztpm_idp.provider.joint_work import JointWork, Work
 from ztpm_idp.provider.metrics import DONE, FAILED
 from ztpm_idp.provider.news import News
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, OnceOnlyError, ProofUse, ProofUsedError
+from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, Made, OnceOnlyError, ProofUse, ProofUsedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from capabilities.proof.proof import Proof
     from capabilities.statements.workload import AnyPlatform
@@ -55,40 +58,10 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.state import Wanted
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
+    from ztpm_idp.provider.joint_work import Outcomes
     from ztpm_idp.provider.metrics import Metrics
     from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
-
-
-@dataclass(frozen=True, slots=True)
-class Done:
-    """Result of a command, durable.
-
-    Attributes:
-        events: in order; empty when it had been done before.
-        epoch: the revocation epoch after it.
-        token: text of the token that was made, if any. Never kept anywhere.
-    """
-
-    events: tuple[Event, ...]
-    epoch: int
-    token: str | None
-
-    def __repr__(self) -> str:
-        return f"Done(epoch={self.epoch}, events={len(self.events)})"
-
-
-@dataclass(slots=True)
-class OneUse:
-    """The one use of a proof that came with a request.
-
-    Attributes:
-        proof: valid for exactly this request.
-        spent: True once that is durable.
-    """
-
-    proof: Proof
-    spent: bool = False
 
 
 def rules_of(
@@ -183,6 +156,9 @@ class Provider:
         if metrics is not None:
             store.timed = metrics.transaction
         self._signed_trust: tuple[int, tuple[str, ...]] = (-1, ())
+        self._lending, self._taking_back = (
+            JointWork(self._together, self._by_itself, at_once=at_once) for at_once in (store.at_once, 1)
+        )
 
     def adopt(self, keys: IdpKeys) -> None:
         """Signs with these keys from now on, between two requests: all of them change, or none does.
@@ -264,14 +240,14 @@ class Provider:
         Raises:
             Problem: `CALLER_UNKNOWN` or `CALLER_INACTIVE`.
         """
-        async with self.store.read() as view:
-            party = await view.party_of_key(proof.key)
-            due = None if party is not None else await view.people.due(proof.key, at_ms=self.now_ms())
-        if due is not None:
-            # A recovery waits for nothing but its person's first request.
-            await self.run(CompleteRecovery(due.change_id), actor=due.person)
+        party = await self.store.party_of_key(proof.key)
+        if party is None:
             async with self.store.read() as view:
-                party = await view.party_of_key(proof.key)
+                due = await view.people.due(proof.key, at_ms=self.now_ms())
+            if due is not None:
+                # A recovery waits for nothing but its person's first request.
+                await self.run(CompleteRecovery(due.change_id), actor=due.person)
+                party = await self.store.party_of_key(proof.key)
         # A stranger's proof is not stored: strangers change nothing here.
         refused = caller_refused(
             State(parties={} if party is None else {party.id: party}), "" if party is None else party.id
@@ -369,12 +345,36 @@ class Provider:
     async def _tried(
         self, command: Command, *, actor: str, session_key: SessionKey | None, once: OneUse | None
     ) -> tuple[Outcome, Done | None]:
+        """The command, beside others that wait where it may be joint with them."""
+        needed, trace_id = wanted(command), tracing.trace_id()
+        locks = locks_of(command, needed)
+        own = None if session_key is not None else claim(command, locks)
+        if own is None:
+            return await self._alone(
+                command, needed, locks, actor=actor, session_key=session_key, once=once, trace_id=trace_id
+            )
+        # Revocations wait for no other command.
+        queue = self._taking_back if isinstance(command, Revoke) else self._lending
+        return await queue.done(Work(command, needed, locks, own, actor, once, trace_id))
+
+    async def _alone(
+        self,
+        command: Command,
+        needed: Wanted,
+        locks: Locks,
+        *,
+        actor: str,
+        session_key: SessionKey | None,
+        once: OneUse | None,
+        trace_id: str | None,
+    ) -> tuple[Outcome, Done | None]:
         """The command with the locks that it needs, begun again where the database says so, `TRIES` times in all."""
-        needed = wanted(command)
-        locks, tries_left = locks_of(command, needed), TRIES
+        tries_left = TRIES
         while True:
             try:
-                return await self._decided(command, needed, locks, actor=actor, session_key=session_key, once=once)
+                return await self._decided(
+                    command, needed, locks, actor=actor, session_key=session_key, once=once, trace_id=trace_id
+                )
             except LocksTooFewError:
                 locks = EVERYTHING  # these are never too few
                 self._again("locks")
@@ -388,6 +388,18 @@ class Provider:
         if self._metrics is not None:
             self._metrics.repeated(cause)
 
+    async def _by_itself(self, work: Work) -> tuple[Outcome, Done | None]:
+        """A command that could be joint, alone."""
+        return await self._alone(
+            work.command,
+            work.needed,
+            work.locks,
+            actor=work.actor,
+            session_key=None,
+            once=work.once,
+            trace_id=work.trace_id,
+        )
+
     async def _decided(
         self,
         command: Command,
@@ -397,9 +409,10 @@ class Provider:
         actor: str,
         session_key: SessionKey | None,
         once: OneUse | None,
+        trace_id: str | None,
     ) -> tuple[Outcome, Done | None]:
         """The command in one transaction: its outcome, and what it has done unless it is refused."""
-        at_ms, trace_id = self.now_ms(), tracing.trace_id()
+        at_ms = self.now_ms()
         use = None if once is None or once.spent else self._use_of(once.proof)
         young_ms = at_ms - self.rules.nonce_age_s * 1_000
         async with self.store.write(locks, use=use) as transaction:
@@ -409,20 +422,56 @@ class Provider:
             if session_key is not None:
                 held = await transaction.devices.session_key(session_key.key)
                 seen = within(state, command, held, at_ms)
-            outcome = seen if isinstance(seen, Refusal) else decide(self.rules, seen, command, at_ms)
-            if isinstance(outcome, Refusal):
-                written, done = outcome.recorded, None
-                if written:
-                    await transaction.append(written, actor=actor, at_ms=at_ms, trace_id=trace_id)
-            else:
-                token = self._make_token(command, outcome)
-                written = _kept(outcome, token)
+            found = (seen, (), None) if isinstance(seen, Refusal) else self._judged(command, seen, at_ms)
+            outcome, written, token = found
+            epoch = before.epoch
+            if written:
                 epoch = await transaction.append(written, actor=actor, at_ms=at_ms, trace_id=trace_id)
-                done = Done(outcome, epoch, token)
             await read_back(self, transaction, written, before=before, at_ms=at_ms)
         if once is not None:
             once.spent = True  # with the commit; where it was rolled back, the use was, too
-        return outcome, done
+        return outcome, _done(outcome, epoch, token, state)
+
+    def _judged(self, command: Command, state: State, at_ms: int) -> tuple[Outcome, tuple[Event, ...], str | None]:
+        """Outcome of a command, the events to be written, and the token that it makes, if any."""
+        outcome = decide(self.rules, state, command, at_ms)
+        if isinstance(outcome, Refusal):
+            return outcome, outcome.recorded, None
+        token = self._make_token(command, outcome)
+        return outcome, _kept(outcome, token), token
+
+    async def _together(self, works: Sequence[Work]) -> Outcomes:
+        """Commands of `domain.joint` in one transaction: what became of each, once all of that is durable."""
+        at_ms = self.now_ms()
+        young_ms = at_ms - self.rules.nonce_age_s * 1_000
+        uses = [None if (o := work.once) is None or o.spent else self._use_of(o.proof) for work in works]
+        outcomes: Outcomes = {}
+        made: list[Made] = []
+        async with self.store.write(union(work.locks for work in works), uses=uses) as transaction:
+            states = await transaction.load_each([work.needed for work in works], young_ms=young_ms)
+            before = await transaction.counters()
+            if before.restoring:
+                raise LocksTooFewError  # what that needs to be judged is loaded for one command alone
+            for work, unused, state in zip(works, transaction.unused, states, strict=True):
+                try:
+                    if not unused:
+                        raise ProofUsedError  # noqa: TRY301
+                    outcome, written, token = self._judged(work.command, state, at_ms)
+                    if not work.locks.cover(written):
+                        raise LocksTooFewError  # noqa: TRY301
+                except Exception as error:  # noqa: BLE001  its own, and nobody else's
+                    outcomes[work] = error
+                else:
+                    made += [Made(event, work.actor, work.trace_id) for event in written]
+                    epoch = before.epoch + sum(isinstance(each.event, Revoked) for each in made)
+                    outcomes[work] = outcome, _done(outcome, epoch, token, state)
+            if made:
+                await transaction.append_each(made, at_ms=at_ms)
+                await read_back(self, transaction, tuple(each.event for each in made), before=before, at_ms=at_ms)
+        for work in works:
+            if work.once is not None:
+                work.once.spent = True  # with the commit, also of one that was refused
+        return outcomes
 
     async def hinted(self) -> None:
         """Requests that wait for the epoch are told what the store holds: another process may have revoked."""
@@ -462,6 +511,11 @@ class Provider:
                 case _:
                     continue
         return None
+
+
+def _done(outcome: Outcome, epoch: int, token: str | None, state: State) -> Done | None:
+    """Result of a command, unless it was refused."""
+    return None if isinstance(outcome, Refusal) else Done(outcome, epoch, token, known=bool(state.hops))
 
 
 def _kept(events: tuple[Event, ...], token: str | None) -> tuple[Event, ...]:

@@ -20,8 +20,8 @@ from ztpm_idp.domain.events import SignedRequest
 from ztpm_idp.domain.login.devices import carried
 from ztpm_idp.domain.parties import RegisteredPerson, Standing
 from ztpm_idp.provider.body_json import BodyError, parse_json
+from ztpm_idp.provider.done import OneUse
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.provider.provider import OneUse
 from ztpm_idp.provider.wire import Body, parse_body
 from ztpm_idp.routes.rated import count_caller
 

@@ -34,7 +34,7 @@ from ztpm_idp.routes.rated import address_of
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.login.commands import DeviceCommand
-    from ztpm_idp.provider.provider import Done
+    from ztpm_idp.provider.done import Done
 
 router = APIRouter()
 AnyKey = Annotated[ProvenCall, Depends(by_any_key)]

@@ -34,7 +34,8 @@ from ztpm_idp.routes.caller import (
 from ztpm_idp.routes.described import query
 
 if TYPE_CHECKING:
-    from ztpm_idp.provider.provider import Done, Provider
+    from ztpm_idp.provider.done import Done
+    from ztpm_idp.provider.provider import Provider
 
 router = APIRouter()
 TRUST_HINT: Final = "ztpm-trust"
@@ -113,11 +114,13 @@ async def revoke(request: Request, call: Revoker) -> dict[str, Any]:
     """
     body = call.body(wire.RevocationBody)
     command = commands.Revoke(call.party.id, body.kind, body.id, body.reason)
-    provider = provider_of(request)
-    async with provider.store.read() as view:  # before: after the commit nothing may stand between it and its answer
-        known = await view.knows(body.kind, body.id)
+    provider, known = provider_of(request), False
+    if body.kind not in {RevocationKind.TOKEN, RevocationKind.HOP}:
+        # Before: after the commit nothing may stand between it and its answer.
+        async with provider.store.read() as view:
+            known = await view.knows(body.kind, body.id)
     done = await provider.run(command, actor=call.party.id, session_key=call.session_key, once=call.once)
-    return {"epoch": done.epoch, "known": known, "at_ms": provider.now_ms()}
+    return {"epoch": done.epoch, "known": known or done.known, "at_ms": provider.now_ms()}
 
 
 @router.get("/revocations", response_class=PlainTextResponse, openapi_extra=query("since", "nonce", optional=("base",)))

@@ -13,11 +13,13 @@ from ztpm_idp.store.errors import (
     StoreUnavailableError,
 )
 from ztpm_idp.store.proof_use import ProofUse
+from ztpm_idp.store.transaction import Made
 
 __all__ = [
     "AgainError",
     "ConflictError",
     "LocksTooFewError",
+    "Made",
     "OnceOnlyError",
     "ProofUse",
     "ProofUsedError",

@@ -13,7 +13,7 @@ from policies.conduct.behaviour import BehaviourState
 from policies.conduct.report import Edge, Report
 from policies.conduct.trust import TrustState
 from ztpm_idp.domain.agent_conduct import AgentConduct, Held
-from ztpm_idp.domain.conduct import OPEN_RECORDS, PEERS
+from ztpm_idp.domain.conduct import OPEN_RECORDS
 from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConcluded, PermitOpened
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import prepared
@@ -21,7 +21,7 @@ from ztpm_idp.store import schema as t
 from ztpm_idp.store.errors import StoreUnavailableError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned, Published
     from ztpm_idp.store.counters import Counting
 
-ConductEvent = PermitOpened | PermitConcluded | ConductObserved | AgentRestored
+ConductEvent = PermitOpened | PermitConcluded | AgentRestored
 IDS: Final = 500
 """Ids in one statement: below any database's limit on variables."""
 
@@ -135,18 +135,7 @@ class Conduct:
 
         A sponsor answers for one agent and for those that it is compared with.
         """
-        other, own, c = t.agents.alias("other"), t.agents.alias("own"), t.conduct.c
-        rows = await self._connection.execute(
-            sa.select(c.agent, c.behaviour)
-            .select_from(
-                own.join(other, sa.and_(other.c.sponsor == own.c.sponsor, other.c.role == own.c.role))
-                .join(t.conduct, c.agent == other.c.id)
-                .join(t.parties, t.parties.c.id == other.c.id)
-            )
-            .where(own.c.id == agent, other.c.id != agent, t.parties.c.standing != Standing.REVOKED.value)
-            .order_by(c.agent)
-            .limit(PEERS)
-        )
+        rows = await self._connection.execute(prepared.PEERS, {"agent_": agent})
         return {peer: career for peer, text in rows if (career := _behaviour(text).careers.get(peer)) is not None}
 
     # --- writing -----------------------------------------------------------------------------------------------------
@@ -166,38 +155,49 @@ class Conduct:
                 await self._connection.execute(sa.insert(t.permits).values(**values))
             case PermitConcluded(pep=pep, request_id=request_id):
                 await self._connection.execute(sa.delete(t.permits).where(p.pep == pep, p.request_id == request_id))
-            case ConductObserved(agent=agent, conduct=conduct, published=published):
-                await self._agent(agent, conduct, published)
-            case AgentRestored(agent=agent, conduct=conduct, published=published):
-                await self._agent(agent, conduct, published)
+            case AgentRestored():
+                await self.observe([event])
             case _:
                 assert_never(event)
 
-    async def _agent(self, agent: str, conduct: AgentConduct, published: Published) -> None:
-        c = t.conduct.c
-        before = (await self._connection.execute(prepared.STANDING, {"agent_": agent})).one_or_none()
-        standing = _standing(published)
-        was = _NOTHING_TO_TELL if before is None else _told(json.loads(before.standing))
-        version = 0 if before is None else before.version
+    async def observe(self, events: Sequence[ConductObserved | AgentRestored]) -> None:
+        """The conduct of agents, of which each event is about another one, is in its tables."""
+        if not events:
+            return
+        ids = {"ids": [event.agent for event in events]}
+        before = {agent: (told, at) for agent, told, at in await self._connection.execute(prepared.STANDING, ids)}
+        edges: dict[str, dict[str, int]] = {event.agent: {} for event in events}
+        for agent, delegator, permille in await self._connection.execute(prepared.EDGES, ids):
+            edges[agent][delegator] = permille
+        made, changed = list[dict[str, Any]](), list[dict[str, Any]]()
+        for event in events:
+            row = await self._row(event, before.get(event.agent))
+            if event.agent in before:
+                changed.append({"agent_": event.agent, **row})
+            else:
+                made.append({"agent": event.agent, **row})
+            await self._edges(event.agent, event.published, edges[event.agent])
+        if made:
+            await self._connection.execute(prepared.NEW_CONDUCT, made)
+        if changed:
+            await self._connection.execute(prepared.CHANGE_CONDUCT, changed)
+
+    async def _row(self, event: ConductObserved | AgentRestored, before: tuple[str, int] | None) -> dict[str, Any]:
+        conduct, standing = event.conduct, _standing(event.published)
+        was = _NOTHING_TO_TELL if before is None else _told(json.loads(before[0]))
+        version = 0 if before is None else before[1]
         if _told(standing) != was:
             version = await self._counting.next("conduct_version")
-        values: dict[str, Any] = {
+        return {
             "trust": json.dumps(conduct.trust.to_json()),
             "behaviour": json.dumps(conduct.behaviour.to_json()),
             "restored_at": conduct.restored_at,
             "standing": json.dumps(standing),
             "version": version,
         }
-        if before is None:
-            await self._connection.execute(prepared.NEW_CONDUCT, {"agent": agent, **values})
-        else:
-            await self._connection.execute(sa.update(t.conduct).where(c.agent == agent).values(**values))
-        await self._edges(agent, published)
 
-    async def _edges(self, agent: str, published: Published) -> None:
+    async def _edges(self, agent: str, published: Published, before: dict[str, int]) -> None:
         e = t.edges.c
-        rows = await self._connection.execute(prepared.EDGES, {"agent_": agent})
-        before = {delegator: permille for delegator, permille in rows}  # noqa: C416  rows are no pairs
         now = {edge.delegator: permille for edge, permille in published.scores.items()}
         for delegator in sorted(before.keys() | now.keys()):
             score = now.get(delegator, published.default_permille)

@@ -9,11 +9,13 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcon
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
 from ztpm_idp.domain.locks import EVERYTHING, REVOCATIONS
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.asking import AskedTogether
 from ztpm_idp.store.database import postgres
 from ztpm_idp.store.database.migrate import upgrade
 from ztpm_idp.store.database.sqlite_driver import connect
@@ -30,11 +32,12 @@ from ztpm_idp.store.proof_use import ProofUse
 from ztpm_idp.store.transaction import Transaction
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable
+    from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from ztpm_idp.domain.locks import Locks
+    from ztpm_idp.domain.parties import Party
 
 BUSY_TIMEOUT_MS: Final = 5_000
 """Milliseconds for which SQLite waits for another process's write before it is a storage fault."""
@@ -43,6 +46,8 @@ PROOF_GRACE_MS: Final = 600_000
 
 A clock that is set back by less revives no proof.
 """
+TOGETHER_AT_ONCE: Final = 2
+"""Transactions of several commands that one process has at a time: while one is committed, the next is decided."""
 SWEEP_MS: Final = 60_000
 """Milliseconds between two times at which a process forgets old proof ids."""
 SWEPT: Final = 2_048
@@ -59,7 +64,11 @@ _OLD = (
 )
 """Proof ids to forget, without those that another process is forgetting."""
 _FORGET = sa.delete(t.proofs).where(sa.tuple_(_P.key, _P.jti).in_(_OLD))
-_USE_UP = sa.insert(t.proofs)
+_USE_UP = {
+    on_postgres: dialect.insert(t.proofs).on_conflict_do_nothing().returning(_P.key, _P.jti)
+    for on_postgres, dialect in ((True, postgresql), (False, sqlite))
+}
+"""New proof ids, of which those are returned that were new."""
 _BEAT = sa.update(t.heartbeat).values(beats=t.heartbeat.c.beats + 1)
 
 
@@ -71,6 +80,7 @@ class Store:
     Attributes:
         before: revision of the schema before it was opened; None of a new database.
         timed: told that a writing transaction begins; what it gives back is told its end, once.
+        at_once: transactions of several commands that are worth having at a time.
     """
 
     def __init__(self, engine: AsyncEngine) -> None:
@@ -79,7 +89,10 @@ class Store:
         # SQLite has one writer; waiting here is fair, waiting inside SQLite is not. Other processes are kept out by
         # SQLite itself.
         self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
+        self.at_once = TOGETHER_AT_ONCE if self._postgres else 1
         self._swept_ms: int | None = None
+        self._uses = AskedTogether(self._first_uses)
+        self._owners = AskedTogether(self._parties_of_keys)
         self.before: str | None = None
         self.timed: Callable[[], Callable[[str], None]] | None = None
 
@@ -113,7 +126,9 @@ class Store:
         await self._engine.dispose()
 
     @asynccontextmanager
-    async def write(self, locks: Locks = EVERYTHING, *, use: ProofUse | None = None) -> AsyncIterator[Transaction]:
+    async def write(
+        self, locks: Locks = EVERYTHING, *, use: ProofUse | None = None, uses: Sequence[ProofUse | None] = ()
+    ) -> AsyncIterator[Transaction]:
         """A transaction during which nothing changes of what these locks name, but by itself.
 
         Durable when the block has ended without an exception.
@@ -121,6 +136,8 @@ class Store:
         Args:
             locks: of `domain.locks`; without any, no other transaction changes state meanwhile.
             use: of the proof that came with the command: it is used up if and only if the rest holds.
+            uses: of those that came with several commands, likewise; the transaction's `unused` says of each whether it
+                was so far.
 
         Raises:
             ProofUsedError: that proof was used before; nothing holds.
@@ -133,8 +150,9 @@ class Store:
         async with self._write_connection(nullcontext() if urgent else self._writer) as connection:
             transaction = Transaction(connection, locks if self._postgres else None)
             await transaction.lock()
-            if use is not None:
-                await self._use_up(connection, use)
+            if use is not None and await self._use_up(connection, [use]) != [True]:
+                raise ProofUsedError
+            transaction.unused = await self._use_up(connection, uses)
             yield transaction
 
     @asynccontextmanager
@@ -179,27 +197,46 @@ class Store:
         Raises:
             StoreUnavailableError: it cannot be said, so nothing may be permitted.
         """
-        try:
-            async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
-                await self._use_up(connection, ProofUse(key, jti, expires_ms, at_ms))
-        except ProofUsedError:
-            return False
-        return True
+        return await self._uses.ask(ProofUse(key, jti, expires_ms, at_ms))
 
-    async def _use_up(self, connection: AsyncConnection, use: ProofUse) -> None:
-        """The proof is used up if this transaction commits.
+    async def _first_uses(self, uses: Sequence[ProofUse]) -> Sequence[bool]:
+        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+            return await self._use_up(connection, uses)
+
+    async def party_of_key(self, key: bytes) -> Party | None:
+        """Party that owns a key now, ended or not.
 
         Raises:
-            ProofUsedError: it was used before.
+            StoreUnavailableError: it cannot be read.
         """
-        if self._swept_ms is None or not self._swept_ms <= use.at_ms < self._swept_ms + SWEEP_MS:
-            self._swept_ms = use.at_ms  # one that is rolled back is made up for a minute later
-            await connection.execute(_FORGET, {"at_ms": use.at_ms})
-        row = {"key": use.key, "jti": use.jti, "forget_ms": use.expires_ms + PROOF_GRACE_MS}
-        try:
-            await connection.execute(_USE_UP, row)
-        except IntegrityError:
-            raise ProofUsedError from None
+        return await self._owners.ask(key)
+
+    async def _parties_of_keys(self, keys: Sequence[bytes]) -> Sequence[Party | None]:
+        async with self.read() as view:
+            return await view.parties_of_keys(keys)
+
+    async def _use_up(self, connection: AsyncConnection, uses: Sequence[ProofUse | None]) -> list[bool]:
+        """True for each proof that was unused, and is used up if this transaction commits; also where there is none."""
+        every = [use for use in uses if use is not None]
+        if not every:
+            return [True] * len(uses)
+        await self._swept(connection, every[0].at_ms)
+        rows = {(use.key, use.jti): use.expires_ms + PROOF_GRACE_MS for use in every}
+        # In one order, so that no two transactions wait for each other.
+        given = [{"key": key, "jti": jti, "forget_ms": forget_ms} for (key, jti), forget_ms in sorted(rows.items())]
+        made = await connection.execute(_USE_UP[self._postgres], given)
+        new, found = {(bytes(key), jti) for key, jti in made}, list[bool]()
+        for use in uses:
+            found.append(use is None or (use.key, use.jti) in new)
+            if use is not None:
+                new.discard((use.key, use.jti))  # of two that came with one proof the first one counts
+        return found
+
+    async def _swept(self, connection: AsyncConnection, at_ms: int) -> None:
+        """Old proof ids are forgotten from time to time."""
+        if self._swept_ms is None or not self._swept_ms <= at_ms < self._swept_ms + SWEEP_MS:
+            self._swept_ms = at_ms  # one that is rolled back is made up for a minute later
+            await connection.execute(_FORGET, {"at_ms": at_ms})
 
     async def beat(self) -> None:
         """A change was committed just now: the store can commit.

@@ -14,7 +14,7 @@ from ztpm_idp.store import schema as t
 from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -52,18 +52,26 @@ class Lending:
 
     async def hops(self, wanted: Wanted) -> dict[str, HopRecord]:
         """The wanted hop and those above it, or the first hop of the wanted token, by id."""
-        c, found = t.hops.c, dict[str, HopRecord]()
-        query = sa.select(c.hop_id, c.token_id, c.parent, c.agent, c.sponsor)
+        found = dict[str, HopRecord]()
         if wanted.token is not None:
-            for row in await self._connection.execute(prepared.FIRST_HOP, {"token": wanted.token}):
-                found[row.hop_id] = HopRecord(*row)
+            found |= (await self.first_hops([wanted.token]))[wanted.token]
         following = wanted.hop
         while following is not None and following not in found:
-            above = (await self._connection.execute(query.where(c.hop_id == following))).one_or_none()
+            query = prepared.HOPS.where(t.hops.c.hop_id == following)
+            above = (await self._connection.execute(query)).one_or_none()
             if above is None:
                 break
             found[above.hop_id] = HopRecord(*above)
             following = above.parent
+        return found
+
+    async def first_hops(self, tokens: Collection[str]) -> dict[str, dict[str, HopRecord]]:
+        """The first hop of each of these tokens by its id, by token; nothing of one that was never made."""
+        found: dict[str, dict[str, HopRecord]] = {token: {} for token in tokens}
+        if not tokens:
+            return found
+        for row in await self._connection.execute(prepared.FIRST_HOPS, {"ids": sorted(tokens)}):
+            found[row.token_id][row.hop_id] = HopRecord(*row)
         return found
 
     async def knows(self, kind: Lent, id_: str) -> bool:
@@ -72,14 +80,12 @@ class Lending:
         query = sa.select(found).where(found == id_).limit(1)
         return (await self._connection.execute(query)).scalar_one_or_none() is not None
 
-    async def refusals(self, agent: str | None) -> tuple[int, int]:
-        """Since when, wall clock in milliseconds, and how many refusals of an agent were counted."""
-        found = (
-            None
-            if agent is None
-            else (await self._connection.execute(prepared.REFUSALS, {"agent_": agent})).one_or_none()
-        )
-        return (0, 0) if found is None else (found.since_ms, found.number)
+    async def refusals(self, agents: Collection[str]) -> dict[str, tuple[int, int]]:
+        """Since when, wall clock in milliseconds, and how many refusals of these agents were counted, if any."""
+        if not agents:
+            return {}
+        found = await self._connection.execute(prepared.REFUSALS, {"ids": sorted(agents)})
+        return {agent: (since_ms, number) for agent, since_ms, number in found}
 
     async def mandate(self, mandate_id: str | None) -> MandateRecord | None:
         """The mandate, when there is one."""
@@ -94,6 +100,11 @@ class Lending:
         """Mandates of these agents, or by this key or sponsor, that end at `since_s` or later and are not revoked."""
         if not agents and key is None and sponsor is None:
             return ()
+        if key is None and sponsor is None:
+            mine_alone = await self._connection.execute(
+                prepared.MANDATES_OF, {"ids": sorted(agents), "since_s": since_s}
+            )  # fmt: skip
+            return tuple(MandateRecord(*row) for row in mine_alone)
         c = t.mandates.c
         mine = sa.or_(c.agent.in_(sorted(agents)), c.key == key, c.sponsor == sponsor)
         return tuple(found for found in await self._mandates(mine, c.not_after >= since_s) if not found.revoked)
@@ -130,54 +141,51 @@ class Lending:
         return tuple(Drawn(token, hop, made, end, bool(dead)) for token, hop, made, end, dead in found)
 
     async def _mandates(self, *conditions: sa.ColumnElement[bool]) -> list[MandateRecord]:
-        c = t.mandates.c
-        columns = (c.mandate_id, c.digest, c.sponsor, c.agent, c.key, c.signed_at, c.not_after, c.text)
-        found = await self._connection.execute(
-            sa.select(*columns, _revoked("mandate", c.mandate_id))
-            .where(*conditions)
-            .order_by(c.signed_at.desc(), c.mandate_id)
-        )
+        found = await self._connection.execute(prepared.MANDATES.where(*conditions))
         return [MandateRecord(*row) for row in found]
 
-    async def write(self, event: TokenIssued | TokenDelegated | MandateSigned, *, at_ms: int) -> None:
-        """Writes the hop that was made, or the mandate that was signed."""
-        mandate_id: str | None = None
-        match event:
-            case MandateSigned(mandate=made):
-                await self._connection.execute(
-                    sa.insert(t.mandates).values(
-                        mandate_id=made.mandate_id,
-                        digest=made.digest,
-                        sponsor=made.sponsor,
-                        agent=made.agent,
-                        key=made.key,
-                        signed_at=made.signed_at,
-                        not_after=made.not_after,
-                        text=made.text,
-                    )
-                )
-                return
-            case TokenIssued():
-                place, mandate_id = _Place(event.token_id, event.sponsor.subject, None, 0), event.mandate_id
-            case TokenDelegated(chain=chain):
-                place = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops))
-            case _:
-                assert_never(event)
-        hop = event.hop
+    async def sign(self, event: MandateSigned) -> None:
+        """Writes the mandate that was signed."""
+        made = event.mandate
         await self._connection.execute(
-            prepared.NEW_HOP,
-            {
-                "hop_id": hop.hop_id,
-                "token_id": place.token_id,
-                "parent": place.parent,
-                "position": place.position,
-                "agent": hop.agent,
-                "sponsor": place.sponsor,
-                "made_ms": at_ms,
-                "not_after": event.scope.not_after,
-                "mandate": mandate_id,
-            },
+            sa.insert(t.mandates).values(
+                mandate_id=made.mandate_id,
+                digest=made.digest,
+                sponsor=made.sponsor,
+                agent=made.agent,
+                key=made.key,
+                signed_at=made.signed_at,
+                not_after=made.not_after,
+                text=made.text,
+            )
         )
+
+    async def write(self, made: Iterable[TokenIssued | TokenDelegated], *, at_ms: int) -> None:
+        """Writes the hops that were made."""
+        if hops := [_row(event, at_ms) for event in made]:
+            await self._connection.execute(prepared.NEW_HOP, hops)
+
+
+def _row(event: TokenIssued | TokenDelegated, at_ms: int) -> dict[str, object]:
+    """Row of a hop."""
+    match event:
+        case TokenIssued():
+            place, mandate_id = _Place(event.token_id, event.sponsor.subject, None, 0), event.mandate_id
+        case TokenDelegated(chain=chain):
+            place, mandate_id = _Place(chain.token_id, chain.sponsor.subject, chain.leaf.hop_id, len(chain.hops)), None
+        case _:
+            assert_never(event)
+    return {
+        "hop_id": event.hop.hop_id,
+        "token_id": place.token_id,
+        "parent": place.parent,
+        "position": place.position,
+        "agent": event.hop.agent,
+        "sponsor": place.sponsor,
+        "made_ms": at_ms,
+        "not_after": event.scope.not_after,
+        "mandate": mandate_id,
+    }
 
 
 def _revoked(kind: str, column: sa.Column[str]) -> sa.ColumnElement[bool]:
@@ -186,20 +194,29 @@ def _revoked(kind: str, column: sa.Column[str]) -> sa.ColumnElement[bool]:
     return sa.select(r.id).where(r.kind == kind, r.id == column).exists()
 
 
-async def spend(connection: AsyncConnection, event: NonceConsumed, *, at_ms: int) -> None:
-    """Spends a nonce, and with it the platform's token that was shown: each counts once.
+async def spend(connection: AsyncConnection, events: Sequence[NonceConsumed], *, at_ms: int) -> None:
+    """Spends nonces, and with each the platform's token that was shown with it: all of them count once.
 
     A spent token is remembered for as long as it could be shown, and a clock's jump more.
 
     Raises:
         OnceOnlyError: one of them was spent before.
     """
-    credentials = t.spent_credentials.c
-    spent = await connection.execute(prepared.SPEND, {"nonce_": event.nonce, "purpose": event.purpose})
-    if spent.rowcount != 1:
-        raise OnceOnlyError
-    if not event.credential:
+    if not events:
         return
+    nonces = sorted(event.nonce for event in events)
+    if sorted(await connection.scalars(prepared.UNSPENT, {"ids": nonces})) != nonces:
+        raise OnceOnlyError
+    await connection.execute(
+        prepared.SPEND, [{"nonce_": event.nonce, "purpose": event.purpose} for event in events]
+    )  # fmt: skip
+    for event in events:
+        if event.credential:
+            await _spend_credential(connection, event, at_ms=at_ms)
+
+
+async def _spend_credential(connection: AsyncConnection, event: NonceConsumed, *, at_ms: int) -> None:
+    credentials = t.spent_credentials.c
     over = credentials.until_ms < at_ms - CREDENTIAL_GRACE_MS
     await connection.execute(sa.delete(t.spent_credentials).where(over))
     known = await connection.execute(sa.select(credentials.digest).where(credentials.digest == event.credential))

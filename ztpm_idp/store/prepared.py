@@ -9,20 +9,24 @@ from typing import Any, Final
 
 import sqlalchemy as sa
 
+from ztpm_idp.domain.conduct import PEERS as PEERS_MOST
+from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import rows
 from ztpm_idp.store import schema as t
 
-_KEY: Final[sa.BindParameter[Any]] = sa.bindparam("key_", type_=t.parties.c.key.type)
+_KEYS: Final[sa.BindParameter[Any]] = sa.bindparam("keys", type_=t.parties.c.key.type, expanding=True)
 _IDS: Final[sa.BindParameter[Any]] = sa.bindparam("ids", expanding=True)
 
-PARTY_OF_KEY: Final = rows.PARTY_COLUMNS.where(
+PARTIES_OF_KEYS: Final = rows.PARTY_COLUMNS.where(
     sa.or_(
-        t.parties.c.key == _KEY,
-        t.parties.c.id.in_(sa.select(t.person_keys.c.person).where(t.person_keys.c.key == _KEY)),
+        t.parties.c.key.in_(_KEYS),
+        t.parties.c.id.in_(sa.select(t.person_keys.c.person).where(t.person_keys.c.key.in_(_KEYS))),
     )
 ).order_by(t.parties.c.id)
-"""`key_`: the party whose key it is, with the columns of `rows.PARTY_COLUMNS`."""
+"""`keys`: the parties whose keys they are, with the columns of `rows.PARTY_COLUMNS`."""
+FORMER: Final = sa.select(t.person_keys.c.key, t.person_keys.c.person).where(t.person_keys.c.key.in_(_KEYS))
+"""`keys`: the people whose further keys they are or were."""
 PARTIES: Final = rows.PARTY_COLUMNS.where(
     sa.or_(t.parties.c.id.in_(_IDS), t.parties.c.id.in_(sa.select(t.agents.c.sponsor).where(t.agents.c.id.in_(_IDS))))
 ).order_by(t.parties.c.id)
@@ -36,43 +40,84 @@ SUSPENDED: Final = (
 )
 """`ids`: those of these agents that are suspended."""
 NONCES: Final = sa.select(t.nonces.c.nonce, t.nonces.c.agent, t.nonces.c.given_ms, t.nonces.c.spent_on).where(
-    t.nonces.c.agent == sa.bindparam("agent_"), t.nonces.c.given_ms >= sa.bindparam("young_ms")
+    t.nonces.c.agent.in_(_IDS), t.nonces.c.given_ms >= sa.bindparam("young_ms")
 )
-"""`agent_`, `young_ms`: the agent's nonces given since then."""
+"""`ids`, `young_ms`: nonces of these agents given since then."""
 FORGET_NONCES: Final = sa.delete(t.nonces).where(
     t.nonces.c.agent == sa.bindparam("agent_"), t.nonces.c.given_ms < sa.bindparam("old_ms")
 )
 """`agent_`, `old_ms`: the agent's nonces given before."""
-SPEND: Final = (
-    sa.update(t.nonces)
-    .where(t.nonces.c.nonce == sa.bindparam("nonce_"), t.nonces.c.spent_on.is_(None))
-    .values(spent_on=sa.bindparam("purpose"))
+UNSPENT: Final = (
+    sa.select(t.nonces.c.nonce).where(t.nonces.c.nonce.in_(_IDS), t.nonces.c.spent_on.is_(None)).with_for_update()
 )
-"""`nonce_`, `purpose`: the nonce is spent, where it was not."""
+"""`ids`: those of these nonces that are not spent, each of which nobody else spends until the transaction ends."""
+SPEND: Final = (
+    sa.update(t.nonces).where(t.nonces.c.nonce == sa.bindparam("nonce_")).values(spent_on=sa.bindparam("purpose"))
+)
+"""`nonce_`, `purpose`: the nonce is spent."""
 CONDUCT: Final = sa.select(t.conduct.c.agent, t.conduct.c.trust, t.conduct.c.behaviour, t.conduct.c.restored_at).where(
     t.conduct.c.agent.in_(_IDS)
 )
 """`ids`: conduct of these agents."""
-STANDING: Final = sa.select(t.conduct.c.standing, t.conduct.c.version).where(
-    t.conduct.c.agent == sa.bindparam("agent_")
+STANDING: Final = sa.select(t.conduct.c.agent, t.conduct.c.standing, t.conduct.c.version).where(
+    t.conduct.c.agent.in_(_IDS)
 )  # fmt: skip
-"""`agent_`: what was published of it."""
-EDGES: Final = sa.select(t.edges.c.delegator, t.edges.c.score_permille).where(
-    t.edges.c.delegate == sa.bindparam("agent_")
+"""`ids`: what was published of these agents."""
+CHANGE_CONDUCT: Final = (
+    sa.update(t.conduct)
+    .where(t.conduct.c.agent == sa.bindparam("agent_"))
+    .values({name: sa.bindparam(name) for name in ("trust", "behaviour", "restored_at", "standing", "version")})
+)
+"""`agent_` and the columns: its conduct from now on."""
+EDGES: Final = sa.select(t.edges.c.delegate, t.edges.c.delegator, t.edges.c.score_permille).where(
+    t.edges.c.delegate.in_(_IDS)
 )  # fmt: skip
-"""`agent_`: its edges."""
-REFUSALS: Final = sa.select(t.refusals.c.since_ms, t.refusals.c.number).where(
-    t.refusals.c.agent == sa.bindparam("agent_")
+"""`ids`: edges of these agents."""
+_OWN, _OTHER = t.agents.alias("own"), t.agents.alias("other")
+PEERS: Final = (
+    sa.select(t.conduct.c.agent, t.conduct.c.behaviour)
+    .select_from(
+        _OWN.join(_OTHER, sa.and_(_OTHER.c.sponsor == _OWN.c.sponsor, _OTHER.c.role == _OWN.c.role))
+        .join(t.conduct, t.conduct.c.agent == _OTHER.c.id)
+        .join(t.parties, t.parties.c.id == _OTHER.c.id)
+    )
+    .where(
+        _OWN.c.id == sa.bindparam("agent_"),
+        _OTHER.c.id != sa.bindparam("agent_"),
+        t.parties.c.standing != Standing.REVOKED.value,
+    )
+    .order_by(_OTHER.c.id)  # as the index over sponsor and role is, so that the first few are found without the rest
+    .limit(PEERS_MOST)
+)
+"""`agent_`: behaviour of some other living agents of the same sponsor and role, by id."""
+REFUSALS: Final = sa.select(t.refusals.c.agent, t.refusals.c.since_ms, t.refusals.c.number).where(
+    t.refusals.c.agent.in_(_IDS)
 )  # fmt: skip
-"""`agent_`: its refusals of late."""
-FIRST_HOP: Final = sa.select(
-    t.hops.c.hop_id, t.hops.c.token_id, t.hops.c.parent, t.hops.c.agent, t.hops.c.sponsor
-).where(t.hops.c.token_id == sa.bindparam("token"), t.hops.c.parent.is_(None))
-"""`token`: the first hop of a token."""
-REVOKED_AT: Final = sa.select(t.revocations.c.epoch).where(
-    t.revocations.c.kind == sa.bindparam("kind_"), t.revocations.c.id == sa.bindparam("id_")
-)  # fmt: skip
-"""`kind_`, `id_`: the epoch at which it was revoked."""
+"""`ids`: refusals of these agents of late."""
+HOPS: Final = sa.select(t.hops.c.hop_id, t.hops.c.token_id, t.hops.c.parent, t.hops.c.agent, t.hops.c.sponsor)
+FIRST_HOPS: Final = HOPS.where(t.hops.c.token_id.in_(_IDS), t.hops.c.parent.is_(None))
+"""`ids`: the first hops of these tokens."""
+_OF_KIND: Final = sa.or_(
+    *(
+        sa.and_(t.revocations.c.kind == kind.value, t.revocations.c.id.in_(sa.bindparam(kind.value, expanding=True)))
+        for kind in RevocationKind
+    )
+)
+"""Kind by kind, as the index of the table is."""
+AMONG: Final = sa.select(t.revocations.c.kind, t.revocations.c.id, t.revocations.c.epoch).where(_OF_KIND)
+"""A list of ids under the name of every kind: those that are revoked, with their epochs."""
+_MANDATE_REVOKED: Final = (
+    sa.select(t.revocations.c.id)
+    .where(t.revocations.c.kind == RevocationKind.MANDATE.value, t.revocations.c.id == t.mandates.c.mandate_id)
+    .exists()
+)
+_M: Final = t.mandates.c
+MANDATES: Final = sa.select(
+    _M.mandate_id, _M.digest, _M.sponsor, _M.agent, _M.key, _M.signed_at, _M.not_after, _M.text, _MANDATE_REVOKED
+).order_by(_M.signed_at.desc(), _M.mandate_id)
+"""Mandates, the newest first, each with whether it is revoked."""
+MANDATES_OF: Final = MANDATES.where(_M.agent.in_(_IDS), _M.not_after >= sa.bindparam("since_s"), ~_MANDATE_REVOKED)
+"""`ids`, `since_s`: mandates of these agents that end then or later and are not revoked, with the same columns."""
 NEW_NONCE, NEW_HOP, NEW_CONDUCT, NEW_REVOCATION, NEW_ENTRY = (
     sa.insert(table) for table in (t.nonces, t.hops, t.conduct, t.revocations, t.ledger)
 )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import defaultdict
 from typing import TYPE_CHECKING, TypeVar
 
 import sqlalchemy as sa
@@ -14,7 +13,7 @@ from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -63,34 +62,27 @@ class Revocations:
             head = next_head(head, epoch, kind, id_)
         return head
 
-    async def epoch_of(self, what: tuple[str, str] | None) -> int | None:
-        """The epoch at which this (kind, id) was revoked, or None."""
-        if what is None:
-            return None
-        found: int | None = await self._connection.scalar(prepared.REVOKED_AT, {"kind_": what[0], "id_": what[1]})
-        return found
-
-    async def among(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
-        """Those of these (kind, id) that are revoked."""
-        c, by_kind, found = t.revocations.c, defaultdict[str, list[str]](list), set[tuple[str, str]]()
-        for batch in batches(sorted(names)):
-            by_kind.clear()
+    async def among(self, names: Iterable[tuple[str, str]]) -> dict[tuple[str, str], int]:
+        """Those of these (kind, id) that are revoked, with their epochs."""
+        found = dict[tuple[str, str], int]()
+        for batch in batches(sorted(set(names))):
+            ids: dict[str, list[str]] = {kind.value: [] for kind in RevocationKind}
             for kind, id_ in batch:
-                by_kind[kind].append(id_)
-            # Kind by kind, as the index of the table is.
-            these = sa.or_(*(sa.and_(c.kind == kind, c.id.in_(ids)) for kind, ids in by_kind.items()))
-            found |= {(kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id).where(these))}
-        return frozenset(found)
+                ids[kind].append(id_)
+            for kind, id_, epoch in await self._connection.execute(prepared.AMONG, ids):
+                found[kind, id_] = epoch
+        return found
 
     async def every(self) -> frozenset[tuple[str, str]]:
         """Every (kind, id) that is revoked."""
         c = t.revocations.c
         return frozenset((kind, id_) for kind, id_ in await self._connection.execute(sa.select(c.kind, c.id)))
 
-    async def write(self, events: list[Revoked], by: str, at_ms: int) -> None:
-        """Writes revocations to the index, in this order, and ends the parties that end by them."""
-        if not events:
+    async def write(self, made: Sequence[tuple[str, Revoked]], at_ms: int) -> None:
+        """Writes revocations, each with its actor, to the index in this order; ends the parties that end by them."""
+        if not made:
             return
+        events = [event for _, event in made]
         # The epochs are taken from the locked row inside this transaction: they become visible in their own order.
         counters = await self._counting.locked()
         before, head = counters.epoch, counters.revocation_head
@@ -99,7 +91,7 @@ class Revocations:
         await self._counting.change(epoch=before + len(events), revocation_head=head)
         index: list[dict[str, object]] = [
             {"epoch": epoch, "kind": e.kind.value, "id": e.id, "by": by, "reason": e.reason, "at_ms": at_ms}
-            for epoch, e in enumerate(events, start=before + 1)
+            for epoch, (by, e) in enumerate(made, start=before + 1)
         ]
         for batch in batches(index):
             await self._connection.execute(prepared.NEW_REVOCATION, batch)

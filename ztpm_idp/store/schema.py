@@ -107,6 +107,7 @@ agents = sa.Table(
     sa.Column("workload", sa.String(256), nullable=True),
     sa.Column("suspended_ms", sa.BigInteger, nullable=True),
     sa.Column("held", sa.Boolean, nullable=False, server_default=sa.false()),
+    sa.Index("ix_agents_sponsor", "sponsor", "role", "id"),
 )
 
 peps = sa.Table(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, assert_never
+from typing import TYPE_CHECKING, NamedTuple, assert_never
 
 import sqlalchemy as sa
 
@@ -66,7 +66,7 @@ from ztpm_idp.store.revocations import batches
 from ztpm_idp.store.view import View
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from ztpm_idp.domain.events import Event
 
@@ -74,45 +74,92 @@ NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
 
 
+class Made(NamedTuple):
+    """Event of one command.
+
+    Attributes:
+        event: as it was decided.
+        actor: for the ledger.
+        trace_id: of the request that brought it about; None of none.
+    """
+
+    event: Event
+    actor: str
+    trace_id: str | None
+
+
 class Transaction(View):
-    """Reads and writes of one command. Made by `Store`; commits when its block ends, rolls back when it raises."""
+    """Reads and writes of one command, or of several. Made by `Store`.
+
+    It commits when its block ends, and rolls back when it raises.
+
+    Attributes:
+        unused: of each proof with which it was opened, whether it was unused.
+    """
+
+    unused: Sequence[bool] = ()
 
     async def append(self, events: Iterable[Event], *, actor: str, at_ms: int, trace_id: str | None = None) -> int:
-        """The events are in their tables and in the ledger; the highest epoch given, or the epoch as it was.
+        """The events are in their tables and in the ledger; see `append_each`."""
+        return await self.append_each([Made(event, actor, trace_id) for event in events], at_ms=at_ms)
+
+    async def append_each(self, made: Sequence[Made], *, at_ms: int) -> int:
+        """The events are in their tables and in the ledger, in this order.
+
+        Returns the highest epoch given, or the epoch as it was.
 
         Args:
-            events: in order.
-            actor: for the ledger.
+            made: events in order.
             at_ms: now.
-            trace_id: of the request that brought them about.
 
         Raises:
             LocksTooFewError: they change more than this transaction has locked.
             OnceOnlyError: something that happens once has happened in another transaction.
         """
-        events, counting = tuple(events), self._counting
-        if self._locks is not None and not self._locks.cover(events):
+        counting = self._counting
+        if self._locks is not None and not self._locks.cover(each.event for each in made):
             raise LocksTooFewError
-        for event in events:
-            await self._write(event, actor, at_ms)
+        for each in made:
+            await self._write(each.event, each.actor, at_ms)
+        await self._write_alike([each.event for each in made], at_ms)
         # From here on others wait: entries are numbered and chained in the order of commits.
-        await self.revocations.write([event for event in events if isinstance(event, Revoked)], actor, at_ms)
+        revoked = [(each.actor, each.event) for each in made if isinstance(each.event, Revoked)]
+        await self.revocations.write(revoked, at_ms)
         counters, lines = await counting.locked(), list[dict[str, object]]()
         size, head = counters.ledger_size, counters.ledger_head
-        for event in events:
-            kept = entry_of(event)
+        for each in made:
+            kept = entry_of(each.event)
             if kept is None:
                 continue
-            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=actor, kind=kept[0], body=traced(*kept, trace_id))
+            body = traced(*kept, each.trace_id)
+            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=each.actor, kind=kept[0], body=body)
             lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
         for batch in batches(lines):
             await self._connection.execute(prepared.NEW_ENTRY, batch)
         await counting.change(ledger_size=size, ledger_head=head)
         after = await counting.write()
-        if self._locks is not None and any(isinstance(event, Revoked) for event in events):
+        if self._locks is not None and revoked:
             await postgres.tell_epoch(self._connection, after.epoch)
         return after.epoch
+
+    async def _write_alike(self, events: list[Event], at_ms: int) -> None:
+        """Events that come most often are written kind by kind, each kind in its order."""
+        await spend(self._connection, [event for event in events if isinstance(event, NonceConsumed)], at_ms=at_ms)
+        await self._give([event for event in events if isinstance(event, NonceGiven)], at_ms)
+        await self.lending.write(
+            (event for event in events if isinstance(event, TokenIssued | TokenDelegated)), at_ms=at_ms
+        )
+        await self.conduct.observe([event for event in events if isinstance(event, ConductObserved)])
+
+    async def _give(self, events: list[NonceGiven], at_ms: int) -> None:
+        if not events:
+            return
+        # Their own alone: another agent's are in nobody's way.
+        old = [{"agent_": event.agent, "old_ms": at_ms - NONCE_MEMORY_MS} for event in events]
+        await self._connection.execute(prepared.FORGET_NONCES, old)
+        given = [{"nonce": event.nonce, "agent": event.agent, "given_ms": event.given_ms} for event in events]
+        await self._connection.execute(prepared.NEW_NONCE, given)
 
     async def _write(self, event: Event, actor: str, at_ms: int) -> None:
         if isinstance(event, SessionEvent):
@@ -154,35 +201,27 @@ class Transaction(View):
                     sa.update(t.agents).where(t.agents.c.id == agent).values(suspended_ms=since_ms)
                 )
                 await self._registry_changed()
-            case NonceGiven():
-                # Its own alone: another agent's are in nobody's way.
-                old = {"agent_": event.agent, "old_ms": at_ms - NONCE_MEMORY_MS}
-                await self._connection.execute(prepared.FORGET_NONCES, old)
-                given = {"nonce": event.nonce, "agent": event.agent, "given_ms": event.given_ms}
-                await self._connection.execute(prepared.NEW_NONCE, given)
-            case NonceConsumed():
-                await spend(self._connection, event, at_ms=at_ms)
             case AgentAttested(agent=agent):
                 await self._stand(agent, Standing.ACTIVE)
                 await self._connection.execute(
                     sa.update(t.agents).where(t.agents.c.id == agent).values(attested_ms=at_ms)
                 )
-            case TokenIssued() | TokenDelegated() | MandateSigned():
-                await self.lending.write(event, at_ms=at_ms)
+            case MandateSigned():
+                await self.lending.sign(event)
             case RefusalCounted(agent=agent, since_ms=since_ms, number=number):
                 await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))
                 counted = sa.insert(t.refusals).values(agent=agent, since_ms=since_ms, number=number)
                 await self._connection.execute(counted)
             case DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
                 pass  # the ledger entry is all there is
-            case Revoked():
-                pass  # all of them at once, before
+            case NonceConsumed() | NonceGiven() | TokenIssued() | TokenDelegated() | ConductObserved() | Revoked():
+                pass  # all of a kind at once
             case RecordTaken(pep=pep, seq=seq, digest=digest):
                 await self._connection.execute(sa.insert(t.records).values(pep=pep, seq=seq, hash=digest))
                 await self._connection.execute(
                     sa.update(t.peps).where(t.peps.c.id == pep).values(journal_seq=seq, journal_head=digest)
                 )  # fmt: skip
-            case PermitOpened() | PermitConcluded() | ConductObserved() | AgentRestored():
+            case PermitOpened() | PermitConcluded() | AgentRestored():
                 await self.conduct.write(event)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)

@@ -13,7 +13,9 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.locks import WHOLE, Locks, party
 from ztpm_idp.domain.parties import (
     Party,
+    RegisteredAgent,
     RegisteredPep,
+    RegisteredPerson,
     Standing,
 )
 from ztpm_idp.domain.state import Journal, Nonce, State
@@ -38,6 +40,8 @@ from ztpm_idp.store.revocations import Revocations, batches
 from ztpm_idp.store.upkeep import Upkeep
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from ztpm_idp.domain.state import Wanted
@@ -94,15 +98,16 @@ class View:
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
         served = openings_of or wanted.envelopes_of
         counters, owners = await self.counters(), await self._owners(wanted.thumbprints, parties)
+        indexed = {} if wanted.revocation is None else await self.revocations.among((wanted.revocation,))
         crowd, crowd_of_all = await counts.count(self._connection, wanted.crowd)
         return State(
             parties=parties,
             key_owners=await self._key_owners(wanted.keys | {device.key for device in waiting}),
-            nonces=await self._nonces(wanted.nonces_of, young_ms),
+            nonces=(await self._nonces(_those(wanted.nonces_of), young_ms)).get(wanted.nonces_of or "", {}),
             hops=await self.lending.hops(wanted),
             owner_of_thumbprint=await self._owner_of(wanted.thumbprint, parties),
             journal=await self._journal(wanted),
-            revoked_at_epoch=await self.revocations.epoch_of(wanted.revocation),
+            revoked_at_epoch=None if wanted.revocation is None else indexed.get(wanted.revocation),
             crowd=crowd,
             crowd_of_all=crowd_of_all,
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
@@ -126,7 +131,7 @@ class View:
             open_changes=await self.people.open_changes(at_ms=young_ms) if wanted.people else (),
             change=change,
             held=held,
-            refusals=await self.lending.refusals(wanted.refusals_of),
+            refusals=(await self.lending.refusals(_those(wanted.refusals_of))).get(wanted.refusals_of or "", (0, 0)),
             line=counters.revocation_line,
             restoring=counters.restoring,
             points=await self._points() if wanted.points or counters.restoring else (),
@@ -146,14 +151,59 @@ class View:
             tokens_from=await self.lending.tokens_from(wanted.tokens_from, since_s=since_s),
         )
 
+    async def load_each(self, wanted: Sequence[Wanted], *, young_ms: int) -> list[State]:
+        """The state of each of several commands of `domain.joint`, which want no more than such commands do.
+
+        Args: as of `load`.
+        """
+        every = frozenset[str]()
+        conduct_of = every.union(*(one.conduct_of for one in wanted))
+        parties = await self._parties(every.union(*(one.parties for one in wanted)))
+        nonces = await self._nonces(_those(*(one.nonces_of for one in wanted)), young_ms)
+        refusals = await self.lending.refusals(_those(*(one.refusals_of for one in wanted)))
+        first = await self.lending.first_hops(_those(*(one.token for one in wanted)))
+        held = await self.conduct.held(conduct_of, {}, {})
+        mandates = await self.lending.mandates(since_s=young_ms // 1_000, agents=conduct_of, key=None, sponsor=None)
+        named = frozenset[tuple[str, str]]().union(*(one.revocations_of for one in wanted))
+        asked = (one.revocation for one in wanted if one.revocation is not None)
+        indexed = await self.revocations.among(named.union(asked))
+        dead, counters = named & indexed.keys() | await self._suspended(named), await self.counters()
+        return [
+            State(
+                parties=_of(parties, one.parties),
+                nonces=nonces.get(one.nonces_of or "", {}),
+                hops=first.get(one.token or "", {}) if one.hop is None else await self.lending.hops(one),
+                revoked_at_epoch=None if one.revocation is None else indexed.get(one.revocation),
+                revoked=dead & one.revocations_of,
+                epoch=counters.epoch,
+                held=held.of(one.conduct_of),
+                refusals=refusals.get(one.refusals_of or "", (0, 0)),
+                line=counters.revocation_line,
+                restoring=counters.restoring,
+                mandates=tuple(mandate for mandate in mandates if mandate.agent in one.conduct_of),
+            )
+            for one in wanted
+        ]
+
     async def counters(self) -> Counters:
         """The counters, with this transaction's own changes."""
         return await self._counting.now()
 
     async def party_of_key(self, key: bytes) -> Party | None:
         """Party that owns a key, ended or not."""
-        found = rows.parties(await self._connection.execute(prepared.PARTY_OF_KEY, {"key_": key}))
-        return found[0] if found else None
+        return (await self.parties_of_keys([key]))[0]
+
+    async def parties_of_keys(self, keys: Sequence[bytes]) -> list[Party | None]:
+        """Party that owns each key, ended or not."""
+        wanted = {"keys": sorted(set(keys))}
+        found = {
+            party.id: party for party in rows.parties(await self._connection.execute(prepared.PARTIES_OF_KEYS, wanted))
+        }
+        owners = {party.key: party for party in found.values()}
+        if any(isinstance(party, RegisteredPerson) for party in found.values()):
+            for key, person in await self._connection.execute(prepared.FORMER, wanted):
+                owners.setdefault(bytes(key), found[person])
+        return [owners.get(key) for key in keys]
 
     async def party(self, id_: str) -> Party | None:
         """Party of this id, ended or not."""
@@ -224,9 +274,15 @@ class View:
         """Those of these (kind, id) by which a token is dead now."""
         if not names:
             return frozenset()
-        agents = {id_ for kind, id_ in names if kind == RevocationKind.AGENT.value}
-        suspended = await self._connection.scalars(prepared.SUSPENDED, {"ids": sorted(agents)})
-        return await self.revocations.among(names) | {(RevocationKind.AGENT.value, agent) for agent in suspended}
+        return names & (await self.revocations.among(names)).keys() | await self._suspended(names)
+
+    async def _suspended(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+        """Agents among these (kind, id) that are suspended, in the same form."""
+        agents = sorted(id_ for kind, id_ in names if kind == RevocationKind.AGENT.value)
+        if not agents:
+            return frozenset()
+        found = await self._connection.scalars(prepared.SUSPENDED, {"ids": agents})
+        return frozenset((RevocationKind.AGENT.value, agent) for agent in found)
 
     async def _scalar(self, query: sa.Select[Any]) -> Any:
         return (await self._connection.execute(query)).scalar_one_or_none()
@@ -253,13 +309,15 @@ class View:
         more = await self.upkeep.former_owners(keys) | await self.oauth.key_owners(keys)
         return now | more | await self.devices.owners(keys)
 
-    async def _nonces(self, agent: str | None, young_ms: int) -> dict[str, Nonce]:
-        if agent is None:
+    async def _nonces(self, agents: list[str], young_ms: int) -> dict[str, dict[str, Nonce]]:
+        """Nonces of these agents given since then, by agent and nonce."""
+        if not agents:
             return {}
-        found = await self._connection.execute(prepared.NONCES, {"agent_": agent, "young_ms": young_ms})
-        return {
-            nonce: Nonce(nonce, owner, given_ms, spent_on is not None) for nonce, owner, given_ms, spent_on in found
-        }
+        found: dict[str, dict[str, Nonce]] = {agent: {} for agent in agents}
+        given = await self._connection.execute(prepared.NONCES, {"ids": agents, "young_ms": young_ms})
+        for nonce, owner, given_ms, spent_on in given:
+            found[owner][nonce] = Nonce(nonce, owner, given_ms, spent_on is not None)
+        return found
 
     async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
         if thumbprint is None:
@@ -309,3 +367,15 @@ class View:
             return
         await postgres.take(self._connection, Locks(frozenset(), more - self._locks.alone))
         self._locks = self._locks.with_alone(more)
+
+
+def _those(*names: str | None) -> list[str]:
+    """The names, each once, in order."""
+    return sorted({name for name in names if name is not None})
+
+
+def _of(parties: Mapping[str, Party], ids: frozenset[str]) -> dict[str, Party]:
+    """These of the parties, with the sponsors of agents among them."""
+    found = {id_: parties[id_] for id_ in ids if id_ in parties}
+    sponsors = {party.sponsor for party in found.values() if isinstance(party, RegisteredAgent)}
+    return found | {id_: parties[id_] for id_ in sponsors if id_ in parties}

@@ -52,6 +52,10 @@ LISTEN_AGAIN_S: Final = 1.0
 """Seconds after which a listener that lost its connection tries again; until then the pulls find out."""
 AGAIN: Final = frozenset({"40001", "40P01"})
 """SQLSTATEs of a transaction that another one was in the way of: serialization failure, deadlock."""
+_TAKE: Final = sa.text(
+    "SELECT CASE WHEN alone THEN pg_advisory_xact_lock(number) ELSE pg_advisory_xact_lock_shared(number) END "
+    "FROM unnest(CAST(:numbers AS bigint[]), CAST(:alone AS boolean[])) AS lock (number, alone)"
+)
 _DURABLE: Final = {
     "fsync": {"on"},
     "full_page_writes": {"on"},
@@ -119,18 +123,18 @@ async def without_limits(connection: AsyncConnection) -> None:
 async def take(connection: AsyncConnection, locks: Locks) -> None:
     """The locks are held until the transaction ends; what is read after that is the newest.
 
-    All take them in one order, in one statement: functions of a list are called from left to right.
+    All take them in one order, in one statement: a list's elements are taken from the first to the last.
     """
-    alone, shared = sa.func.pg_advisory_xact_lock, sa.func.pg_advisory_xact_lock_shared
-    calls = ((alone if lock in locks.alone else shared)(_number(lock)) for lock in sorted(locks.shared | locks.alone))
-    await connection.execute(sa.select(*calls))
+    every = sorted(locks.shared | locks.alone)
+    await connection.execute(
+        _TAKE, {"numbers": [_number(each) for each in every], "alone": [each in locks.alone for each in every]}
+    )
 
 
-def _number(lock: Lock) -> sa.BindParameter[int]:
+def _number(lock: Lock) -> int:
     """The lock's number, as PostgreSQL names advisory locks. Two with one number would only wait for each other."""
     named = f"{lock.part.value} {lock.id}".encode()
-    number = int.from_bytes(hashlib.sha256(named).digest()[:8], "big", signed=True)
-    return sa.bindparam(None, number, sa.BigInteger)
+    return int.from_bytes(hashlib.sha256(named).digest()[:8], "big", signed=True)
 
 
 async def tell_epoch(connection: AsyncConnection, epoch: int) -> None:

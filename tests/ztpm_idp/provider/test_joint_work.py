@@ -1,0 +1,158 @@
+"""Commands that wait at once share one transaction, and each of them is answered as if it had come alone."""
+
+import asyncio
+import secrets
+
+import httpx2
+import pytest
+import rfc8785
+import sqlalchemy as sa
+from capabilities.proof.proof import prove
+from tests.ztpm_idp.world import ISSUER
+from ztpm_idp.client import issue_request
+
+from ztpm_idp.store import OnceOnlyError, StoreUnavailableError
+from ztpm_idp.store import schema as t
+from ztpm_idp.store.transaction import Transaction
+
+AGENTS = tuple(f"agent-{n}" for n in range(6))
+
+
+def request_of(world, name, path, body):
+    raw, jti = rfc8785.dumps(body), secrets.token_urlsafe(18)
+    proof = prove(
+        world.private[name], method="POST", url=ISSUER + path, body=raw, token=None, at=int(world.clock()), jti=jti
+    )
+    return ISSUER + path, raw, {"dpop": proof}
+
+
+def at_once(world, requests):
+    """The answers to requests that all wait before the first of them is done."""
+
+    async def asked():
+        async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=world.app)) as http:
+            sent = [http.post(url, content=raw, headers=headers) for url, raw, headers in requests]
+            return await asyncio.gather(*sent)
+
+    return world.on_loop(asked())
+
+
+def answers_of(world, requests):
+    """Status, or code of the refusal, of each; and the number of commits that it took."""
+    commits = []
+    engine, counted = world.provider.store._engine.sync_engine, commits.append
+    sa.event.listen(engine, "commit", counted)
+    try:
+        answers = at_once(world, requests)
+    finally:
+        sa.event.remove(engine, "commit", counted)
+    return [a.status_code if a.is_success else a.json()["code"] for a in answers], len(commits)
+
+
+def number(world, table):
+    async def counted():
+        async with world.provider.store.read() as view:
+            return await view._scalar(sa.select(sa.func.count()).select_from(table))
+
+    return world.on_loop(counted())
+
+
+@pytest.fixture
+def issues(world):
+    """One request to lend for each of the agents, each by the same sponsor."""
+    requests = []
+    for name in AGENTS:
+        agent = world.agent(name)
+        request = issue_request(name, world.scope(), purpose="x")
+        body = {"request": request, "evidence": agent.evidence("alice", request)}
+        requests.append(request_of(world, "alice", "/tokens", body))
+    return requests
+
+
+def test_they_share_commits(world, issues):
+    entries, hops = number(world, t.ledger), number(world, t.hops)
+    told, commits = answers_of(world, issues)
+    assert told == [201] * 6
+    assert commits < 6
+    assert (number(world, t.ledger), number(world, t.hops)) == (entries + 6, hops + 6)
+    assert answers_of(world, issues)[0] == ["REPLAYED"] * 6
+    assert number(world, t.hops) == hops + 6
+
+
+def test_the_refusal_of_one_is_no_other_ones(world, issues):
+    refused = issue_request(AGENTS[2], world.scope(), purpose="y")
+    issues[2] = request_of(world, "alice", "/tokens", {"request": refused, "evidence": "x.y.z"})
+    issues[4] = issues[3]  # the very same bytes twice
+    told, commits = answers_of(world, issues)
+    assert told[:3] == [201, 201, "ATTESTATION_INVALID"]
+    assert ({*told[3:5]}, told[5]) == ({201, "REPLAYED"}, 201)
+    assert commits < 6
+    assert answers_of(world, issues[2:3])[0] == ["REPLAYED"]
+
+
+def test_an_error_of_ours_is_its_commands_alone(world, issues, monkeypatch):
+    make_token = type(world.provider)._make_token
+
+    def over(self, command, events):
+        if command.agent == AGENTS[1]:
+            raise ZeroDivisionError
+        return make_token(self, command, events)
+
+    hops = number(world, t.hops)
+    with monkeypatch.context() as patched:
+        patched.setattr(type(world.provider), "_make_token", over)
+        assert answers_of(world, issues)[0] == [201, "INTERNAL", 201, 201, 201, 201]
+    assert number(world, t.hops) == hops + 5
+
+
+def test_where_several_cannot_be_done_together_each_is_done_alone(world, issues, monkeypatch):
+    append_each, tried = Transaction.append_each, []
+
+    async def one_at_most(self, made, *, at_ms):
+        tried.append(len(made))
+        if len(made) > 2:  # a nonce and a token of each
+            raise OnceOnlyError
+        return await append_each(self, made, at_ms=at_ms)
+
+    hops = number(world, t.hops)
+    with monkeypatch.context() as patched:
+        patched.setattr(Transaction, "append_each", one_at_most)
+        assert answers_of(world, issues)[0] == [201] * 6
+    assert max(tried) > 2 and tried.count(2) == 6
+    assert number(world, t.hops) == hops + 6
+
+
+def test_a_store_that_fails_is_told_to_all(world, issues, monkeypatch):
+    append_each = Transaction.append_each
+
+    async def fails(self, made, *, at_ms):
+        await append_each(self, made, at_ms=at_ms)
+        raise StoreUnavailableError
+
+    before = {table: number(world, table) for table in (t.ledger, t.hops)}
+    with monkeypatch.context() as patched:
+        patched.setattr(Transaction, "append_each", fails)
+        assert answers_of(world, issues)[0] == ["STORE_UNAVAILABLE"] * 6
+    assert before == {table: number(world, table) for table in before}
+    assert answers_of(world, issues)[0] == ["REPLAYED"] * 6  # used up, by itself, before its answer left
+
+
+def test_revocations_at_once_have_epochs_in_one_order(world):
+    ids = [f"{n:032x}" for n in range(5)]
+    requests = [
+        request_of(world, "dan", "/revocations", {"kind": "hop", "id": id_, "reason": "x"}) for id_ in (*ids, ids[0])
+    ]
+    answers = at_once(world, requests)
+    index = world.people["alice"]
+    assert all(answer.is_success for answer in answers), [answer.text for answer in answers]
+    assert number(world, t.revocations) == 5
+    assert {answer.json()["known"] for answer in answers} == {False}
+    epochs = [answer.json()["epoch"] for answer in answers]
+    assert sorted(epochs[:5]) == [1, 2, 3, 4, 5] and epochs[5] >= epochs[0]
+    assert index.revoke("hop", "a" * 32, "x") == 6
+
+
+def test_a_suspended_agent_is_refused_beside_others(world, issues):
+    world.people["dan"].suspend_agent(AGENTS[0], "x")
+    told, _ = answers_of(world, issues)
+    assert told == ["AGENT_SUSPENDED", *[201] * 5]
