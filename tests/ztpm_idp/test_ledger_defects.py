@@ -99,7 +99,8 @@ def test_refusals_have_a_budget_that_costs_trust(lent):
     before, size = score(lent), len(entries(lent))
     assert attempt(lent, slip) == "REFUSALS_SPENT"
     assert score(lent) < before
-    assert kinds(lent, "refusals-spent") == [{"agent": "planner", "number": BUDGET, "window_s": WINDOW_MS // 1_000}]
+    (spent,) = kinds(lent, "refusals-spent")
+    assert (spent["agent"], spent["number"], spent["window_s"]) == ("planner", BUDGET, WINDOW_MS // 1_000)
     spent = score(lent)
     for _ in range(10):
         assert attempt(lent, slip) == "REFUSALS_SPENT"

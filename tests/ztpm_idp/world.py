@@ -104,7 +104,6 @@ LATEST_COLUMNS = (
     ("peps", "suspended_ms"),
     ("sensors", "suspended_ms"),
     ("tools", "suspended_ms"),
-    ("asks", "trace_id"),
 )
 """Columns that no database of an earlier release has."""
 
@@ -140,6 +139,8 @@ def drop_latest_columns(base) -> None:
         base.execute("DROP INDEX ix_person_keys_credential")
         for table in ("person_keys", "changes"):
             base.execute(f"ALTER TABLE {table} DROP COLUMN credential")
+    if base.execute("SELECT 1 FROM sqlite_master WHERE name = 'asks'").fetchone():
+        base.execute("ALTER TABLE asks DROP COLUMN trace_id")
     base.execute("ALTER TABLE counters ADD COLUMN beats BIGINT NOT NULL DEFAULT 0")
     base.execute("DROP INDEX IF EXISTS ix_agents_sponsor")
     base.execute("DROP INDEX ix_hops_mandate")
