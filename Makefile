@@ -101,5 +101,11 @@ approval-mutants:  ## D3: 500 changes of what was approved, and names that decei
 approval-storm:  ## D4: 10,000 asks by 20 agents in an hour; the figure last
 	$(RUN) python -m tests.pep.people.campaign storm
 
+routes:  ## every route of the identity provider against each kind of caller who must not be let in; cells and unexpected ones last
+	$(RUN) python -m tests.ztpm_idp.hostile.matrix
+
+store-errors:  ## every call of the store failing once under each command of the identity provider, on both databases; the figures last
+	$(RUN) python -m tests.ztpm_idp.hostile.faults
+
 hostile-api:  ## right and wrong requests of the whole API's description, from twelve roles, on both databases; requests and failures last
 	$(RUN) python -m tests.ztpm_idp.hostile

@@ -98,6 +98,8 @@ _PARTS: Final = (
     devices,
 )
 """Modules of the routes."""
+UNAVAILABLE_AGAIN_S: Final = 5
+"""Seconds to a new try where the store or a signer failed: as long as SQLite waits for another process's write."""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
 
@@ -250,18 +252,25 @@ async def _page_problem(request: Request, error: Exception) -> Response:
 async def _unavailable(request: Request, error: Exception) -> Response:
     cause = error.__cause__
     logger.error("the store failed: %s", type(cause).__name__)
-    request.state.code = IdpCode.STORE_UNAVAILABLE.value
-    if _of_clients(request):
-        return await _oauth_problem(
-            request, of_refusal(IdpCode.STORE_UNAVAILABLE, "nothing was done, as far as is known")
-        )
-    return answer(IdpCode.STORE_UNAVAILABLE)
+    return await _not_now(request, IdpCode.STORE_UNAVAILABLE)
 
 
 async def _unsigned(request: Request, error: Exception) -> Response:
-    request.state.code = IdpCode.SIGNER_UNAVAILABLE.value
     logger.error("a key does not sign: %s", error)
-    return answer(IdpCode.SIGNER_UNAVAILABLE)
+    return await _not_now(request, IdpCode.SIGNER_UNAVAILABLE)
+
+
+async def _not_now(request: Request, code: IdpCode) -> Response:
+    """The refusal of something that is missing for the moment, in the form of the endpoint."""
+    request.state.code = code.value
+    if _of_clients(request):
+        return await _oauth_problem(
+            request, of_refusal(code, "nothing was done, as far as is known", again_s=UNAVAILABLE_AGAIN_S)
+        )
+    route = request.scope.get("route")
+    if isinstance(route, APIRoute) and not route.include_in_schema:
+        return problem_page(PageProblem(code, again_s=UNAVAILABLE_AGAIN_S))
+    return answer(code, again_s=UNAVAILABLE_AGAIN_S)
 
 
 async def _http(request: Request, error: Exception) -> Response:

@@ -54,6 +54,7 @@ OF_CODE: Final[dict[Code, OAuthError]] = {
     IdpCode.QUERY_MALFORMED: OAuthError.INVALID_REQUEST,
     IdpCode.BODY_TOO_LARGE: OAuthError.INVALID_REQUEST,
     IdpCode.STORE_UNAVAILABLE: OAuthError.TEMPORARILY_UNAVAILABLE,
+    IdpCode.SIGNER_UNAVAILABLE: OAuthError.TEMPORARILY_UNAVAILABLE,
     IdpCode.RATE_EXCEEDED: OAuthError.TEMPORARILY_UNAVAILABLE,
 }
 """Error of each reason code; of any other that a grant is refused for, `invalid_grant`."""

@@ -79,7 +79,7 @@ class Trial:
 
     def __init__(self, scene: Scene, row: dict[str, str]) -> None:
         self.scene, self.world, self.row = scene, scene.world, row
-        self.method, self.path = row["at"].split(" ")
+        self.method, self.path = row["at"].split(" ")[:2]
         self.asked = scene.asked(row["at"])
         self.right = row["right"].split(" ")[0]
         self.proof = ""
@@ -146,7 +146,8 @@ class Trial:
         held = [("authorization", f"DPoP {self.asked.token}")] if token and self.asked.token else []
         typed = [("content-type", self.asked.kind)] if self.asked.body else []
         sent = send(self.world.app, self.method, self.url, [*typed, *held, *headers], self.asked.body)
-        return seen(self.world.on_loop(sent), self.scene.alices)
+        self.answer = self.world.on_loop(sent)
+        return seen(self.answer, self.scene.alices)
 
 
 OF_PAGES = ("nobody", "proof", "no token", "another site", "another's token", "old session", "right")
@@ -158,7 +159,7 @@ class PageTrial:
 
     def __init__(self, scene: Scene, row: dict[str, str]) -> None:
         self.scene, self.world, self.row = scene, scene.world, row
-        self.method, self.path = row["at"].split(" ")
+        self.method, self.path = row["at"].split(" ")[:2]
         for who, browser in (("alice", scene.browser), ("bob", scene.others)):
             if browser.get("/ztpm/login/account").status_code != 200:  # an earlier row logged it out
                 browser.cookies.clear()
@@ -200,7 +201,7 @@ class PageTrial:
         if cookies:
             said["cookie"] = "; ".join(f"{name}={value}" for name, value in cookies.items())
         headers = [*(said | dict(more)).items()]
-        answer = self.world.on_loop(
+        answer = self.answer = self.world.on_loop(
             send(self.world.app, self.method, ISSUER + self.asked.path, headers, body.removeprefix(b"&"))
         )
         code = re.search(rb"Code <code>([A-Z_]+)</code>", answer.body)

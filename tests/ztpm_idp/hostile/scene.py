@@ -164,7 +164,7 @@ class Scene:
 
     def asked(self, at: str) -> Asked:
         """A request of a route, such as its right caller may make now."""
-        made = (REQUESTS | PAGES)[at](self)
+        made = (REQUESTS | PAGES | GRANTS)[at](self)
         return made if isinstance(made, Asked) else json_of(*made)
 
 
@@ -382,3 +382,32 @@ PAGES = {
     "POST /login/end": lambda s: form_of("/login/end"),
 }
 """A request of each page and form, without the token of its page."""
+
+
+def _code(s: Scene) -> Asked:
+    flow = Flow(s.world, s.browser, s.client)
+    form = {
+        "grant_type": "authorization_code",
+        "client_id": "viewer",
+        "code": flow.code(),
+        "code_verifier": flow.verifier,
+    }
+    return form_of("/oauth/token", **form, redirect_uri=flow.asked["redirect_uri"], resource=AUDIENCE)
+
+
+def _refreshed(s: Scene) -> Asked:
+    form = {"grant_type": "refresh_token", "client_id": "viewer", "refresh_token": s.lend()["refresh_token"]}
+    return form_of("/oauth/token", **form)
+
+
+GRANTS = {
+    "POST /oauth/token by code": _code,
+    "POST /oauth/token by refresh token": _refreshed,
+    "POST /oauth/revoke of a refresh token": lambda s: form_of(
+        "/oauth/revoke", client_id="viewer", token=s.lend()["refresh_token"]
+    ),
+    "POST /oauth/revoke of an access token": lambda s: form_of(
+        "/oauth/revoke", client_id="viewer", token=s.lend()["access_token"]
+    ),
+}
+"""Requests of a client that change the state."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 from capabilities.keys import keys
-from tests.ztpm_idp.hostile import matrix
+from tests.ztpm_idp.hostile import faults, matrix
 from tests.ztpm_idp.hostile.scene import PAGES, REQUESTS, Scene
 from tests.ztpm_idp.login.test_devices import Terminal
 from tests.ztpm_idp.world import World
@@ -61,3 +61,16 @@ def test_strangers_who_fill_all_that_they_may_keep_nobody_from_recovering(scene)
     change = root.recover("rescue", "Rescue", keys.public_raw(keys.generate()))
     assert [row["kind"] for row in world.people["alice"].changes() if row["change_id"] == change] == ["recovery"]
     assert world.people["alice"].revoke("agent", "other", "odd") > 0
+
+
+def test_a_store_that_fails_once_leaves_nothing_half_done(scene):
+    """Each third command with one call of the store failing, in one way each; `make store-errors` tries every call."""
+    found = faults.Found()
+    with faults.failing(scene.world.provider.store._engine.sync_engine):
+        for number, at in enumerate(faults.commands()[::3]):
+            kind = faults.KINDS[number % len(faults.KINDS)]
+            place = 0 if kind == faults.AFTER else number % 4
+            assert faults.strike(scene, at, kind, place, found), at
+    assert found.wrong == []
+    assert set(found.struck) == set(faults.KINDS)
+    assert faults.whole(scene.world) == []
