@@ -160,10 +160,7 @@ class PageTrial:
     def __init__(self, scene: Scene, row: dict[str, str]) -> None:
         self.scene, self.world, self.row = scene, scene.world, row
         self.method, self.path = row["at"].split(" ")[:2]
-        for who, browser in (("alice", scene.browser), ("bob", scene.others)):
-            if browser.get("/ztpm/login/account").status_code != 200:  # an earlier row logged it out
-                browser.cookies.clear()
-                browser.log_in(self.world.people[who])
+        scene.log_in()
         self.asked = scene.asked(row["at"])
 
     def cell(self, column: str) -> str:

@@ -86,7 +86,15 @@ class Scene:
     def week(self):
         return self.world.scope(not_after=int(self.world.clock()) + 604_800)
 
+    def log_in(self) -> None:
+        """Both browsers are logged in, whatever an earlier request did to their sessions."""
+        for who, browser in (("alice", self.browser), ("bob", self.others)):
+            if browser.get("/ztpm/login/account").status_code != 200:
+                browser.cookies.clear()
+                browser.log_in(self.world.people[who])
+
     def lend(self) -> dict:
+        self.log_in()
         flow = Flow(self.world, self.browser, self.client)
         return flow.redeem(flow.code()).json()
 
@@ -385,6 +393,7 @@ PAGES = {
 
 
 def _code(s: Scene) -> Asked:
+    s.log_in()
     flow = Flow(s.world, s.browser, s.client)
     form = {
         "grant_type": "authorization_code",
