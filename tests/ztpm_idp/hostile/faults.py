@@ -1,13 +1,14 @@
 """The store failing once, at each of its calls, under each command (`make store-errors`).
 
-A statement or commit fails before it is done, or a commit after it: the disk is full, the database is locked, the
-connection is lost. The answer is a clear 503, nothing is half done, and the same request once more is taken, or told
+A statement or commit fails before it is done, or a commit after it: the disk is full or the database locked, which
+are one kind of error to us, or the connection is lost. The answer is a clear 503, nothing is half done, and the same request once more is taken, or told
 that it was done.
 """
 
 from __future__ import annotations
 
 import argparse
+import logging
 import sqlite3
 import sys
 from collections import Counter
@@ -28,8 +29,7 @@ from ztpm_idp.store.schema import metadata
 from ztpm_idp.client import ClientError
 
 FAULTS = {
-    "disk full": lambda: sa.exc.OperationalError("", None, sqlite3.OperationalError("database or disk is full")),
-    "locked": lambda: sa.exc.OperationalError("", None, sqlite3.OperationalError("database is locked")),
+    "full or locked": lambda: sa.exc.OperationalError("", None, sqlite3.OperationalError("database or disk is full")),
     "connection lost": lambda: ConnectionResetError(104, "Connection reset by peer"),
 }
 AFTER = "after commit"
@@ -118,6 +118,8 @@ def strike(scene: Scene, at: str, kind: str, place: int, found: Found) -> bool:
         return False
     found.struck[kind] += 1
     where = f"{at}, {kind} at call {place}"
+    if any(code in first for code in FULL):
+        raise FullError
     changed = counted(scene.world) != before
     if first not in UNAVAILABLE:
         # A store that fails beside the command, or while it looks for what it need not find, changes no answer.
@@ -129,12 +131,21 @@ def strike(scene: Scene, at: str, kind: str, place: int, found: Found) -> bool:
     if not sender.trial.answer.header("retry-after").isdecimal():
         found.wrong.append(f"{where}: no word on when to try again")
     again = sender.send(None)
+    if any(code in again for code in FULL):
+        raise FullError
     found.again[again] += 1
     if not (again.startswith(("2", "303")) or (kind == AFTER and again in DONE)):
         found.wrong.append(f"{where}: once more: {again}")
+        sys.stderr.write(f"{found.wrong[-1]}\n")
     return True
 
 
+class FullError(Exception):
+    """The scene's store holds as many things of a kind as may be."""
+
+
+FULL = ("REGISTRY_FULL", "TOO_MANY_", "_SPENT", "MANDATE_TOKENS_LIVE")
+"""Parts of codes by which a store says so."""
 UNAVAILABLE = {"503 STORE_UNAVAILABLE", "503 temporarily_unavailable"}
 DONE = {
     "409 ALREADY_REGISTERED", "409 KEY_IN_USE", "409 VOTED_BEFORE", "409 CHANGE_OVER", "409 NOTHING_TO_RESTORE", "409 LOGIN_OVER",
@@ -186,6 +197,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--databases", nargs="+", default=["sqlite", "postgres"])
     asked = parser.parse_args()
+    logging.getLogger("ztpm_idp").setLevel(logging.CRITICAL)  # it names each failure
     clean = True
     for database in asked.databases:
         found, worlds = Found(), 0
@@ -195,10 +207,12 @@ def main() -> int:
             worlds, begun = worlds + 1, (len(left), place)
             with TemporaryDirectory() as folder, World(Path(folder), database=database) as world:
                 scene = Scene(world)
-                with failing(world.provider.store._engine.sync_engine), suppress(ClientError):  # this one is full
+                with failing(world.provider.store._engine.sync_engine), suppress(ClientError, FullError):
                     while left:
                         place = place + 1 if strike(scene, *left[0], place, found) else 0
-                        left = left if place else left[1:]
+                        if not place:
+                            sys.stderr.write(f"{database}: {' '.join(left[0])}, {found.struck.total()} calls\n")
+                            left = left[1:]
                 found.wrong += [f"{left[:1]}: {one}" for one in whole(world)]
             if begun == (len(left), place):
                 raise AssertionError(left[0])  # a new store is full at once
