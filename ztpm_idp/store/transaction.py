@@ -48,7 +48,7 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.login.events import DeviceEvent, SessionEvent
-from ztpm_idp.domain.oauth.events import OAuthEvent
+from ztpm_idp.domain.oauth.events import AccessMade, OAuthEvent
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredPep,
@@ -120,8 +120,12 @@ class Transaction(View):
         if self._locks is not None and not self._locks.cover(each.event for each in made):
             raise LocksTooFewError
         for each in made:
-            await self._write(each.event, each.actor, at_ms)
+            if not isinstance(each.event, AccessMade):
+                await self._write(each.event, each.actor, at_ms)
         await self._write_alike([each.event for each in made], at_ms)
+        for each in made:
+            if isinstance(each.event, AccessMade):  # its row names the hop that was written just now
+                await self._write(each.event, each.actor, at_ms)
         # From here on others wait: entries are numbered and chained in the order of commits.
         revoked = [(each.actor, each.event) for each in made if isinstance(each.event, Revoked)]
         await self.revocations.write(revoked, at_ms)
