@@ -21,6 +21,7 @@ from examples.plant import server
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 from pep.mcp.guard import DECISION_META
+from pep.point.evaluation_layer import WELL_KNOWN
 from tests.ztpm_idp.test_process import PASSPHRASE, Process, free_port
 
 from capabilities.keys import keys
@@ -75,27 +76,31 @@ class Plant:
         self.folder = folder
         self.provider = Process(folder).start()
         self.audience = f"http://127.0.0.1:{free_port()}/mcp"
-        self.child = None
-        self.gateway = keys.generate()
+        self.child = self.signer = None
+        self.gateway, self.signs_at = keys.generate(), ""
+
+    def sign(self):
+        """The signer beside a gateway, a process of its own."""
+        key = self.folder / "gateway.key"
+        key.write_bytes(keys.to_pem(self.gateway, PASSPHRASE.encode()))
+        key.chmod(0o600)
+        address = f"127.0.0.1:{free_port()}"
+        options = ["--point", self.audience.removesuffix("/mcp"), "--key", str(key), "--listen", address]
+        command = [sys.executable, "-m", "ztpm.point.evaluation_signer", *options]
+        self.signer = subprocess.Popen(command, cwd=TOP, env=self.environment)
+        self.signs_at = f"http://{address}"
+        assert self.answers(f"{self.signs_at}{WELL_KNOWN}", self.signer) == 200
 
     def evaluated(self, agent, token, evaluations, **options):
-        """Answers to a gateway, which asks with its own key and passes on the agent's word on each."""
-        origin = self.audience.removesuffix("/mcp")
-        with httpx2.Client() as http:
-            url = http.get(f"{origin}/.well-known/authzen-configuration").json()["access_evaluations_endpoint"]
-            for each in evaluations:
-                proof = prove_evaluation(
-                    agent.key, each, audience=self.audience, token=token, at=int(time.time()),
-                    jti=secrets.token_urlsafe(16),
-                )  # fmt: skip
-                each["context"] = {"credentials": {"token": token, "proof": proof}}
-            body = json.dumps({"evaluations": evaluations, **options}).encode()
-            proof = prove(
-                self.gateway, method="POST", url=url, body=body, token=None, at=int(time.time()),
-                jti=secrets.token_urlsafe(16),
+        """Answers to a stock gateway, which knows no proofs of ours and passes on the agent's word on each."""
+        for each in evaluations:
+            proof = prove_evaluation(
+                agent.key, each, audience=self.audience, token=token, at=int(time.time()), jti=secrets.token_urlsafe(16),
             )  # fmt: skip
-            sent = {"content-type": "application/json", "dpop": proof, "x-request-id": "e2e"}
-            answer = http.post(url, content=body, headers=sent)
+            each["context"] = {"credentials": {"token": token, "proof": proof}}
+        with httpx2.Client(timeout=30) as http:
+            url = http.get(f"{self.signs_at}{WELL_KNOWN}").json()["access_evaluations_endpoint"]
+            answer = http.post(url, json={"evaluations": evaluations, **options}, headers={"x-request-id": "e2e"})
         assert (answer.status_code, answer.headers["x-request-id"]) == (200, "e2e"), answer.text
         return answer.json()["evaluations"]
 
@@ -184,14 +189,18 @@ class Plant:
         return self
 
     def listens(self):
+        return self.answers(self.audience, self.child)
+
+    def answers(self, url, process):
+        """Status of the first answer of a process that starts."""
         until = time.monotonic() + DEADLINE_S
         with httpx2.Client() as http:
-            while time.monotonic() < until and self.child.poll() is None:
+            while time.monotonic() < until and process.poll() is None:
                 try:
-                    return http.get(self.audience).status_code
+                    return http.get(url).status_code
                 except httpx2.TransportError:
                     time.sleep(0.05)  # a process that starts has no other event for a stranger
-        raise AssertionError(self.child.communicate(timeout=5)[0].decode())
+        raise AssertionError(process.communicate(timeout=5)[0].decode())
 
     def used(self):
         """Lines that the example prints when it lends and calls."""
@@ -229,9 +238,10 @@ class Plant:
         return time.monotonic() - began
 
     def end(self):
-        if self.child is not None:
-            self.child.kill()
-            self.child.communicate()
+        for process in (self.child, self.signer):
+            if process is not None:
+                process.kill()
+                process.communicate()
         if self.provider.popen.poll() is None:
             self.provider.end(signal.SIGKILL)
 
@@ -258,6 +268,7 @@ def evaluation(tool, arguments, agent="worker"):
 
 def gateway_asks(plant, worker, less):
     """A gateway that exists asks; nothing happens, and the answers are those that calls get."""
+    plant.sign()
     before = len(plant.records())
     valve = [evaluation("open_valve", {"valve": 3, "percent": percent}) for percent in (45, 95, 85)]
     told = plant.evaluated(worker, less.token, [*valve, evaluation("read_sensor", {"id": 7}, agent="planner")])

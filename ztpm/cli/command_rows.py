@@ -77,7 +77,7 @@ ROWS: Final = (
         START,
         "ztpm.cli.mcp:app",
         "The cell's MCP tools: serve them, and pin their definitions.",
-        (("serve", "ztpm.cli.serve:tools"),),
+        (("serve", "ztpm.cli.serve:tools"), ("sign", "ztpm.cli.serve:sign")),
     ),
     CommandRow(
         "rtde",

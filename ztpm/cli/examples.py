@@ -109,6 +109,7 @@ EXAMPLES: Final = {
     "cell show": "cell.jws --signer PUBLIC",
     "mcp pin": "--as carol",
     "mcp serve": "--data .ztpm",
+    "mcp sign": "--point http://127.0.0.1:8900 --key gateway.key",
     "idp init": "--issuer https://idp.example/ztpm --admin alice --admin bob",
     "idp serve": "--data .ztpm",
     "idp recover": "erin --public PUBLIC",

@@ -1,4 +1,4 @@
-"""`ztpm mcp serve`, `ztpm rtde gateway|sim`: one process of a cell in the foreground."""
+"""`ztpm mcp serve|sign`, `ztpm rtde gateway|sim`: one process of a cell in the foreground."""
 
 from __future__ import annotations
 
@@ -34,6 +34,20 @@ def tools(
     """
     file = config or layout_of(directory).cell_config
     become("ztpm.point.tool_proxy", "--config", str(file))
+
+
+def sign(
+    *,
+    point: Annotated[str, typer.Option(help="Origin of the guarded tool server that is asked.", metavar="ORIGIN")],
+    key: Annotated[Path, typer.Option(help="Key of the gateway, encrypted.", exists=True, dir_okay=False)],
+    listen: Annotated[str, typer.Option(help="Address of this machine alone.", metavar="HOST:PORT")] = "",
+) -> None:
+    """Sign the evaluations that a gateway on this machine asks for (AuthZEN), and pass them on.
+
+    The passphrase of its key comes from ZTPM_PASSPHRASE.
+    """
+    options = [f"--listen={listen}"] if listen else []
+    become("ztpm.point.evaluation_signer", "--point", point, "--key", str(key), *options)
 
 
 @rtde.command("gateway")

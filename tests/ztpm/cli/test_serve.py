@@ -52,6 +52,20 @@ def test_a_gateway_stands_where_it_is_told_and_before_whom(run, cell, monkeypatc
     assert became.value.args[0][4:] == meant
 
 
+@pytest.mark.parametrize(("said", "meant"), [((), []), (("--listen", "127.0.0.1:1"), ["--listen=127.0.0.1:1"])])
+def test_a_signer_has_the_point_and_the_key_that_it_is_told(run, tmp_path, monkeypatch, said, meant):
+    def become(path, arguments):
+        raise BecameError(arguments[1:])
+
+    monkeypatch.setattr("os.execv", become)
+    key = tmp_path / "gateway.key"
+    key.write_text("")
+    with pytest.raises(BecameError) as became:
+        run("mcp", "sign", "--point", "http://127.0.0.1:8900", "--key", key, *said)
+    to = ["--point", "http://127.0.0.1:8900", "--key", str(key)]
+    assert became.value.args[0] == ["-m", "ztpm.point.evaluation_signer", *to, *meant]
+
+
 def test_what_it_is_told_goes_before_its_configuration(cell, monkeypatch):
     served = []
 
