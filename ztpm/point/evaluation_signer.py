@@ -11,8 +11,8 @@ from __future__ import annotations
 import argparse
 import asyncio
 import json
-import logging
 import secrets
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
@@ -20,7 +20,7 @@ from urllib.parse import urlsplit
 import httpx2
 
 from capabilities.proof.proof import prove
-from pep.base import key_file
+from pep.base import key_file, tracing
 from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault
 from pep.mcp.http_request import JSON, answer, headers_of, read_body
@@ -28,8 +28,8 @@ from pep.point.config_text import is_loopback
 from pep.point.evaluation_layer import ONE, PROBLEM, REQUEST_ID, SEVERAL, WELL_KNOWN
 from ztpm.codes.code_table import code_table, status_of
 from ztpm.codes.unavailable import UnavailableError, line_of, unavailable
+from ztpm.edge.log import tell
 from ztpm.edge.places import Bounds
-from ztpm.edge.rare_log import tell_rarely
 from ztpm.edge.server import EdgeServer
 
 if TYPE_CHECKING:
@@ -183,8 +183,7 @@ def main() -> None:
     parser.add_argument("--key", type=Path, required=True)
     parser.add_argument("--listen", default=LISTEN, metavar="HOST:PORT")
     options = parser.parse_args()
-    logging.basicConfig(level=logging.WARNING, format="%(asctime)s %(levelname)s %(name)s %(message)s")
-    tell_rarely()
+    tell(sys.stderr, context=tracing.context)
     try:
         asyncio.run(serve(point=options.point, key=options.key, listen=options.listen))
     except ConfigError as error:
