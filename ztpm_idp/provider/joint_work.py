@@ -86,6 +86,7 @@ class JointWork:
         self._at_once = at_once
         self._waiting = deque[Work]()
         self._tasks = set[asyncio.Task[None]]()
+        self._working = 0
 
     async def done(self, work: Work) -> tuple[Outcome, Done | None]:
         """The outcome of a command, and what it has done, durably.
@@ -93,13 +94,21 @@ class JointWork:
         Raises: what doing it alone would.
         """
         self._waiting.append(work)
-        if len(self._tasks) < self._at_once:
+        if self._working < self._at_once:
+            self._working += 1
             task = asyncio.create_task(self._work())
-            self._tasks.add(task)
+            self._tasks.add(task)  # nobody else holds it
             task.add_done_callback(self._tasks.discard)
         return await work.result
 
     async def _work(self) -> None:
+        try:
+            await self._until_none_waits()
+        finally:
+            # At once, not when the loop has seen the task's end: what comes in between would wait for nobody.
+            self._working -= 1
+
+    async def _until_none_waits(self) -> None:
         while self._waiting:
             await gathered(self._waiting)
             places = apart([work.claim for work in self._waiting])

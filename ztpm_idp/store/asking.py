@@ -60,6 +60,7 @@ class AskedTogether(Generic[Q, A]):
                 asked, self._waiting = self._waiting[:TOGETHER], self._waiting[TOGETHER:]
                 try:
                     answers = await self._answer([question for question, _ in asked])
+                    answered = list(zip(asked, answers, strict=True))
                 except BaseException as error:
                     for _, waits in asked:
                         if not waits.done():
@@ -67,7 +68,7 @@ class AskedTogether(Generic[Q, A]):
                     if not isinstance(error, Exception):
                         raise
                 else:
-                    for (_, waits), answer in zip(asked, answers, strict=True):
+                    for (_, waits), answer in answered:
                         if not waits.done():  # nobody waits for an answer any more whose request was given up
                             waits.set_result(answer)
         finally:

@@ -48,7 +48,7 @@ from ztpm_idp.domain.events import (
 )
 from ztpm_idp.domain.ledger import seal
 from ztpm_idp.domain.login.events import DeviceEvent, SessionEvent
-from ztpm_idp.domain.oauth.events import AccessMade, OAuthEvent
+from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredPep,
@@ -119,13 +119,10 @@ class Transaction(View):
         counting = self._counting
         if self._locks is not None and not self._locks.cover(each.event for each in made):
             raise LocksTooFewError
-        for each in made:
-            if not isinstance(each.event, AccessMade):
-                await self._write(each.event, each.actor, at_ms)
+        # Hops first: rows of access tokens name them.
         await self._write_alike([each.event for each in made], at_ms)
         for each in made:
-            if isinstance(each.event, AccessMade):  # its row names the hop that was written just now
-                await self._write(each.event, each.actor, at_ms)
+            await self._write(each.event, each.actor, at_ms)
         # From here on others wait: entries are numbered and chained in the order of commits.
         revoked = [(each.actor, each.event) for each in made if isinstance(each.event, Revoked)]
         await self.revocations.write(revoked, at_ms)
@@ -148,7 +145,7 @@ class Transaction(View):
         return after.epoch
 
     async def _write_alike(self, events: list[Event], at_ms: int) -> None:
-        """Events that come most often are written kind by kind, each kind in its order."""
+        """Events that come most often are written kind by kind, each kind in its order, and before all others."""
         await spend(self._connection, [event for event in events if isinstance(event, NonceConsumed)], at_ms=at_ms)
         await self._give([event for event in events if isinstance(event, NonceGiven)], at_ms)
         await self.lending.write(

@@ -112,7 +112,7 @@ class View:
             crowd_of_all=crowd_of_all,
             agents_of=await counts.unrevoked_agents(self._connection, wanted.agents_of),
             empty=wanted.empty and await self._scalar(sa.select(t.parties.c.id).limit(1)) is None,
-            revoked=await (self.dead() if wanted.revocations else self._dead_of(wanted.revocations_of)),
+            revoked=await (self.dead() if wanted.revocations else self.dead_of(wanted.revocations_of)),
             epoch=counters.epoch,
             asked=None if wanted.ask is None else await self.approvals.asked(wanted.ask),
             standing=() if asks_of is None else await self.approvals.standing(asks_of, since_s=since_s),
@@ -270,7 +270,7 @@ class View:
         suspended = {(RevocationKind.AGENT.value, agent) for agent in await self.suspended()}
         return await self.revocations.every() | suspended
 
-    async def _dead_of(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
+    async def dead_of(self, names: frozenset[tuple[str, str]]) -> frozenset[tuple[str, str]]:
         """Those of these (kind, id) by which a token is dead now."""
         if not names:
             return frozenset()

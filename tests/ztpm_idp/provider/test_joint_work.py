@@ -10,9 +10,12 @@ import sqlalchemy as sa
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.world import ISSUER
 from ztpm_idp.client import issue_request
+from ztpm_idp.domain.locks import Locks
 
+from ztpm_idp.provider.joint_work import JointWork, Work
 from ztpm_idp.store import OnceOnlyError, StoreUnavailableError
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.asking import AskedTogether
 from ztpm_idp.store.transaction import Transaction
 
 AGENTS = tuple(f"agent-{n}" for n in range(6))
@@ -156,3 +159,39 @@ def test_a_suspended_agent_is_refused_beside_others(world, issues):
     world.people["dan"].suspend_agent(AGENTS[0], "x")
     told, _ = answers_of(world, issues)
     assert told == ["AGENT_SUSPENDED", *[201] * 5]
+
+
+def test_one_that_comes_when_the_last_has_just_been_answered_is_done():
+    """Its queue was empty, and the task that had worked on it not yet known to have ended: nobody began another."""
+
+    async def alone(work):
+        return work.command, None
+
+    async def asked():
+        queue = JointWork(None, alone, at_once=1)
+        nobody = Locks(frozenset(), frozenset())
+        return [(await queue.done(Work(n, None, nobody, nobody, "", None)))[0] for n in range(3)]
+
+    assert asyncio.run(asyncio.wait_for(asked(), 20)) == [0, 1, 2]
+
+
+def test_questions_at_once_are_asked_together_and_an_error_is_for_all_of_them():
+    asked = []
+
+    async def answer(questions):
+        asked.append(list(questions))
+        if "c" in questions:
+            raise StoreUnavailableError
+        return [question.upper() for question in questions]
+
+    async def all_of(together, questions):
+        return await asyncio.gather(*map(together.ask, questions), return_exceptions=True)
+
+    async def three_times():
+        together = AskedTogether(answer)
+        return [await all_of(together, questions) for questions in ("ab", "cd", "e")]
+
+    first, second, third = asyncio.run(asyncio.wait_for(three_times(), 20))
+    assert (first, third) == (["A", "B"], ["E"])
+    assert [type(one) for one in second] == [StoreUnavailableError] * 2
+    assert asked == [["a", "b"], ["c", "d"], ["e"]]
