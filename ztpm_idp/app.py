@@ -20,6 +20,7 @@ from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
 from ztpm_idp.login.pages import PageProblem, problem_page
 from ztpm_idp.oauth.client_documents import fetch
+from ztpm_idp.oauth.looking import Lookups
 from ztpm_idp.oauth.problem import OAuthProblem, of_refusal
 from ztpm_idp.oauth.problem import answer as oauth_answer
 from ztpm_idp.provider.audit import LedgerFollower
@@ -156,6 +157,7 @@ def create_app(
             )
             app.state.heartbeat = Heartbeat(app.state.provider)
             app.state.confirmations = Confirmations(store)
+            app.state.lookups = Lookups(app.state.provider)
             app.state.ledger_follower = LedgerFollower(store)
             app.state.login_providers = {
                 each.stated.name: OpenIdProvider(

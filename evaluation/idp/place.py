@@ -11,21 +11,26 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
 from capabilities.values.chain import EvidenceKind
+from evaluation.idp.lent import AUDIENCE, ROLE, access_records
 from ztpm.base.layout import write_private
 from ztpm.base.loopback import free_host, is_free
 from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm_idp.bootstrap import ACTOR, FirstPerson, initialise
 from ztpm_idp.domain.events import AgentAttested, PartyRegistered
-from ztpm_idp.domain.parties import RegisteredAgent, Standing
+from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPep, Standing
+from ztpm_idp.keys.oauth_keys import OAuthKeys
+from ztpm_idp.oauth import access_token
 from ztpm_idp.rate_settings import MOST
 from ztpm_idp.store import Store
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from pathlib import Path
 
     from capabilities.keys.keys import PrivateKey
+    from ztpm_idp.domain.events import TokenIssued
+    from ztpm_idp.domain.oauth.events import AccessMade
 
 PROVIDER, BARE = 8890, 8880
 """Ports of the first worker of each; the next workers have the next ones."""
@@ -34,7 +39,7 @@ SPONSORS: Final = 20
 AT_ONCE: Final = 1_000
 """Agents that are registered in one transaction."""
 MEASUREMENT: Final = bytes(32)
-ROLE: Final = "worker"
+POINT: Final = "point"
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,6 +53,8 @@ class IdpPlace:
         sponsors: names and keys.
         agents: likewise; two after each other have the same sponsor.
         feed_keys: raw public keys that sign the feed.
+        point: key of an enforcement point.
+        access: texts of access tokens of its audience.
         pids: processes of the provider, and of the bare endpoint.
     """
 
@@ -58,6 +65,8 @@ class IdpPlace:
     sponsors: tuple[tuple[str, PrivateKey], ...]
     agents: tuple[tuple[str, PrivateKey], ...]
     feed_keys: frozenset[bytes]
+    point: PrivateKey
+    access: tuple[str, ...]
     pids: tuple[tuple[int, ...], tuple[int, ...]]
 
 
@@ -81,7 +90,10 @@ def place(folder: Path, database: str, *, workers: int, agents: int) -> Iterator
         write_private(folder / f"{role}.key", keys.to_pem(key, passphrase.encode()))
     sponsors = tuple((f"sponsor-{n}", keys.generate()) for n in range(SPONSORS))
     lent_to = tuple((f"agent-{n}", keys.generate()) for n in range(agents))
-    asyncio.run(_filled(database, sponsors, lent_to))
+    point, oauth = keys.generate(), keys.generate()
+    write_private(folder / "oauth.key", keys.to_pem(oauth, passphrase.encode()))
+    records = access_records(sponsors, lent_to, own["root"], issuer=issuer)
+    asyncio.run(_filled(database, sponsors, lent_to, keys.public_raw(point), records))
     environment = {PASSPHRASE_VARIABLE: passphrase}
     with ExitStack() as running:
         provider, bare = [], []
@@ -89,7 +101,7 @@ def place(folder: Path, database: str, *, workers: int, agents: int) -> Iterator
             settings = folder / f"idp-{n}.toml"
             settings.write_text(
                 f'issuer = "{issuer}"\nhost = "{host}"\nport = {PROVIDER + n}\ndatabase_url = "{database}"\n'
-                "root_key_id = 1\naccess_log = false\n"
+                'root_key_id = 1\naccess_log = false\noauth_key_files = ["oauth.key"]\n'
                 + "".join(f'{role}_key_file = "{role}.key"\n' for role in ROLES)
                 # One sponsor and one enforcement point make all the load.
                 + f"[rates]\ncaller_a_minute = {MOST}\n"
@@ -114,14 +126,20 @@ def place(folder: Path, database: str, *, workers: int, agents: int) -> Iterator
             sponsors,
             lent_to,
             frozenset({keys.public_raw(own["feed"])}),
+            point,
+            tuple(access_token.sign(made.access, OAuthKeys((oauth,)), issuer=issuer) for _, made in records),
             (tuple(one.popen.pid for one in provider), tuple(one.popen.pid for one in bare)),
         )
 
 
 async def _filled(
-    database: str, sponsors: tuple[tuple[str, PrivateKey], ...], agents: tuple[tuple[str, PrivateKey], ...]
+    database: str,
+    sponsors: tuple[tuple[str, PrivateKey], ...],
+    agents: tuple[tuple[str, PrivateKey], ...],
+    point: bytes,
+    records: Sequence[tuple[TokenIssued, AccessMade]],
 ) -> None:
-    """Registers people and agents by the provider's own store: its HTTP interface is what is measured later."""
+    """Registers parties and writes access tokens by the provider's own store: its HTTP interface is measured later."""
     await initialise(
         database,
         people=[
@@ -139,6 +157,10 @@ async def _filled(
             ]
             async with store.write() as transaction:
                 await transaction.append(events, actor=ACTOR, at_ms=at_ms)
+        async with store.write() as transaction:
+            served = RegisteredPep(POINT, point, keys.thumbprint(point), Standing.ACTIVE, frozenset({AUDIENCE}))
+            more = [PartyRegistered(served), *(event for pair in records for event in pair)]
+            await transaction.append(more, actor=ACTOR, at_ms=at_ms)
     finally:
         await store.close()
 

@@ -71,6 +71,8 @@ class _Place:
     horizons: list[float] = field(default_factory=list)
     memory: list[tuple[float, float]] = field(default_factory=list)
     asked: int = 0
+    told: Callable[[str], object] = lambda _: None
+    round: str = ""
 
 
 def run(
@@ -121,9 +123,9 @@ def run(
 async def _measured(
     at: IdpPlace, database: str, workers: int, *, batch: int, rounds: int, told: Callable[[str], object]
 ) -> _Place:
-    found = _Place(at, database, workers)
+    found = _Place(at, database, workers, told=told)
     for turn in range(rounds + WARM_UP):
-        told(f"{database}, {workers} workers: round {turn + 1} of {rounds + WARM_UP}")
+        found.round = f"{database}, {workers} workers: round {turn + 1} of {rounds + WARM_UP}"
         if turn == WARM_UP:
             found.series.clear()
             found.horizons.clear()
@@ -148,6 +150,10 @@ async def _round(found: _Place, work: Work, *, batch: int, turn: int) -> None:
     await _sent(
         found, "delegate", [work.delegate(h, t["token"], d, n["nonce"]) for h, t, d, n in lent], bare
     )  # fmt: skip
+    access = [turn * batch + n for n in range(batch)]
+    told = await _sent(found, "introspect", [work.introspect(n % len(at.access)) for n in access], bare)
+    if not all(answer["active"] for answer in told.bodies):
+        raise WrongAnswerError("introspect: an access token that is good is none")
     held = list(zip(holders, issued.bodies, strict=True))
     async with AsyncExitStack() as following:
         followers = [Follower(at, n) for n in range(FOLLOWERS)]
@@ -164,6 +170,7 @@ async def _round(found: _Place, work: Work, *, batch: int, turn: int) -> None:
 async def _sent(found: _Place, operation: str, requests: list[Ready], bare: Answered | None) -> Answered:
     """Answers to a batch of one operation, put on record beside the bare endpoint's of the same round."""
     own = bare is not None
+    found.told(f"{found.round}: {operation}")
     places, pids = (found.at.provider, found.at.pids[0]) if own else (found.at.bare, found.at.pids[1])
     before = sum(map(_cpu_s, pids))
     answered = await sent(places, requests, clients=CLIENTS)

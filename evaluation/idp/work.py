@@ -6,18 +6,20 @@ import hashlib
 import secrets
 import time
 from typing import TYPE_CHECKING, Any, Final
+from urllib.parse import urlencode
 
 import rfc8785
 
 from capabilities.keys import keys
 from capabilities.proof.proof import prove
 from capabilities.statements import attestation
-from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
+from capabilities.values.scope import Grant, Limit, Range, Restriction
 from capabilities.values.scope_json import scope_to_json
-from capabilities.values.units import Parameter, Unit
+from evaluation.idp.lent import SPEED, scope_now
 from evaluation.idp.load import Ready, ready
-from evaluation.idp.place import MEASUREMENT, ROLE
+from evaluation.idp.place import MEASUREMENT
 from ztpm_idp.client import delegate_request, issue_request
+from ztpm_idp.oauth.metadata import INTROSPECT
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,33 +27,9 @@ if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
     from evaluation.idp.place import IdpPlace
 
-AUDIENCE: Final = "https://plant.example/mcp"
-LIFETIME_S: Final = 900
 JTI_BYTES: Final = 18
-TURN, SPEED = Parameter("q0", Unit.MICRORADIAN), Parameter("speed", Unit.MICRORADIAN_PER_SECOND)
 LESS: Final = Restriction(grants=(Grant("arm", "move_joint", (Limit(SPEED, Range(0, 500_000)),)), Grant("arm", "stop")))
 """Part that a holder lends on: half the speed."""
-
-
-def scope_now() -> Scope:
-    """Scope that a sponsor lends: a motion with two limits, and the stop."""
-    now = int(time.time())
-    return Scope(
-        grants=(
-            Grant(
-                "arm",
-                "move_joint",
-                (Limit(TURN, Range(-3_000_000, 3_000_000)), Limit(SPEED, Range(0, 1_000_000))),
-            ),
-            Grant("arm", "stop"),
-        ),
-        ceiling=Tier.CONSEQUENTIAL,
-        audiences=frozenset({AUDIENCE}),
-        delegates=frozenset({f"role:{ROLE}"}),
-        depth=3,
-        not_before=now - 5,
-        not_after=now + LIFETIME_S,
-    )
 
 
 class Work:
@@ -77,6 +55,12 @@ class Work:
         request = delegate_request(self._at.agents[agent][0], LESS, purpose="benchmark")
         body = {"request": request, "evidence": self._shown(agent, nonce, name, request)}
         return self._signed("/tokens/delegate", body, key, token=token)
+
+    def introspect(self, number: int) -> Ready:
+        """The enforcement point asks what an access token stands for."""
+        url, raw = self._at.issuer + INTROSPECT, urlencode({"token": self._at.access[number]}).encode()
+        headers = {"content-type": "application/x-www-form-urlencoded", "dpop": _proof(self._at.point, url, raw)}
+        return ready("POST", url, raw, headers)
 
     def revoke(self, agent: int, token_id: str) -> Ready:
         """The agent's sponsor revokes a token of it."""

@@ -25,7 +25,6 @@ from ztpm_idp.oauth.issuing import (
     by_refresh,
     digest_of,
 )
-from ztpm_idp.oauth.looking import look
 from ztpm_idp.oauth.problem import NO_STORE, OAuthError, OAuthProblem, of_refusal
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
@@ -43,6 +42,7 @@ from ztpm_idp.routes.tokens import digest_of_request, named
 
 if TYPE_CHECKING:
     from ztpm_idp.keys.oauth_keys import OAuthKeys
+    from ztpm_idp.oauth.looking import Lookups
 
 router = APIRouter()
 well_known = APIRouter()
@@ -172,7 +172,8 @@ async def introspect(request: Request, call: Caller) -> JSONResponse:
     """An access token with its capability, told to an enforcement point of its audience (RFC 7662)."""
     keys = keys_of(request)
     form = form_of(call.raw, request.headers.get("content-type", ""))
-    told = await look(provider_of(request), keys, needed(form, "token"), asker=call.party)
+    lookups: Lookups = request.app.state.lookups
+    told = await lookups.look(keys, needed(form, "token"), asker=call.party)
     return JSONResponse(told, headers=NO_STORE)
 
 

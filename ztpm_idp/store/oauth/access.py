@@ -54,6 +54,14 @@ _LIVES: Final = ~sa.exists().where(
 )
 """Access tokens whose own revocation is still to come."""
 
+_A: Final = t.access_tokens.c
+_ACCESS: Final = sa.select(
+    _A.jti, _A.token_id, _A.family, _A.client_id, _A.actors, _A.sponsor, _A.authenticated_at, _A.audience, _A.scope,
+    _A.jkt, _A.issued_at, _A.not_after, _A.capability,
+)  # fmt: skip
+"""Access tokens, in the order of the fields of `AccessRecord`."""
+_ACCESSES: Final = _ACCESS.where(_A.jti.in_(sa.bindparam("jtis", expanding=True)))
+
 
 class OAuth:
     """Access of one transaction to the records of OAuth."""
@@ -134,6 +142,11 @@ class OAuth:
         found = await self._accesses(t.access_tokens.c.jti == jti)
         return found[0] if found else None
 
+    async def accesses(self, jtis: Sequence[str]) -> dict[str, AccessRecord]:
+        """The access tokens of these ids, while their rows are kept."""
+        found = await self._connection.execute(_ACCESSES, {"jtis": sorted(set(jtis))})
+        return {row.jti: replace(AccessRecord(*tuple(row)), actors=tuple(row.actors)) for row in found}
+
     async def key_owners(self, keys: frozenset[bytes]) -> dict[bytes, str]:
         """Ids of clients by those of the keys that are theirs."""
         c = t.clients.c
@@ -158,12 +171,7 @@ class OAuth:
         return found[0] if found else None
 
     async def _accesses(self, *conditions: sa.ColumnElement[bool]) -> list[AccessRecord]:
-        c = t.access_tokens.c
-        columns = (
-            c.jti, c.token_id, c.family, c.client_id, c.actors, c.sponsor, c.authenticated_at, c.audience, c.scope,
-            c.jkt, c.issued_at, c.not_after, c.capability,
-        )  # fmt: skip
-        found = await self._rows(sa.select(*columns).where(*conditions).order_by(c.jti))
+        found = await self._rows(_ACCESS.where(*conditions).order_by(t.access_tokens.c.jti))
         return [replace(AccessRecord(*tuple(row)), actors=tuple(row.actors)) for row in found]
 
     async def _rows(self, query: sa.Select[Any]) -> Sequence[Any]:
