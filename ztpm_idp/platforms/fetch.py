@@ -38,10 +38,12 @@ async def fetched(setting: str, url: str, *, ca: Path, most_bytes: int, bearer: 
         if bearer is not None:
             token = await asyncio.to_thread(bearer.read_bytes)
             headers["authorization"] = f"Bearer {token[:BEARER_BYTES].decode('ascii').strip()}"
+        # Connecting and the handshake end by themselves: one that is cancelled in its midst keeps its socket.
+        patience = httpx2.Timeout(FETCH_S, connect=FETCH_S / 2)
         # A client for each question: none goes on under authorities or a session from before a change.
         async with (
             asyncio.timeout(FETCH_S),
-            httpx2.AsyncClient(verify=context, trust_env=False, follow_redirects=False) as http,
+            httpx2.AsyncClient(verify=context, trust_env=False, follow_redirects=False, timeout=patience) as http,
             http.stream("GET", url, headers=headers) as answer,
         ):
             if answer.status_code != 200:
@@ -52,7 +54,7 @@ async def fetched(setting: str, url: str, *, ca: Path, most_bytes: int, bearer: 
                 if len(content) > most_bytes:
                     raise SettingsError(setting, f"over {most_bytes} bytes")
             return bytes(content)
-    except TimeoutError:
+    except (TimeoutError, httpx2.TimeoutException):
         raise SettingsError(setting, f"no answer within {FETCH_S:.0f} s") from None
     except (httpx2.HTTPError, httpx2.InvalidURL, ssl.SSLError, OSError, UnicodeError) as error:
         raise SettingsError(setting, type(error).__name__) from None

@@ -83,9 +83,13 @@ class Board:
         size = 8 * (1 + points * (items + 1) * self.FIELDS)
         if new:
             path.write_bytes(bytes(size))
-        self._file = path.open("r+b")
-        self._map = mmap.mmap(self._file.fileno(), size)
+        with path.open("r+b") as file:
+            self._map = mmap.mmap(file.fileno(), size)
         self._cells = memoryview(self._map).cast("q")
+
+    def close(self) -> None:
+        self._cells.release()
+        self._map.close()
 
     @property
     def current(self) -> int:
@@ -359,6 +363,7 @@ def run(
     board = Board(folder / "board", number, revocations, new=True)
     board.current = IDLE
     with ExitStack() as ends:
+        ends.callback(board.close)
         for one in serving:
             one.start()
             ends.callback(_end, one)

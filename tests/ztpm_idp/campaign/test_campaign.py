@@ -6,6 +6,7 @@ import asyncio
 import dataclasses
 import random
 import time
+from contextlib import closing
 from types import SimpleNamespace
 
 import pytest
@@ -77,8 +78,14 @@ def test_permits_after_a_denial_and_points_that_never_deny_break_the_claim():
 
 
 def test_the_board_keeps_what_each_point_saw(tmp_path):
-    board = horizon.Board(tmp_path / "board", 3, 2, new=True)
-    other = horizon.Board(tmp_path / "board", 3, 2)
+    with (
+        closing(horizon.Board(tmp_path / "board", 3, 2, new=True)) as board,
+        closing(horizon.Board(tmp_path / "board", 3, 2)) as other,
+    ):
+        check_board(board, other)
+
+
+def check_board(board, other):
     board.current = 1
     assert other.current == 1
     other.permitted(2, 1)
@@ -98,20 +105,21 @@ def test_a_points_look_tells_permit_revoked_and_old_apart(tmp_path):
     trust = made.trust(issuer="https://idp.example/ztpm", root_key_id=1)
     issuer = horizon.Issuer({"root": made.root, "attester": made.attester}, trust, int(time.time()))
     root_hop, tree = issuer.tree(12, random.Random(1), Progress())
-    board, view = horizon.Board(tmp_path / "board", 1, 1, new=True), None
-    point = horizon.Point.__new__(horizon.Point)
-    point.number, point.board, point.verifier = 0, board, Verifier(trust, DEFAULT)
-    point.follower = SimpleNamespace(view=lambda: view)
-    seen = []
-    for view in (
-        RevocationView(0, 0, frozenset()),
-        RevocationView(1, 0, frozenset({("hop", root_hop)})),
-        RevocationView(1, horizon.LEASE_MS + 1, frozenset()),
-    ):
-        asyncio.run(point.look(1, tree))
-        last, denied, _, stale, _ = board.seen(0, 1)
-        seen.append((bool(last), bool(denied), stale))
-    assert seen == [(True, False, 0), (True, True, 0), (True, True, len(tree))]
+    view = None
+    with closing(horizon.Board(tmp_path / "board", 1, 1, new=True)) as board:
+        point = horizon.Point.__new__(horizon.Point)
+        point.number, point.board, point.verifier = 0, board, Verifier(trust, DEFAULT)
+        point.follower = SimpleNamespace(view=lambda: view)
+        seen = []
+        for view in (
+            RevocationView(0, 0, frozenset()),
+            RevocationView(1, 0, frozenset({("hop", root_hop)})),
+            RevocationView(1, horizon.LEASE_MS + 1, frozenset()),
+        ):
+            asyncio.run(point.look(1, tree))
+            last, denied, _, stale, _ = board.seen(0, 1)
+            seen.append((bool(last), bool(denied), stale))
+        assert seen == [(True, False, 0), (True, True, 0), (True, True, len(tree))]
 
 
 @pytest.mark.campaign
