@@ -23,6 +23,7 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, CapabilityError, ScopeError
 from policies.decision.load import SHIPPED, load, load_shipped
 from policies.words.errors import PolicyError
+from ztpm_idp.allowance_settings import EveryAllowance
 from ztpm_idp.domain.addresses import is_loopback
 from ztpm_idp.domain.asking.asks import STANDING_ASKS
 from ztpm_idp.keys import key_ring
@@ -73,6 +74,7 @@ class Stated(BaseModel):
         login_providers: OpenID providers at which people may log in.
         asks_a_minute, asks_an_hour: asks that are shown for each active approver. By default 6 and 30: more
             of them are approved unread.
+        allowances: how much of each thing one sponsor may have.
         rates: requests of one caller, or from one address, that are taken in a minute.
     """
 
@@ -94,6 +96,7 @@ class Stated(BaseModel):
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
     rates: RateSettings = RateSettings()
+    allowances: EveryAllowance = EveryAllowance()
 
     @model_validator(mode="after")
     def _safe(self) -> Self:

@@ -144,6 +144,7 @@ def drop_latest_columns(base) -> None:
     base.execute("ALTER TABLE counters ADD COLUMN beats BIGINT NOT NULL DEFAULT 0")
     base.execute("DROP INDEX IF EXISTS ix_agents_sponsor")
     base.execute("DROP INDEX ix_hops_mandate")
+    base.execute("DROP INDEX ix_hops_lent")
     for table, column in LATEST_COLUMNS:
         if base.execute("SELECT 1 FROM sqlite_master WHERE name = ?", (table,)).fetchone():
             base.execute(f"ALTER TABLE {table} DROP COLUMN {column}")

@@ -71,6 +71,7 @@ EXAMPLES: Final = {
     "person confirm": "0123456789abcdef --as alice",
     "person decline": "0123456789abcdef --reason 'not known to me' --as alice",
     "person list": "--as carol",
+    "person allowances": "--as alice",
     "keys list": "--data .ztpm",
     "keys prepare": "feed --data .ztpm",
     "keys activate": "feed-2 --data .ztpm",

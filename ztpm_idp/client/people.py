@@ -37,6 +37,16 @@ class PeopleCaller(Caller):
         found: list[dict[str, Any]] = self._json(self._send("GET", "/people", b"", None))
         return found
 
+    def allowances(self, sponsor: str) -> list[dict[str, Any]]:
+        """Allowances of a sponsor, each with `name`, `used` and `most`, for that person or an administrator.
+
+        Raises:
+            ClientError: `NOT_PERMITTED`, `NOT_FOUND`.
+        """
+        answer = self._json(self._send("GET", f"/people/{quote(sponsor, safe='')}/allowances", b"", None))
+        found: list[dict[str, Any]] = answer["allowances"]
+        return found
+
     def propose_person(self, id: str, name: str, key: bytes, roles: Iterable[str]) -> str:  # noqa: A002
         """A person waits to be registered, with roles as "approver" or "admin"; the change's id."""
         body = {"id": id, "name": name, "key": b64u(key), "roles": list(roles)}

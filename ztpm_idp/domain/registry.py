@@ -19,6 +19,7 @@ from ztpm_idp.domain.events import (
     ToolRegistered,
     TrustStated,
 )
+from ztpm_idp.domain.lending import allowances
 from ztpm_idp.domain.parties import (
     PersonRole,
     RegisteredAgent,
@@ -98,6 +99,8 @@ def register_agent(rules: Rules, state: State, command: RegisterAgent) -> Outcom
         return Refusal(IdpCode.WORKLOAD_UNKNOWN, "the workload is of no platform that this provider trusts")
     if not state.crowd < AGENTS_OF_ONE:
         return full(f"{AGENTS_OF_ONE} agents of one sponsor")
+    if (spent := allowances.of_agent(rules, state, command.sponsor)) is not None:
+        return spent
     agent = RegisteredAgent(
         id=command.id,
         key=command.key,

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from capabilities.token.verify import Verifier
+from ztpm_idp.domain.lending.amounts import AllowanceTable
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -37,6 +38,7 @@ class Rules:
         asks_a_minute, asks_an_hour: asks that are shown for each active approver.
         policies: the set that decides on delegations, and whose parameters trust and behaviour use.
         root_key: raw public key that signs tokens now, and that recovers an administrator; empty: there is no recovery.
+        allowances: how much of each thing a sponsor may have.
         verifier: of tokens under `trust`; it remembers what asks nothing of the moment ([TOK-1] to [TOK-6]).
     """
 
@@ -54,6 +56,7 @@ class Rules:
     platforms: tuple[AnyPlatform, ...] = ()
     publishers: Mapping[str, frozenset[bytes]] = field(default_factory=dict)
     root_key: bytes = b""
+    allowances: AllowanceTable = field(default_factory=AllowanceTable)
     verifier: Verifier = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 
 from ztpm_idp.domain.agent_conduct import Held
+from ztpm_idp.domain.lending.amounts import Used
 from ztpm_idp.domain.oauth.records import NOTHING, OAuthState
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.parties import Party, RegisteredPep, Standing
 
 NOTHING_HELD: Final = Held()
+NOTHING_USED: Final = Used()
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,6 +243,14 @@ class Wanted:
     """Every device that may wait for a person."""
     session_keys_of: str | None = None
     """A person: its session-bound keys."""
+    lent_by: str | None = None
+    """A sponsor: the tokens that it has."""
+    draws: bool = False
+    """The tokens that the sponsor of the wanted mandate has are wanted."""
+    promised_by: str | None = None
+    """A sponsor: the mandates that it has."""
+    tree: str | None = None
+    """A token: the hops of it and of all that were made of it."""
     tokens_from: str | None = None
     """A person: the tokens that it lent, or that were drawn from its mandates, and that may be live."""
 
@@ -294,6 +304,7 @@ class State:
         login_owner: the person whose login the wanted one is, if any.
         envelope: the wanted one.
         envelopes: of the wanted audience or of every one, those that may be in force.
+        used: what the wanted sponsor, or token, has.
         tokens_from: ids of the wanted person's tokens that may be live and are not revoked, in order.
     """
 
@@ -337,6 +348,7 @@ class State:
     devices: tuple[Device, ...] = ()
     session_keys: tuple[SessionKey, ...] = ()
     session_key: SessionKey | None = None
+    used: Used = NOTHING_USED
     tokens_from: tuple[str, ...] = ()
     envelope: EnvelopeRecord | None = None
     envelopes: tuple[EnvelopeRecord, ...] = ()

@@ -109,8 +109,10 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by, agent}), conduct_of=frozenset({agent}))
         case GiveNonce(by=by):
             return Wanted(parties=frozenset({by}), nonces_of=by)
-        case Attest(by=by, agent=agent) | Issue(by=by, agent=agent):
+        case Attest(by=by, agent=agent):
             return Wanted(parties=frozenset({by, agent}), nonces_of=agent)
+        case Issue(by=by, agent=agent):
+            return Wanted(parties=frozenset({by, agent}), nonces_of=agent, lent_by=by)
         case Delegate(by=by, delegate=delegate, agents=agents, names=names):
             holders = agents | {by}
             return Wanted(
@@ -120,6 +122,7 @@ def wanted(command: Command) -> Wanted:
                 revocations_of=names or frozenset(),
                 conduct_of=holders,
                 refusals_of=by,
+                tree=next((id_ for kind, id_ in names or () if kind == RevocationKind.TOKEN), None),
             )
         case Revoke():
             return _wanted_by_revocation(command)
@@ -169,11 +172,13 @@ def wanted(command: Command) -> Wanted:
                 mandate=says.get("mandate_id"),
                 mandates_of=agent,
                 conduct_of=frozenset({agent}),
+                promised_by=by,
             )
         case DrawToken(by=by, mandate_id=mandate_id):
             return Wanted(
                 parties=frozenset({by}),
                 mandate=mandate_id,
+                draws=True,
                 nonces_of=by,
                 revocations=True,
                 conduct_of=frozenset({by}),

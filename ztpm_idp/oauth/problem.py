@@ -55,11 +55,14 @@ OF_CODE: Final[dict[Code, OAuthError]] = {
     IdpCode.BODY_TOO_LARGE: OAuthError.INVALID_REQUEST,
     IdpCode.STORE_UNAVAILABLE: OAuthError.TEMPORARILY_UNAVAILABLE,
     IdpCode.SIGNER_UNAVAILABLE: OAuthError.TEMPORARILY_UNAVAILABLE,
+    IdpCode.ALLOWANCE_SPENT: OAuthError.TEMPORARILY_UNAVAILABLE,
     IdpCode.RATE_EXCEEDED: OAuthError.TEMPORARILY_UNAVAILABLE,
 }
 """Error of each reason code; of any other that a grant is refused for, `invalid_grant`."""
 _STATUS: Final = {OAuthError.INVALID_CLIENT: _UNAUTHORISED, OAuthError.TEMPORARILY_UNAVAILABLE: 503}
-_TOO_MANY: Final = frozenset({IdpCode.MANDATE_TOKENS_LIVE, IdpCode.REFUSALS_SPENT, IdpCode.RATE_EXCEEDED})
+_TOO_MANY: Final = frozenset(
+    {IdpCode.MANDATE_TOKENS_LIVE, IdpCode.REFUSALS_SPENT, IdpCode.ALLOWANCE_SPENT, IdpCode.RATE_EXCEEDED}
+)
 
 
 class OAuthProblem(Exception):  # noqa: N818  RFC 9457's word

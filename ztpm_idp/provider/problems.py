@@ -137,6 +137,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.EPOCH_AHEAD: (409, "The caller knows a later epoch than this store: one of the two is wrong."),
     IdpCode.TOO_MANY_WAITERS: (503, "Too many requests wait already."),
     IdpCode.REFUSALS_SPENT: (429, "Too much that was asked for was refused."),
+    IdpCode.ALLOWANCE_SPENT: (429, "The sponsor has as many as it may have."),
     IdpCode.RATE_EXCEEDED: (429, "Too many requests came in a minute."),
     IdpCode.RESTORING: (503, "A restored store waits for enforcement points and an administrator."),
     IdpCode.NOT_RESTORING: (409, "Nothing waits for the end of a restore."),

@@ -42,6 +42,7 @@ from ztpm_idp.provider.metrics import DONE, FAILED
 from ztpm_idp.provider.news import News
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, Made, OnceOnlyError, ProofUse, ProofUsedError
+from ztpm_idp.store.allowances import Counted
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -94,6 +95,7 @@ def rules_of(
         asks_an_hour=settings.asks_an_hour,
         policies=policies,
         root_key=public_raw(keys.root),
+        allowances=settings.allowances.table(open_asks=settings.open_asks),
     )
 
 
@@ -150,6 +152,7 @@ class Provider:
         self.snapshots: dict[str, tuple[tuple[int, int, int], str]] = {}
         self.base_heads = BaseHeads()
         self.news = News()
+        self._recent_tokens: dict[str, tuple[int, int, int]] = {}
         self.faults: dict[str, str] = {}
         self.platform_keys_ms = dict.fromkeys(self._platforms, self.now_ms())
         self._metrics = metrics
@@ -416,7 +419,7 @@ class Provider:
         use = None if once is None or once.spent else self._use_of(once.proof)
         young_ms = at_ms - self.rules.nonce_age_s * 1_000
         async with self.store.write(locks, use=use) as transaction:
-            state = await transaction.load(needed, young_ms=young_ms)
+            state = await transaction.load(needed, young_ms=young_ms, counted=self._counted(at_ms))
             before = await transaction.counters()
             seen: State | Refusal = state
             if session_key is not None:
@@ -431,6 +434,9 @@ class Provider:
         if once is not None:
             once.spent = True  # with the commit; where it was rolled back, the use was, too
         return outcome, _done(outcome, epoch, token, state)
+
+    def _counted(self, at_ms: int) -> Counted:
+        return Counted(at_ms, self.rules.allowances, self._recent_tokens)
 
     def _judged(self, command: Command, state: State, at_ms: int) -> tuple[Outcome, tuple[Event, ...], str | None]:
         """Outcome of a command, the events to be written, and the token that it makes, if any."""
@@ -448,7 +454,9 @@ class Provider:
         outcomes: Outcomes = {}
         made: list[Made] = []
         async with self.store.write(union(work.locks for work in works), uses=uses) as transaction:
-            states = await transaction.load_each([work.needed for work in works], young_ms=young_ms)
+            states = await transaction.load_each(
+                [work.needed for work in works], young_ms=young_ms, counted=self._counted(at_ms)
+            )
             before = await transaction.counters()
             if before.restoring:
                 raise LocksTooFewError  # what that needs to be judged is loaded for one command alone

@@ -9,11 +9,13 @@ from fastapi import APIRouter, Depends, Request
 
 from capabilities.keys.keys import thumbprint, unb64u
 from ztpm_idp.domain import commands
+from ztpm_idp.domain.asking.asks import AskState
 from ztpm_idp.domain.changes import ROOT, Change, ChangeKind, ChangeState, Word
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import ChangeEnded, RevocationKind
+from ztpm_idp.domain.lending import allowances
 from ztpm_idp.domain.login.commands import EndLogin
-from ztpm_idp.domain.parties import RegisteredPerson
+from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
 from ztpm_idp.provider import wire
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import Call, RootCall, authenticated, body_of, by_root, in_session, provider_of
@@ -53,6 +55,30 @@ async def list_people(request: Request, call: Bound) -> list[dict[str, Any]]:
         for person in found
         if isinstance(person, RegisteredPerson)
     ]
+
+
+@router.get("/people/{id_}/allowances")
+async def read_allowances(request: Request, id_: str, call: Bound) -> dict[str, Any]:
+    """Allowances of a sponsor, and what is used of each, for that person and for administrators."""
+    of_people(call)
+    roles = call.party.roles if isinstance(call.party, RegisteredPerson) else frozenset()
+    if call.party.id != id_ and PersonRole.ADMIN not in roles:
+        raise Problem(IdpCode.NOT_PERMITTED, "the sponsor and administrators see them")
+    provider = provider_of(request)
+    at_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        if not isinstance(await view.party(id_), RegisteredPerson):
+            raise Problem(IdpCode.NOT_FOUND)
+        asked = await view.approvals.standing("", since_s=at_ms // 1_000)
+        waiting = sum(1 for one in asked if one.ask.sponsor == id_ and one.state(at_ms) is AskState.OPEN)
+        used = await view.using.shown(id_, at_ms=at_ms, asks=waiting)
+    most = provider.rules.allowances.of(id_)
+    return {
+        "sponsor": id_,
+        "allowances": [
+            {"name": name, "used": getattr(used, name), "most": getattr(most, name)} for name in allowances.names()
+        ],
+    }
 
 
 @router.post("/people/{id_}/disable", openapi_extra=body_of(wire.ReasonBody))

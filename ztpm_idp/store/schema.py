@@ -180,6 +180,14 @@ hops = sa.Table(
     sa.Column("not_after", sa.BigInteger, nullable=False),
     sa.Column("mandate", sa.String(32), nullable=True, index=True),
 )
+sa.Index(
+    "ix_hops_lent",
+    hops.c.sponsor,
+    hops.c.not_after,
+    hops.c.made_ms,
+    sqlite_where=hops.c.parent.is_(None),
+    postgresql_where=hops.c.parent.is_(None),
+)
 """Hops; a first one names the mandate that its token was drawn from, if any."""
 
 mandates = sa.Table(

@@ -10,6 +10,7 @@ import sqlalchemy as sa
 from ztpm_idp.domain.events import (
     RevocationKind,
 )
+from ztpm_idp.domain.lending.amounts import Used
 from ztpm_idp.domain.locks import WHOLE, Locks, party
 from ztpm_idp.domain.parties import (
     Party,
@@ -18,10 +19,11 @@ from ztpm_idp.domain.parties import (
     RegisteredPerson,
     Standing,
 )
-from ztpm_idp.domain.state import Journal, Nonce, State
+from ztpm_idp.domain.state import NOTHING_USED, Journal, Nonce, State
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, prepared, rows
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.allowances import Counted, Using
 from ztpm_idp.store.approvals import Approvals
 from ztpm_idp.store.audit import Audit
 from ztpm_idp.store.conduct import Conduct
@@ -44,7 +46,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from ztpm_idp.domain.state import Wanted
+    from ztpm_idp.domain.state import MandateRecord, Wanted
 
 
 class View:
@@ -71,15 +73,17 @@ class View:
         self.revocations = Revocations(connection, self._counting)
         self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)
+        self.using = Using(connection)
         self.sessions = Sessions(connection)
         self.devices = Devices(connection)
 
-    async def load(self, wanted: Wanted, *, young_ms: int) -> State:
+    async def load(self, wanted: Wanted, *, young_ms: int, counted: Counted | None = None) -> State:
         """The state that `wanted` names.
 
         Args:
             wanted: by a command.
             young_ms: before now; nonces given before it, and asks, approvals and openings over before it, are left out.
+            counted: allowances of sponsors, by which their amounts are counted; None: none are.
         """
         change = None if wanted.change is None else await self.people.change(wanted.change)
         if change is not None:
@@ -148,10 +152,11 @@ class View:
             devices=waiting,
             session_keys=await self.devices.session_keys_of(wanted.session_keys_of),
             login_owner=await self.sessions.login_owner(wanted.login),
+            used=NOTHING_USED if counted is None else await self._used(wanted, mandate, counted),
             tokens_from=await self.lending.tokens_from(wanted.tokens_from, since_s=since_s),
         )
 
-    async def load_each(self, wanted: Sequence[Wanted], *, young_ms: int) -> list[State]:
+    async def load_each(self, wanted: Sequence[Wanted], *, young_ms: int, counted: Counted) -> list[State]:
         """The state of each of several commands of `domain.joint`, which want no more than such commands do.
 
         Args: as of `load`.
@@ -181,9 +186,25 @@ class View:
                 line=counters.revocation_line,
                 restoring=counters.restoring,
                 mandates=tuple(mandate for mandate in mandates if mandate.agent in one.conduct_of),
+                used=await self._used(one, None, counted),
             )
             for one in wanted
         ]
+
+    async def _used(self, wanted: Wanted, mandate: MandateRecord | None, counted: Counted) -> Used:
+        """Amounts that the wanted sponsor, or token, has."""
+        lender = mandate.sponsor if wanted.draws and mandate is not None else wanted.lent_by
+        live, made = (0, 0)
+        if lender is not None:
+            live, made = await self.using.tokens(lender, counted)
+        return Used(
+            live_tokens=live,
+            tokens_an_hour=made,
+            delegations=0 if wanted.tree is None else await self.using.tree(wanted.tree),
+            mandates=0
+            if wanted.promised_by is None
+            else await self.using.mandates(wanted.promised_by, at_ms=counted.at_ms),
+        )
 
     async def counters(self) -> Counters:
         """The counters, with this transaction's own changes."""

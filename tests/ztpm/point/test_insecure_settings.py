@@ -85,6 +85,8 @@ STATED = {
     "a token for no time": ("lifetimes.token_s", {"lifetimes": {"token_s": 0}}),
     "a nonce for an hour": ("lifetimes.nonce_s", {"lifetimes": {"nonce_s": 3_600}}),
     "a life that nothing has": ("lifetimes.proof_s", {"lifetimes": {"proof_s": 9_999}}),
+    "no tokens": ("allowances.live_tokens", {"allowances": {"live_tokens": 0}}),
+    "more agents than may end at once": ("allowances.agents", {"allowances": {"agents": 257}}),
     "no requests": ("rates.caller_a_minute", {"rates": {"caller_a_minute": 0}}),
     "requests without end": ("rates.login_a_minute", {"rates": {"login_a_minute": 10**9}}),
     "everybody a proxy": ("rates.trusted_proxies", {"rates": {"trusted_proxies": ["0.0.0.0/0"]}}),

@@ -218,7 +218,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals/{ask_id}/passkey-votes",
     }  # fmt: skip
     assert gets == {
-        "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",

@@ -286,7 +286,7 @@ def test_a_proof_store_that_cannot_answer_denies(world, monkeypatch):
 
 
 def test_an_error_of_ours_is_a_500_without_its_message(world, monkeypatch, caplog):
-    async def broken(self, wanted, *, young_ms):
+    async def broken(self, wanted, **_):
         raise RuntimeError("canary-in-the-message")
 
     told = []

@@ -243,6 +243,25 @@ def list_(*, signer: Signer, as_json: Json = False) -> None:
         ])  # fmt: skip
 
 
+@app.command("allowances")
+@signed
+def allowances(
+    person: Annotated[str, typer.Argument(metavar="PERSON", help="Id of a sponsor (default: whose key signs).")] = "",
+    *,
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Show how much a sponsor has of each thing that is bounded, and may have."""
+    who = person or signer.name
+    known_name(who)
+    with _caller(signer) as caller:
+        rows = caller.allowances(who)
+    if as_json:
+        say_json({"ok": True, "sponsor": who, "allowances": rows})
+        return
+    show_table(("allowance", "used", "of"), [(row["name"], row["used"], row["most"]) for row in rows])
+
+
 def recover(
     person: PersonName,
     *,

@@ -30,6 +30,8 @@ from ztpm_idp.domain.asking.asks import (
 from ztpm_idp.domain.asking.refusing import Refusing, whose
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import AskTaken, OpeningClosed, OpeningMade, VoteCast
+from ztpm_idp.domain.lending.allowances import spent
+from ztpm_idp.domain.lending.amounts import Used
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPep, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person
 
@@ -97,8 +99,8 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     if asked.tier is Tier.SAFETY_CRITICAL and not _opened_for(state.opening, asked, at_ms):
         return refused(IdpCode.OPENING_NOT_IN_FORCE, "no opening in force allows to ask for this")
     # 6. Waiting asks are still few enough to be read, and no agent crowds the others out.
-    if (spent := _budget_spent(rules, state, asked, at_ms)) is not None:
-        return refused(IdpCode.ASK_BUDGET_SPENT, spent)
+    if (why := _budget_spent(rules, state, asked, at_ms)) is not None:
+        return refused(IdpCode.ASK_BUDGET_SPENT, why)
     return (AskTaken(_record(asked, command.text, command.trace_id), command.text),)
 
 
@@ -141,6 +143,9 @@ def _budget_spent(rules: Rules, state: State, asked: Ask, at_ms: int) -> str | N
     share = max(1, rules.open_asks // SHARE_OF_ONE_AGENT)
     if not sum(1 for ask in waiting if ask.agent == asked.agent) < share:
         return f"{share} asks of this agent wait for an answer"
+    mine = Used(asks=sum(1 for ask in waiting if ask.sponsor == asked.sponsor))
+    if (of_sponsor := spent(rules, asked.sponsor, mine, "asks")) is not None:
+        return of_sponsor.detail
     for most, span_ms, word in (
         (rules.asks_a_minute, MINUTE_MS, "minute"),
         (rules.asks_an_hour, HOUR_MS, "hour"),

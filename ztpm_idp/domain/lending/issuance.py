@@ -19,7 +19,7 @@ from policies.words.reason_table import Reason
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import DelegationRefused, RevocationKind, TokenDelegated, TokenIssued
-from ztpm_idp.domain.lending import delegation_policy
+from ztpm_idp.domain.lending import allowances, delegation_policy
 from ztpm_idp.domain.lending.attestation import held, judge, may_receive
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
 from ztpm_idp.domain.refusals import BODY_BYTES, WIDENINGS
@@ -49,6 +49,8 @@ def issue(rules: Rules, state: State, command: Issue, at_ms: int) -> Outcome:
     # 1. The caller is a sponsor, now.
     if active_person(state, command.by, PersonRole.SPONSOR) is None:
         return Refusal(IdpCode.NOT_PERMITTED, "a sponsor issues tokens")
+    if (spent := allowances.of_token(rules, state, command.by)) is not None:
+        return spent
     # 2. The agent may receive authority, and shows it for this sponsor and this request.
     agent = may_receive(state, command.agent)
     if isinstance(agent, Refusal):
@@ -137,6 +139,8 @@ def delegate(rules: Rules, state: State, command: Delegate, at_ms: int) -> Outco
     for holder in (state.parties.get(one.agent) for one in chain.hops):
         if isinstance(holder, RegisteredAgent) and holder.held:
             return held(holder.id)
+    if (spent := allowances.spent(rules, chain.sponsor.subject, state.used, "delegations")) is not None:
+        return spent
     # 3. The agent may receive authority, and is new to the chain.
     agent = may_receive(state, command.delegate)
     if isinstance(agent, Refusal):

@@ -21,7 +21,7 @@ from policies.words.reason_table import Reason
 from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import MandateSigned, RevocationKind
-from ztpm_idp.domain.lending import issuance
+from ztpm_idp.domain.lending import allowances, issuance
 from ztpm_idp.domain.lending.attestation import judge, may_receive
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
 from ztpm_idp.domain.registry import active_person
@@ -93,6 +93,8 @@ def sign(rules: Rules, state: State, command: SignMandate, at_ms: int) -> Outcom
     living = sum(1 for other in state.mandates if other.agent == agent.id and at_ms < other.not_after * 1_000)
     if living >= MANDATES_OF_ONE:
         return Refusal(IdpCode.TOO_MANY_MANDATES, f"at most {MANDATES_OF_ONE} of one agent are in force")
+    if (spent := allowances.spent(rules, person.id, state.used, "mandates")) is not None:
+        return spent
     return (MandateSigned(_record(promised, command.text), command.signed),)
 
 
@@ -108,6 +110,8 @@ def draw(rules: Rules, state: State, command: DrawToken, at_ms: int) -> Outcome:
     if len(live) >= LIVE_TOKENS:
         until = min(token.not_after for token in live)
         return Refusal(IdpCode.MANDATE_TOKENS_LIVE, f"at most {LIVE_TOKENS} at once; one ends at {until}")
+    if (spent := allowances.of_token(rules, state, promised.sponsor)) is not None:
+        return spent
     # 3. The agent shows itself anew, for this sponsor and this request.
     shown = judge(
         rules, state, agent, command.evidence,

@@ -16,7 +16,7 @@ from capabilities.values.chain import EvidenceKind, Sponsor
 from capabilities.values.scope import Scope
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RevocationKind, Revoked, TokenDelegated
-from ztpm_idp.domain.lending import issuance
+from ztpm_idp.domain.lending import allowances, issuance
 from ztpm_idp.domain.lending.attestation import may_receive
 from ztpm_idp.domain.lending.mandates import METHOD, contracted, could_sign, drawable
 from ztpm_idp.domain.oauth.events import (
@@ -75,6 +75,8 @@ def assent(rules: Rules, state: State, command: Assent, at_ms: int) -> Outcome:
     if registered is None and state.oauth.client is None:
         if not state.crowd < AGENTS_OF_ONE:
             return full(f"{AGENTS_OF_ONE} agents of one sponsor")
+        if (spent := allowances.of_agent(rules, state, command.by)) is not None:
+            return spent
         new = agent_of(
             command.agent, command.agent_key, sponsor=command.by, model=command.client_name, software=command.document
         )
@@ -164,6 +166,8 @@ def draw(rules: Rules, state: State, command: DrawAccess, at_ms: int) -> Outcome
     live = [token for token in state.drawn if token.live(at_ms)]
     if len(live) >= CLIENT_TOKENS:
         return Refusal(IdpCode.MANDATE_TOKENS_LIVE, f"at most {CLIENT_TOKENS} at once")
+    if (spent := allowances.of_token(rules, state, promised.sponsor)) is not None:
+        return spent
     if command.resource not in promised.scope.audiences:
         return Refusal(IdpCode.TARGET_REFUSED, "the mandate is for other resources")
     kind, at = EvidenceKind.CLIENT, at_ms // 1_000
@@ -262,6 +266,8 @@ def _of_family(
         return Refusal(IdpCode.FAMILY_OVER, "the person took it back, or its time is over")
     if sponsor != family.sponsor or active_person(state, family.sponsor, PersonRole.SPONSOR) is None:
         return Refusal(IdpCode.SPONSOR_INACTIVE, "the person who lent is no active sponsor")
+    if (spent := allowances.of_token(rules, state, sponsor)) is not None:
+        return spent
     agent = may_receive(state, family.agent)
     if isinstance(agent, Refusal):
         return agent

@@ -13,6 +13,7 @@ from capabilities.values.scope_json import restriction_from_json, restriction_to
 from capabilities.values.strict_json import canonical
 from capabilities.values.well_formed import well_formed_grants
 from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.lending import allowances
 from ztpm_idp.domain.oauth.events import ClientRegistered, TemplateDeclared, TemplateEnded
 from ztpm_idp.domain.oauth.records import ClientRecord, TemplateRecord
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, Standing
@@ -43,6 +44,8 @@ def register_client(rules: Rules, state: State, command: RegisterClient) -> Outc
         return Refusal(IdpCode.SPONSOR_INACTIVE, "the person named is not an active sponsor")
     if not state.crowd < AGENTS_OF_ONE:
         return full(f"{AGENTS_OF_ONE} agents of one sponsor")
+    if (spent := allowances.of_agent(rules, state, command.sponsor)) is not None:
+        return spent
     if command.key is not None and (command.key in rules.own_keys or command.key in state.key_owners):
         return Refusal(IdpCode.KEY_IN_USE, "one key has one owner and one role")
     agent = agent_of(command.client_id, command.agent_key, sponsor=command.sponsor, model=command.name)

@@ -41,13 +41,24 @@ def wanted(command: OAuthCommand) -> Wanted:
                 oauth=OAuthWanted(client=client_id, templates=templates),
             )
         case RedeemCode(by=by, sponsor=sponsor, code=code):
-            return Wanted(parties=frozenset({by, sponsor}), conduct_of=frozenset({by}), oauth=OAuthWanted(code=code))
+            return Wanted(
+                parties=frozenset({by, sponsor}),
+                conduct_of=frozenset({by}),
+                oauth=OAuthWanted(code=code),
+                lent_by=sponsor,
+            )
         case Refresh(by=by, sponsor=sponsor, used=used):
-            return Wanted(parties=frozenset({by, sponsor}), conduct_of=frozenset({by}), oauth=OAuthWanted(refresh=used))
+            return Wanted(
+                parties=frozenset({by, sponsor}),
+                conduct_of=frozenset({by}),
+                oauth=OAuthWanted(refresh=used),
+                lent_by=sponsor,
+            )
         case DrawAccess(by=by, client_id=client_id, mandate_id=mandate_id, scope=scope):
             return Wanted(
                 parties=frozenset({by}),
                 mandate=mandate_id,
+                draws=True,
                 revocations=True,
                 conduct_of=frozenset({by}),
                 oauth=OAuthWanted(client=client_id, templates=frozenset(scope)),
