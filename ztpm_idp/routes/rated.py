@@ -125,6 +125,7 @@ FREE: Final = frozenset(
         ("GET", "/livez"),
         ("GET", "/healthz"),
         ("GET", "/livez"),
+        ("GET", "/metrics"),
         ("GET", "/readyz"),
     }
 )
