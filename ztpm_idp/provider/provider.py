@@ -25,6 +25,7 @@ from ztpm_idp.domain.commands import CompleteRecovery, Delegate, Revoke
 from ztpm_idp.domain.core import caller_refused, decide
 from ztpm_idp.domain.events import Revoked, TokenDelegated, TokenIssued
 from ztpm_idp.domain.joint import claim, union
+from ztpm_idp.domain.lending import allowances
 from ztpm_idp.domain.locks import EVERYTHING, locks_of
 from ztpm_idp.domain.login.devices import within
 from ztpm_idp.domain.oauth.events import AccessMade
@@ -464,7 +465,8 @@ class Provider:
                 try:
                     if not unused:
                         raise ProofUsedError  # noqa: TRY301
-                    outcome, written, token = self._judged(work.command, state, at_ms)
+                    seen = allowances.after(state, work.needed, (each.event for each in made))
+                    outcome, written, token = self._judged(work.command, seen, at_ms)
                     if not work.locks.cover(written):
                         raise LocksTooFewError  # noqa: TRY301
                 except Exception as error:  # noqa: BLE001  its own, and nobody else's

@@ -172,6 +172,7 @@ class View:
         named = frozenset[tuple[str, str]]().union(*(one.revocations_of for one in wanted))
         asked = (one.revocation for one in wanted if one.revocation is not None)
         indexed = await self.revocations.among(named.union(asked))
+        used = {each: await self._used(each, None, counted) for each in {_counted(one) for one in wanted}}
         dead, counters = named & indexed.keys() | await self._suspended(named), await self.counters()
         return [
             State(
@@ -186,7 +187,7 @@ class View:
                 line=counters.revocation_line,
                 restoring=counters.restoring,
                 mandates=tuple(mandate for mandate in mandates if mandate.agent in one.conduct_of),
-                used=await self._used(one, None, counted),
+                used=used[_counted(one)],
             )
             for one in wanted
         ]
@@ -400,3 +401,8 @@ def _of(parties: Mapping[str, Party], ids: frozenset[str]) -> dict[str, Party]:
     found = {id_: parties[id_] for id_ in ids if id_ in parties}
     sponsors = {party.sponsor for party in found.values() if isinstance(party, RegisteredAgent)}
     return found | {id_: parties[id_] for id_ in sponsors if id_ in parties}
+
+
+def _counted(wanted: Wanted) -> Wanted:
+    """The part of it that is counted: the same for all commands of one sponsor, or on one token."""
+    return Wanted(lent_by=wanted.lent_by, tree=wanted.tree, promised_by=wanted.promised_by)

@@ -2,13 +2,24 @@
 
 from __future__ import annotations
 
+import asyncio
+from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
+
 import pytest
+from capabilities.values.chain import Sponsor
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.oauth.speaking import StockClient, refusal
 from tests.ztpm_idp.test_lending import SLOWER, refused
 from tests.ztpm_idp.world import World
 
 from capabilities.keys import keys
+from ztpm_idp.client import ClientError
+from ztpm_idp.domain.events import TokenDelegated, TokenIssued
+from ztpm_idp.domain.lending import allowances
+from ztpm_idp.domain.lending.amounts import Used
+from ztpm_idp.domain.state import State, Wanted
+from ztpm_idp.provider import joint_work
 
 CODE = "ALLOWANCE_SPENT"
 BOUNDED = {
@@ -74,6 +85,38 @@ def test_a_tree_a_sponsors_mandates_and_agents_are_bounded(world):
     # To take back is never bounded, and makes room.
     alice.revoke("token", lent.token_id, "done")
     assert told(world)["live_tokens"] == (0, 3)
+
+
+def test_requests_that_share_a_transaction_are_counted_one_after_another(world, monkeypatch):
+    alice, agents = world.people["alice"], [world.agent(f"agent-{n}") for n in range(4)]
+
+    async def all_there(waiting):
+        while len(waiting) < len(agents):
+            await asyncio.sleep(0)
+
+    def issue(agent):
+        try:
+            return alice.issue(agent, world.scope(), purpose="p").token_id
+        except ClientError as error:
+            return error.code
+
+    monkeypatch.setattr(joint_work, "gathered", all_there)
+    with ThreadPoolExecutor(len(agents)) as pool:
+        found = list(pool.map(issue, agents))
+    assert found.count(CODE) == 1
+    assert told(world)["live_tokens"] == (3, 3)
+
+
+def test_the_tokens_and_hops_of_a_transaction_are_told_from_others():
+    tree = "g" * 22
+    issued = TokenIssued("t" * 22, Sponsor("https://idp.example/ztpm", "alice", "m", 1), None, None, "", None)
+    hop = TokenDelegated(SimpleNamespace(token_id=tree), None, None, None, "", None)
+    counted = allowances.after(State(), Wanted(lent_by="alice"), [issued, hop, issued]).used
+    assert counted == Used(live_tokens=2, tokens_an_hour=2)
+    counted = allowances.after(State(), Wanted(tree=tree), [issued, hop]).used
+    assert counted == Used(delegations=1)
+    assert allowances.after(State(), Wanted(lent_by="bob"), [issued]).used == Used()
+    assert allowances.after(State(), Wanted(), [issued]).used == Used()
 
 
 def test_clients_of_oauth_draw_on_the_same_allowance_and_are_told_so(world):

@@ -7,15 +7,19 @@ are never over.
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Final
 
 from ztpm_idp.domain.codes import IdpCode, Refusal
+from ztpm_idp.domain.events import TokenDelegated, TokenIssued
 from ztpm_idp.domain.lending.amounts import Allowances, Used
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from ztpm_idp.domain.events import Event
     from ztpm_idp.domain.rules import Rules
-    from ztpm_idp.domain.state import State
+    from ztpm_idp.domain.state import State, Wanted
 
 _WORDS: Final = {
     "live_tokens": "tokens that are live",
@@ -44,6 +48,29 @@ def of_token(rules: Rules, state: State, sponsor: str) -> Refusal | None:
 def of_agent(rules: Rules, state: State, sponsor: str) -> Refusal | None:
     """Refusal where the sponsor may have no further agent; the state holds its crowd."""
     return spent(rules, sponsor, Used(agents=state.crowd), "agents")
+
+
+def after(state: State, needed: Wanted, made: Iterable[Event]) -> State:
+    """The state after tokens and hops that other commands have made in the same transaction."""
+    if needed.lent_by is None and needed.tree is None:
+        return state
+    tokens = hops = 0
+    for event in made:
+        match event:
+            case TokenIssued(sponsor=sponsor) if sponsor.subject == needed.lent_by:
+                tokens += 1
+            case TokenDelegated(chain=chain) if chain.token_id == needed.tree:
+                hops += 1
+            case _:
+                continue
+    used = state.used
+    more = replace(
+        used,
+        live_tokens=used.live_tokens + tokens,
+        tokens_an_hour=used.tokens_an_hour + tokens,
+        delegations=used.delegations + hops,
+    )
+    return replace(state, used=more)
 
 
 def names() -> tuple[str, ...]:
