@@ -267,6 +267,7 @@ REQUESTS = {
     **{f"GET {path}": (lambda path: lambda s: (path,))(path) for path in (*PEOPLE_LISTS, *OPEN_READS)},
     "GET /.well-known/oauth-authorization-server{path:path}": lambda s: ("/.well-known/oauth-authorization-server/ztpm",),
     "GET /.well-known/oauth-protected-resource{path:path}": lambda s: ("/.well-known/oauth-protected-resource/ztpm",),
+    "GET /people/{id_}/allowances": lambda s: ("/people/alice/allowances",),
     "POST /agents": _agent(),
     "POST /agents/{id_}/attestations": lambda s: ("/agents/helper/attestations", {"evidence": s.world.agents["helper"]._evidence("", bytes(32))}),
     "POST /agents/{id_}/suspend": _reason(lambda s: f"/agents/{s.agent()}/suspend"),
