@@ -18,6 +18,8 @@ INTROSPECT: Final = "/oauth/introspect"
 REVOKE: Final = "/oauth/revoke"
 JWKS: Final = "/oauth/jwks"
 AT_SERVER: Final = "/.well-known/oauth-authorization-server"
+AT_OPENID: Final = "/.well-known/openid-configuration"
+"""Second place of the description, for clients that look where OpenID providers have theirs."""
 AT_RESOURCE: Final = "/.well-known/oauth-protected-resource"
 
 

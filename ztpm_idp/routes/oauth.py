@@ -108,7 +108,9 @@ def _of_issuer(request: Request) -> None:
 
 
 @router.get(metadata.AT_SERVER)
+@router.get(metadata.AT_OPENID)
 @well_known.get(metadata.AT_SERVER + "{path:path}")
+@well_known.get(metadata.AT_OPENID + "{path:path}")
 async def describe_server(request: Request) -> JSONResponse:
     """Description of the authorization server (RFC 8414)."""
     keys_of(request)

@@ -60,6 +60,8 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("GET", "/openapi.json"): _TOLD,
     ("GET", metadata.AT_SERVER): _TOLD,
     ("GET", metadata.AT_SERVER + "{path:path}"): _TOLD,
+    ("GET", metadata.AT_OPENID): _TOLD,
+    ("GET", metadata.AT_OPENID + "{path:path}"): _TOLD,
     ("GET", metadata.AT_RESOURCE): _TOLD,
     ("GET", metadata.AT_RESOURCE + "{path:path}"): _TOLD,
     ("GET", metadata.JWKS): _TOLD,

@@ -187,6 +187,7 @@ OPEN = {
     "GET /ztpm/passkeys/passkey.js", "GET /ztpm/passkeys/enrolments/{enrolment_id}/page", "GET /ztpm/approvals/{ask_id}/page",
     "GET /ztpm/revocations", "GET /ztpm/revocations/wait", "GET /ztpm/revocations/events", "GET /ztpm/oauth/jwks",
     "GET /ztpm/.well-known/oauth-authorization-server", "GET /ztpm/.well-known/oauth-protected-resource",
+    "GET /ztpm/.well-known/openid-configuration",
     "POST /ztpm/login/devices", "POST /ztpm/oauth/revoke",
 }  # fmt: skip
 """Operations that answer everybody."""

@@ -261,11 +261,13 @@ PEOPLE_LISTS = ("/people", "/changes", "/openings", "/envelopes", "/mandates", "
 OPEN_READS = (
     "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/passkeys/passkey.js", "/oauth/jwks",
     "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/openapi.json", "/metrics",
+    "/.well-known/openid-configuration",
 )  # fmt: skip
 NONCE = "n" * 32
 REQUESTS = {
     **{f"GET {path}": (lambda path: lambda s: (path,))(path) for path in (*PEOPLE_LISTS, *OPEN_READS)},
     "GET /.well-known/oauth-authorization-server{path:path}": lambda s: ("/.well-known/oauth-authorization-server/ztpm",),
+    "GET /.well-known/openid-configuration{path:path}": lambda s: ("/.well-known/openid-configuration/ztpm",),
     "GET /.well-known/oauth-protected-resource{path:path}": lambda s: ("/.well-known/oauth-protected-resource/ztpm",),
     "GET /people/{id_}/allowances": lambda s: ("/people/alice/allowances",),
     "POST /agents": _agent(),

@@ -307,6 +307,8 @@ def test_metadata_is_where_clients_look(shared):
     for path in (
         "http://127.0.0.1:8700/.well-known/oauth-authorization-server/ztpm",
         f"{ISSUER}/.well-known/oauth-authorization-server",
+        "http://127.0.0.1:8700/.well-known/openid-configuration/ztpm",
+        f"{ISSUER}/.well-known/openid-configuration",
     ):
         answer = shared.anonymous().get(path)
         assert answer.headers["access-control-allow-origin"] == "*"
@@ -314,9 +316,9 @@ def test_metadata_is_where_clients_look(shared):
         assert told["issuer"] == ISSUER
         assert told["code_challenge_methods_supported"] == ["S256"]
         assert told["authorization_response_iss_parameter_supported"] is True
-    assert (
-        shared.anonymous().get("http://127.0.0.1:8700/.well-known/oauth-authorization-server/other").status_code == 404
-    )
+    for name in ("oauth-authorization-server", "openid-configuration"):
+        for path in ("other", "ztpm/x"):
+            assert shared.anonymous().get(f"http://127.0.0.1:8700/.well-known/{name}/{path}").status_code == 404
     resource = shared.anonymous().get("http://127.0.0.1:8700/.well-known/oauth-protected-resource/ztpm").json()
     assert resource["authorization_servers"] == [ISSUER]
 

@@ -218,10 +218,11 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals/{ask_id}/passkey-votes",
     }  # fmt: skip
     assert gets == {
-        "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/livez", "/healthz", "/readyz", "/metrics", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
+        "/.well-known/openid-configuration", "/.well-known/openid-configuration{path}",
         "/.well-known/oauth-authorization-server{path}", "/.well-known/oauth-protected-resource{path}",
         "/oauth/clients", "/oauth/scopes", "/oauth/lent",
         "/peps", "/sensors", "/tools",
