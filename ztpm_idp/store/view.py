@@ -19,7 +19,7 @@ from ztpm_idp.domain.parties import (
     RegisteredPerson,
     Standing,
 )
-from ztpm_idp.domain.state import NOTHING_USED, Journal, Nonce, State
+from ztpm_idp.domain.state import NOTHING_USED, Journal, Nonce, State, Wanted
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, prepared, rows
 from ztpm_idp.store import schema as t
@@ -46,7 +46,7 @@ if TYPE_CHECKING:
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
-    from ztpm_idp.domain.state import MandateRecord, Wanted
+    from ztpm_idp.domain.state import MandateRecord
 
 
 class View:
