@@ -9,14 +9,12 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from capabilities.keys.keys import public_raw
 from capabilities.rotation.succession import ring_follows
 from capabilities.statements import trust as trust_statement
 from capabilities.token.delegate import delegate
 from capabilities.token.mint import mint
 from capabilities.token.verify import token_to_text
 from capabilities.values import trace_context
-from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError, FaultCode
 from ztpm_idp import tracing
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
@@ -30,7 +28,6 @@ from ztpm_idp.domain.locks import EVERYTHING, locks_of
 from ztpm_idp.domain.login.devices import within
 from ztpm_idp.domain.oauth.events import AccessMade
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson
-from ztpm_idp.domain.rules import Rules
 from ztpm_idp.domain.state import State
 from ztpm_idp.domain.wanted import wanted
 from ztpm_idp.keys import key_ring, oauth_keys
@@ -42,6 +39,7 @@ from ztpm_idp.provider.joint_work import JointWork, Work
 from ztpm_idp.provider.metrics import DONE, FAILED
 from ztpm_idp.provider.news import News
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.provider.stated_rules import rules_of
 from ztpm_idp.store import AgainError, ConflictError, LocksTooFewError, Made, OnceOnlyError, ProofUse, ProofUsedError
 from ztpm_idp.store.allowances import Counted
 
@@ -57,6 +55,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.login.records import SessionKey
     from ztpm_idp.domain.parties import Party
     from ztpm_idp.domain.registry import Outcome
+    from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import Wanted
     from ztpm_idp.keys.key_files import IdpKeys
     from ztpm_idp.keys.oauth_keys import OAuthKeys
@@ -64,40 +63,6 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.metrics import Metrics
     from ztpm_idp.settings import Settings
     from ztpm_idp.store import Store
-
-
-def rules_of(
-    settings: Settings,
-    keys: IdpKeys,
-    platforms: tuple[AnyPlatform, ...],
-    policies: PolicySet,
-    publishers: Mapping[str, frozenset[bytes]],
-    *,
-    reserved: frozenset[bytes] = frozenset(),
-) -> Rules:
-    """Rules that a deployment's settings, keys, platforms and policies fix for the domain.
-
-    `reserved` keys are nobody's, too.
-    """
-    trust = keys.trust(issuer=settings.issuer, root_key_id=settings.root_key_id)
-    return Rules(
-        issuer=settings.issuer,
-        trust=trust,
-        caps=DEFAULT,
-        # Nobody who is registered may hold a key of the platform either, or one that was ours.
-        own_keys=keys.every_public.union(reserved, *(each.all_keys for each in platforms), *publishers.values()),
-        token_lifetime_s=settings.lifetimes.token_s,
-        nonce_age_s=settings.lifetimes.nonce_s,
-        open_nonces=settings.open_nonces,
-        platforms=platforms,
-        publishers=publishers,
-        open_asks=settings.open_asks,
-        asks_a_minute=settings.asks_a_minute,
-        asks_an_hour=settings.asks_an_hour,
-        policies=policies,
-        root_key=public_raw(keys.root),
-        allowances=settings.allowances.table(open_asks=settings.open_asks),
-    )
 
 
 TRIES: Final = 5
