@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
 EVALUATIONS: Final = 32
-"""Most evaluations of one request. Ours: each is a whole decision, about 2 ms of a processor."""
+"""Most evaluations of one request. Ours: each is a whole decision, about half a millisecond of a processor."""
 WORD_LENGTH: Final = 256
 """Longest name of a subject, action or resource; as of a name in a token ([VAL-2])."""
 AGENT: Final = "agent"
