@@ -100,7 +100,10 @@ _PARTS: Final = (
 )
 """Modules of the routes."""
 UNAVAILABLE_AGAIN_S: Final = 5
-"""Seconds to a new try where the store or a signer failed: as long as SQLite waits for another process's write."""
+"""Seconds to a new try where the store or a signer failed.
+
+SQLite waits as long for another process's write.
+"""
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
 

@@ -30,7 +30,10 @@ COLUMNS = (
     *WITHOUT, "stranger", "stale", "another address", "another body", "revoked", "suspended", "session key", "role",
     "another's", "right", "replayed",
 )  # fmt: skip
-"""Kinds of callers, in the order in which they are tried: who may comes last, and then once more by the same proof."""
+"""Kinds of callers, in the order in which they are tried.
+
+The one who may comes last, and then once more by the same proof.
+"""
 
 
 def rows() -> dict[str, dict[str, str]]:
@@ -61,7 +64,7 @@ def routes(app) -> set[str]:
 
 
 def seen(answer: Answer, alices: tuple[str, ...]) -> str:
-    """A cell: status, and the code of a refusal; `told` where the answer names one of the things that alice lent."""
+    """A cell: status and the code of a refusal, or `told` where the answer names what alice lent."""
     kind = answer.header("content-type")
     if answer.status == 200 and any(each.encode() in answer.body for each in alices):
         return "200 told"
@@ -151,7 +154,7 @@ class Trial:
 
 
 OF_PAGES = ("nobody", "proof", "no token", "another site", "another's token", "old session", "right")
-"""Kinds of browsers, and of what takes itself for one; those of forms alone have to do with the token of its page."""
+"""Kinds of browsers, and of clients that take themselves for one."""
 
 
 class PageTrial:
@@ -207,7 +210,7 @@ class PageTrial:
 
 
 def page_tried(scene: Scene, row: dict[str, str]) -> dict[str, str]:
-    """Cells of a page or form as they are seen, and `changed` where any but the right one changed the state."""
+    """Cells of a page or form as they are seen; `changed` where a wrong request changed the state."""
     trial = PageTrial(scene, row)
     before, found = counted(scene.world), {}
     for column in OF_PAGES:

@@ -87,7 +87,7 @@ class Scene:
         return self.world.scope(not_after=int(self.world.clock()) + 604_800)
 
     def log_in(self) -> None:
-        """Both browsers are logged in, whatever an earlier request did to their sessions."""
+        """Both browsers are logged in, also where an earlier request ended their sessions."""
         for who, browser in (("alice", self.browser), ("bob", self.others)):
             if browser.get("/ztpm/login/account").status_code != 200:
                 browser.cookies.clear()
