@@ -50,7 +50,7 @@ def init(
         Path | None, typer.Option(help="Certificate chain, PEM.", exists=True, dir_okay=False)
     ] = None,
     tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.", exists=True, dir_okay=False)] = None,
-    database: Annotated[str, typer.Option(help="Database URL (default: SQLite in the directory).")] = "",
+    database: Annotated[str | None, typer.Option(help="Database URL (default: SQLite in the directory).")] = None,
     policy: Annotated[str, typer.Option(help="Shipped policy set or a file.")] = "paper-default",
     as_json: Json = False,
 ) -> None:
@@ -62,8 +62,10 @@ def init(
     from ztpm.cell.provider_setup import ProviderPlan, initialise_provider
     from ztpm_idp.keys.key_files import SettingsError
     from ztpm_idp.provider.problems import Problem
-    from ztpm_idp.store import StoreUnavailableError
+    from ztpm_idp.store import StoreNotOpenedError, StoreUnavailableError
 
+    if database == "":  # a variable of a script that has no value is no wish for SQLite
+        fail("CONFIG_INVALID", "database_url: empty; leave --database out for SQLite in the directory")
     if bool(tls_certificate) != bool(tls_key):
         fail("USAGE", "give --tls-certificate and --tls-key together")
     issuer = issuer or _asked("Base URL of the provider, with a path (https://idp.example/ztpm)", "--issuer")
@@ -72,7 +74,7 @@ def init(
     layout = Layout(where.resolve())
     plan = ProviderPlan(
         issuer=issuer, people=people, host=host, port=port, certificate=tls_certificate, key=tls_key,
-        database_url=database, policy=str(Path(policy).resolve()) if Path(policy).is_file() else policy,
+        database_url=database or "", policy=str(Path(policy).resolve()) if Path(policy).is_file() else policy,
     )  # fmt: skip
     try:
         initialise_provider(layout, plan, passphrase=passphrase, at=int(time.time()))
@@ -82,6 +84,8 @@ def init(
         fail("CONFIG_INVALID", f"{error.setting}: {error.why}")
     except Problem as error:
         fail(error.code.value, error.detail)
+    except StoreNotOpenedError as error:
+        fail(error.code, error.sentence)
     except StoreUnavailableError:
         fail("CONFIG_INVALID", "database_url: the store cannot be made")
     except OSError as error:

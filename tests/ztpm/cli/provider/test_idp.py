@@ -20,6 +20,8 @@ from capabilities.keys import keys
 
 PASSPHRASE = "a passphrase for tests"
 ISSUER = "http://127.0.0.1:8714/ztpm"
+NOWHERE = "postgresql+asyncpg://postgres@127.0.0.1:1/idp"
+"""A server that is not there: port 1 has none."""
 PUBLIC = keys.b64u(keys.public_raw(keys.generate()))
 
 
@@ -57,6 +59,8 @@ def test_a_provider_is_made_whole_and_private_without_a_cell(made):
         ("CONFIG_INVALID", ("--issuer", "https://idp.example/ztpm", "--host", "0.0.0.0", "--admin", "alice")),
         ("CONFIG_INVALID", ("--issuer", "https://idp.example:x/ztpm", "--admin", "alice")),
         ("CONFIG_INVALID", ("--issuer", ISSUER, "--admin", "alice", "--database", "sqlite://")),
+        ("CONFIG_INVALID", ("--issuer", ISSUER, "--admin", "alice", "--database", "")),
+        ("DATABASE_UNUSABLE", ("--issuer", ISSUER, "--admin", "alice", "--database", NOWHERE)),
         ("CONFIG_INVALID", ("--issuer", ISSUER, "--admin", "alice", "--policy", "absent")),
         ("USAGE", ("--issuer", ISSUER, "--admin", "alice", "--admin", "alice")),
         ("USAGE", ("--admin", "alice")),
@@ -69,7 +73,7 @@ def test_a_provider_is_made_whole_and_private_without_a_cell(made):
 def test_what_cannot_be_made_leaves_nothing(run, tmp_path, code, words):
     told = run("idp", "init", "--data", tmp_path / "provider", *words, "--json")
     assert (told.json["code"], (tmp_path / "provider").exists()) == (code, False)
-    assert told.status == (3 if code == "KEY_IN_USE" else 2)
+    assert told.status == {"KEY_IN_USE": 3, "DATABASE_UNUSABLE": 1}.get(code, 2)
 
 
 def test_a_directory_with_anything_in_it_is_left_alone(run, made):
