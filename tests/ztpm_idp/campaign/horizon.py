@@ -59,7 +59,7 @@ WARM_S = 30.0
 START_S = 300.0
 """Longest wait until each point permits a token that is about to be revoked, and the first of them."""
 AT_ONCE = 16
-"""Tokens that a process verifies before its other tasks have their turn: a point is a server, and hears its feed."""
+"""Tokens that a process verifies before its other tasks, its feed among them, have their turn."""
 SHARE = 20
 """Descendants that each point of the fleet verifies; a point with a process of its own verifies all."""
 FRESH = RevocationView(0, 0, frozenset())

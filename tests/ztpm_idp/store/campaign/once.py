@@ -45,7 +45,7 @@ class Rounds:
 
 
 def play(scene: Scene, rounds: int, found: Rounds, *, keep: Callable[[], None] = lambda: None) -> None:
-    """The rounds that are left, of each kind in turn; every worker is a process with a store of its own."""
+    """Rounds that are left, of each kind in turn, by processes with a store of their own."""
     begin = found.played.total()
     if begin >= rounds:
         return
