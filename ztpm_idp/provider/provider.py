@@ -357,16 +357,10 @@ class Provider:
         if self._metrics is not None:
             self._metrics.repeated(cause)
 
-    async def _by_itself(self, work: Work) -> tuple[Outcome, Done | None]:
+    async def _by_itself(self, w: Work) -> tuple[Outcome, Done | None]:
         """A command that could be joint, alone."""
         return await self._alone(
-            work.command,
-            work.needed,
-            work.locks,
-            actor=work.actor,
-            session_key=None,
-            once=work.once,
-            trace_id=work.trace_id,
+            w.command, w.needed, w.locks, actor=w.actor, session_key=None, once=w.once, trace_id=w.trace_id
         )
 
     async def _decided(
