@@ -59,7 +59,7 @@ _AGENTS: Final = (
 
 
 FAR: Final = 0.9
-"""Share of an allowance below which a count may be as old as `RECENT_MS`: what is made meanwhile does not reach it."""
+"""Share of an allowance below which a count may be as old as `RECENT_MS`."""
 RECENT_MS: Final = 1_000
 REMEMBERED: Final = 1_024
 """Sponsors whose counts are remembered; beyond it all are counted anew."""

@@ -162,7 +162,7 @@ def test_a_suspended_agent_is_refused_beside_others(world, issues):
 
 
 def test_one_that_comes_when_the_last_has_just_been_answered_is_done():
-    """Its queue was empty, and the task that had worked on it not yet known to have ended: nobody began another."""
+    """Its queue was empty, and the task that had worked on it was not yet known to have ended."""
 
     async def alone(work):
         return work.command, None
