@@ -58,8 +58,8 @@ _AGENTS: Final = (
 )
 
 
-FAR: Final = 0.9
-"""Share of an allowance below which a count may be as old as `RECENT_MS`."""
+SPARE: Final = 1_000
+"""Tokens left, at least, where a count may be as old as `RECENT_MS`: ours, no process makes so many in that time."""
 RECENT_MS: Final = 1_000
 REMEMBERED: Final = 1_024
 """Sponsors whose counts are remembered; beyond it all are counted anew."""
@@ -101,7 +101,7 @@ class Using:
             live = int(await self._connection.scalar(_LIVE, {"sponsor_": sponsor, "at_s": at_ms // 1_000}) or 0)
         if len(counted.recent) >= REMEMBERED:
             counted.recent.clear()
-        if live < FAR * most.live_tokens and made < FAR * most.tokens_an_hour:
+        if most.live_tokens - live >= SPARE and most.tokens_an_hour - made >= SPARE:
             counted.recent[sponsor] = at_ms, live, made
         else:
             counted.recent.pop(sponsor, None)
