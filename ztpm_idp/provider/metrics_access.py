@@ -43,15 +43,16 @@ class MetricsAccess:
     token_digest: bytes | None
     loopback: bool
 
-    def may_read(self, client: str, authorization: str | None) -> bool:
-        """True for who may read.
+    def may_read(self, client: str, authorization: str | None, *, forwarded: bool = False) -> bool:
+        """True for a caller who may read.
 
         Args:
             client: address of the connection's other end.
             authorization: header of the request.
+            forwarded: a proxy says that it passed the request on.
         """
         if self.token_digest is None:
-            return self.loopback and is_loopback(client)
+            return self.loopback and not forwarded and is_loopback(client)
         scheme, _, token = (authorization or "").partition(" ")
         shown = hashlib.sha256(token.encode("utf-8", "surrogatepass")).digest()
         return scheme.lower() == _SCHEME and hmac.compare_digest(shown, self.token_digest)

@@ -55,7 +55,8 @@ async def metrics(request: Request) -> Response:
     state = request.app.state
     client = "" if request.client is None else request.client.host
     given = request.headers.getlist("authorization")
-    if not state.metrics_access.may_read(client, given[0] if len(given) == 1 else None):
+    forwarded = "x-forwarded-for" in request.headers or "forwarded" in request.headers
+    if not state.metrics_access.may_read(client, given[0] if len(given) == 1 else None, forwarded=forwarded):
         raise Problem(IdpCode.NOT_PERMITTED, "figures are read on this machine, or with the token of the settings")
     text = await figures.text(state.metrics, provider_of(request), heartbeat_of(request))
     return Response(text, media_type=figures.MEDIA_TYPE, headers={"Cache-Control": "no-store"})

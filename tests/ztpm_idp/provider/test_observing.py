@@ -154,6 +154,9 @@ def test_figures_are_for_this_machine_or_by_token(world):
             refused = http.get(ISSUER + "/metrics")
             assert (refused.status_code, refused.json()["code"]) == (403, "NOT_PERMITTED")
             assert http.get(ISSUER + "/metrics", headers={"Authorization": f"Bearer {TOKEN}"}).status_code == 200
+            world.app.state.metrics_access = before
+            for name in ("Forwarded", "X-Forwarded-For"):
+                assert http.get(ISSUER + "/metrics", headers={name: "for=192.0.2.1"}).status_code == 403
     finally:
         world.app.state.metrics_access = before
 
