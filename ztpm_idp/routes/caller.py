@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -24,6 +25,7 @@ from ztpm_idp.provider.done import OneUse
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import Body, parse_body
 from ztpm_idp.routes.rated import count_caller
+from ztpm_idp.store.errors import StoreUnavailableError
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable
@@ -160,6 +162,11 @@ def commanding_within(body_bytes: int, *, session_keys: bool = False) -> Callabl
         call = await _known(request, await read_body(request, body_bytes=body_bytes), session_keys=session_keys)
         try:
             yield call
+        except StoreUnavailableError:
+            with suppress(Problem):  # a proof that was used before: the commit came through, and only its word was lost
+                await provider_of(request).use_up(call.once.proof)
+            call.once.spent = True
+            raise
         finally:
             if not call.once.spent:
                 await provider_of(request).use_up(call.once.proof)

@@ -74,3 +74,11 @@ def test_a_store_that_fails_once_leaves_nothing_half_done(scene):
     assert found.wrong == []
     assert set(found.struck) == set(faults.KINDS)
     assert faults.whole(scene.world) == []
+
+
+def test_a_commit_whose_word_was_lost_is_no_replay(scene):
+    """The command's own commit uses the proof up: its loss is told as one of the store."""
+    found = faults.Found()
+    with faults.failing(scene.world.provider.store._engine.sync_engine):
+        assert faults.strike(scene, "POST /revocations", faults.AFTER, 0, found)
+    assert (found.wrong, dict(found.again)) == ([], {"200": 1})
