@@ -1,6 +1,7 @@
 """Commands that wait at once share one transaction, and each of them is answered as if it had come alone."""
 
 import asyncio
+import json
 import secrets
 
 import httpx2
@@ -80,6 +81,23 @@ def test_they_share_commits(world, issues):
     assert (number(world, t.ledger), number(world, t.hops)) == (entries + 6, hops + 6)
     assert answers_of(world, issues)[0] == ["REPLAYED"] * 6
     assert number(world, t.hops) == hops + 6
+
+
+def test_the_entry_of_each_has_the_trace_of_its_own_request(world, issues):
+    traces = [f"{n:032x}" for n in range(1, 7)]
+    for (_, _, headers), trace in zip(issues, traces, strict=True):
+        headers["traceparent"] = f"00-{trace}-00f067aa0ba902b7-01"
+    told, commits = answers_of(world, issues)
+    assert told == [201] * 6
+    assert commits < 6
+
+    async def written():
+        async with world.provider.store.read() as view:
+            return await view._connection.scalars(sa.select(t.ledger.c.line).order_by(t.ledger.c.seq.desc()).limit(6))
+
+    entries = [json.loads(line)["body"] for line in world.on_loop(written())]
+    by_agent = {entry["hop"]["agent"]: entry["trace_id"] for entry in entries}
+    assert by_agent == dict(zip(AGENTS, traces, strict=True))
 
 
 def test_the_refusal_of_one_is_no_other_ones(world, issues):
@@ -170,7 +188,7 @@ def test_one_that_comes_when_the_last_has_just_been_answered_is_done():
     async def asked():
         queue = JointWork(None, alone, at_once=1)
         nobody = Locks(frozenset(), frozenset())
-        return [(await queue.done(Work(n, None, nobody, nobody, "", None)))[0] for n in range(3)]
+        return [(await queue.done(Work(n, None, nobody, nobody, "", None, None)))[0] for n in range(3)]
 
     assert asyncio.run(asyncio.wait_for(asked(), 20)) == [0, 1, 2]
 
