@@ -96,7 +96,7 @@ def test_the_entry_of_each_has_the_trace_of_its_own_request(world, issues):
             return await view._connection.scalars(sa.select(t.ledger.c.line).order_by(t.ledger.c.seq.desc()).limit(6))
 
     entries = [json.loads(line)["body"] for line in world.on_loop(written())]
-    by_agent = {entry["hop"]["agent"]: entry["trace_id"] for entry in entries}
+    by_agent = {entry["agent"]: entry["trace_id"] for entry in entries}
     assert by_agent == dict(zip(AGENTS, traces, strict=True))
 
 
