@@ -11,6 +11,7 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from threading import Lock
 from typing import TYPE_CHECKING, Final
 
 from rtde_control import RTDEControlInterface
@@ -48,6 +49,8 @@ SLOWER: Final = 0.99
 TRIES: Final = 5
 """Tries of a motion that the watch ended on a loaded machine, or that was too fast."""
 REACHED_RAD: Final = 1e-3
+CELLS: Final = 3
+"""Cells that the traces of one model may take: a starved process of one ends it."""
 
 
 class ReplayError(RuntimeError):
@@ -125,13 +128,11 @@ def replay(traces: Sequence[Trace], told: Callable[[str], None]) -> tuple[list[R
         done[kind] += 1
         told(f"no gate: {done[0]} of {len(traces)}; gate: {done[1]} of {len(traces)}")
 
-    told("starting the cells")
-    with ExitStack() as cells:
-        # one after the other: the tool that makes the provider's tables keeps its state in its module
-        ready = [(_cell(cells), [trace for trace in traces if trace.model == model]) for model in models(traces)]
-        beside = cells.enter_context(ThreadPoolExecutor(len(ready) + 1))
+    making = Lock()
+    by_model = [[trace for trace in traces if trace.model == model] for model in models(traces)]
+    with ThreadPoolExecutor(len(by_model) + 1) as beside:
         free = beside.submit(_unguarded, traces, lambda: step(0))
-        guarded = [beside.submit(_guarded, *one, lambda: step(1)) for one in ready]
+        guarded = [beside.submit(_guarded, of, making, lambda: step(1)) for of in by_model]
         try:
             return free.result(), [one for each in guarded for one in each.result()]
         except (StageError, OSError, RuntimeError) as error:
@@ -183,11 +184,25 @@ def _cell(cells: ExitStack) -> tuple[Stage, StateRecorder]:
     return on_stage, eyes
 
 
-def _guarded(cell: tuple[Stage, StateRecorder], traces: Sequence[Trace], step: Callable[[], None]) -> list[Replayed]:
-    found = []
-    for trace in traces:
-        found.append(_TraceOnStage(*cell, trace).run())
-        step()
+def _guarded(traces: Sequence[Trace], making: Lock, step: Callable[[], None]) -> list[Replayed]:
+    """Traces on a cell; where one fails, those that are left, it among them, on a fresh cell.
+
+    `making` is held while a cell is made: the tool that makes the provider's tables keeps its state in its module.
+    """
+    found: list[Replayed] = []
+    for cells_left in reversed(range(CELLS)):
+        with ExitStack() as cell:
+            try:
+                with making:
+                    on_stage, eyes = _cell(cell)
+                for trace in traces[len(found) :]:
+                    found.append(_TraceOnStage(on_stage, eyes, trace).run())
+                    step()
+            except (StageError, ReplayError):
+                if not cells_left:
+                    raise
+            else:
+                break
     return found
 
 
