@@ -6,6 +6,7 @@ The entry point `eval` of the group `ztpm.commands` names `app`; `ztpm` itself i
 from __future__ import annotations
 
 import json
+import os
 import secrets
 import time
 from contextlib import contextmanager, suppress
@@ -102,6 +103,47 @@ def paper(
         (out / "paper.json").write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
         with suppress(AbsentError):
             draw(result, out / "paper.png")
+    if as_json:
+        say_json(result.to_json())
+    else:
+        for table in tables(result):
+            console.print(table)
+            console.print()
+        console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+        console.print(last_line(result))
+    raise typer.Exit(0 if result.ok else FAILURE)
+
+
+@app.command(epilog="Example: ztpm eval dojo --tasks 1")
+def dojo(
+    *,
+    tasks: Annotated[int, typer.Option(min=0, help="First user tasks of each suite that are replayed; 0 for all.")] = 0,
+    environment: Annotated[
+        Path | None, typer.Option(help="Folder of AgentDojo's own environment; in the user's cache by default.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """AgentDojo's attackers, their calls forced under scopes of the user tasks (a quarter of an hour; no model).
+
+    The environment is made where it is missing. The exit status is not 0 when a bar is missed.
+    """
+    from evaluation.dojo.place import NoEnvironmentError, prepared, usual_folder
+    from evaluation.dojo.result import last_line, tables
+    from evaluation.dojo.run import run
+    from evaluation.dojo.scopes import ScopeFileError
+    from evaluation.dojo.suites import SuiteError
+    from ztpm.base.processes import ChildError
+    from ztpm_idp.client import ClientError
+
+    try:
+        with _telling() as told:
+            python = prepared(environment or usual_folder(os.environ), told)
+            result = run(python, tasks=tasks, told=told)
+    except (NoEnvironmentError, SuiteError, ScopeFileError, ChildError, ClientError) as error:
+        fail("NOT_MEASURED", str(error))
+    if out is not None:
+        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
     if as_json:
         say_json(result.to_json())
     else:
