@@ -155,6 +155,32 @@ def dojo(
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
+@app.command(epilog="Example: ztpm eval law --benign 100")
+def law(
+    *,
+    benign: Annotated[int, typer.Option(min=1, max=100_000, help="Benign motions that are drawn.")] = 1_000,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of every draw; a fresh one is drawn and told.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """The law of the impact index beside one by the speed of approach: whom each asks, and what each misses."""
+    from evaluation.pit.law import last_line, study, tables
+
+    with _telling() as told:
+        result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
+    if out is not None:
+        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
+    if as_json:
+        say_json(result.to_json())
+        return
+    console.print(f"seed {result.seed}")
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(last_line(result))
+
+
 @bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
 def bench_capabilities(
     *,
