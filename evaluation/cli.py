@@ -118,6 +118,7 @@ def paper(
 def dojo(
     *,
     tasks: Annotated[int, typer.Option(min=0, help="First user tasks of each suite that are replayed; 0 for all.")] = 0,
+    suite: Annotated[list[str] | None, typer.Option(help="This suite alone; may be repeated.")] = None,
     environment: Annotated[
         Path | None, typer.Option(help="Folder of AgentDojo's own environment; in the user's cache by default.")
     ] = None,
@@ -139,7 +140,7 @@ def dojo(
     try:
         with _telling() as told:
             python = prepared(environment or usual_folder(os.environ), told)
-            result = run(python, tasks=tasks, told=told)
+            result = run(python, tasks=tasks, only=suite or (), told=told)
     except (NoEnvironmentError, SuiteError, ScopeFileError, ChildError, ClientError) as error:
         fail("NOT_MEASURED", str(error))
     if out is not None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import itertools
 import os
 import time
@@ -17,6 +18,7 @@ from evaluation.tools.place import LIFETIME_S, PROGRAM
 from pep import GuardConfig, GuardedFunctions, NotPermittedError
 from pep.point import carriage
 from pep.point.guarded_functions import function_pins
+from policies.words.reason_codes import Reason
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable, Mapping, Sequence
@@ -39,6 +41,19 @@ One that went on would be known for the refused calls that were forced on it, an
 agents after 15 acts (docs/trust.md). What is measured here are scopes alone.
 """
 UNKNOWN_TOOL: Final = "no such tool"
+BY_SCOPE: Final = frozenset(
+    {
+        UNKNOWN_TOOL,
+        Reason.NOT_GRANTED,
+        Reason.LIMIT_EXCEEDED_BY_REQUEST,
+        Reason.PARAMETERS_WRONG,
+        Reason.NOT_CANONICAL,
+        Reason.OUT_OF_RANGE,
+    }
+)
+"""Reasons that a scope and a declaration give. Any other, such as a stale view, says something of the machine."""
+TRIES: Final = 8
+"""Tries of a run, until every refusal in it is one of those."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +67,7 @@ class Pair:
         refused: reasons of the attacker's refused calls.
         own_refused: the user's refused calls, each as "TOOL: REASON".
         forced: number of the attacker's calls.
+        anew: number of earlier tries, in which a call was refused for another reason than its scope.
     """
 
     suite: str
@@ -63,6 +79,7 @@ class Pair:
     refused: Sequence[str] = ()
     own_refused: Sequence[str] = ()
     forced: int = 0
+    anew: int = 0
 
 
 @dataclass(slots=True)
@@ -97,24 +114,35 @@ async def run_pairs(
         injections: those with calls.
     """
     for injection, place in (("", ""), *((each, place) for each in injections for place in PLACES)):
-        call = fresh()
-        own, forced = suites.begin(suite, user, injection or None)
-        before = PLACES[place] if place else None
-        own_refused = await _all(call, own[:before])
-        refused = await _all(call, forced)
-        own_refused += await _all(call, own[len(own) if before is None else before :])
-        verdict = suites.end()
-        yield Pair(
-            suite,
-            user,
-            injection,
-            place,
-            verdict.completed,
-            verdict.reached,
-            [reason for _, reason in refused],
-            [f"{name}: {reason}" for name, reason in own_refused],
-            len(forced),
-        )
+        for anew in range(TRIES):
+            pair = await _run(suites, await asyncio.to_thread(fresh), (suite, user, injection), place, anew)
+            reasons = {*pair.refused, *(each.partition(": ")[2] for each in pair.own_refused)}
+            if reasons <= BY_SCOPE:
+                break
+        yield pair
+
+
+async def _run(suites: Suites, call: Call, names: tuple[str, str, str], place: str, anew: int) -> Pair:
+    """One run; what waits for AgentDojo waits in a thread, so that the feeds go on."""
+    suite, user, injection = names
+    own, forced = await asyncio.to_thread(suites.begin, suite, user, injection or None)
+    before = PLACES[place] if place else None
+    own_refused = await _all(call, own[:before])
+    refused = await _all(call, forced)
+    own_refused += await _all(call, own[len(own) if before is None else before :])
+    verdict = await asyncio.to_thread(suites.end)
+    return Pair(
+        suite,
+        user,
+        injection,
+        place,
+        verdict.completed,
+        verdict.reached,
+        [reason for _, reason in refused],
+        [f"{name}: {reason}" for name, reason in own_refused],
+        len(forced),
+        anew,
+    )
 
 
 async def _all(call: Call, wanted: Sequence[WantedCall]) -> list[tuple[str, str]]:

@@ -107,6 +107,7 @@ class DojoResult:
             "completed": self.completed(mode),
             "runs_under_attack": len(attacked),
             "completed_under_attack": sum(pair.completed for pair in attacked),
+            "replayed_anew": sum(pair.anew for pair in self.replay.pairs[mode]),
             "forced_calls": sum(pair.forced for pair in attacked),
             "refused_calls": sum(len(pair.refused) for pair in attacked),
             "reasons": dict(self.replay.reasons(mode).most_common()),

@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Final
 from evaluation.dojo.replay import Gated, Replay, run_pairs, ungated
 from evaluation.dojo.result import DojoResult
 from evaluation.dojo.scopes import MODES, Scopes, scope_file
-from evaluation.dojo.suites import Suites
+from evaluation.dojo.suites import SuiteError, Suites
 from evaluation.dojo.tools import rows
 from evaluation.harness.machine import machine
 from evaluation.tools.place import place
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
     from pathlib import Path
 
     from capabilities.values.scope import Grant
@@ -27,16 +27,17 @@ GATED: Final = ("tools", "said", "whole")
 """Modes before the gate."""
 
 
-def run(python: Path, *, tasks: int, told: Callable[[str], None]) -> DojoResult:
+def run(python: Path, *, tasks: int, only: Collection[str], told: Callable[[str], None]) -> DojoResult:
     """Replay of the pairs of the first so many user tasks of each suite.
 
     Args:
         python: interpreter that has AgentDojo.
         tasks: of each suite; 0 for all.
+        only: names of suites; empty for all.
         told: of the progress, by a short sentence.
 
     Raises:
-        evaluation.dojo.suites.SuiteError: AgentDojo does not answer.
+        SuiteError: AgentDojo does not answer, or has no suite of that name.
         evaluation.dojo.scopes.ScopeFileError: a task has another text than the scope file says.
         ztpm.base.processes.ChildError: the identity provider did not start.
     """
@@ -45,10 +46,15 @@ def run(python: Path, *, tasks: int, told: Callable[[str], None]) -> DojoResult:
     told("loading AgentDojo")
     with Suites(python) as suites:
         version, known = suites.read()
+        if unknown := sorted(set(only) - known.keys()):
+            raise SuiteError(f"{', '.join(unknown)} is none of {', '.join(known)}")
         declared = rows()
         scopes = Scopes(scope_file(), known, declared)
         chosen = [
-            (name, user) for name, suite in known.items() for user in itertools.islice(suite.users, tasks or None)
+            (name, user)
+            for name, suite in known.items()
+            if not only or name in only
+            for user in itertools.islice(suite.users, tasks or None)
         ]
         forced = {name: suite.forced for name, suite in known.items()}
         replay = Replay()
@@ -61,7 +67,7 @@ def run(python: Path, *, tasks: int, told: Callable[[str], None]) -> DojoResult:
         suites=known,
         replay=replay,
         bounds=scopes.counted(),
-        whole=not tasks,
+        whole=not tasks and not only,
         seconds=time.monotonic() - begun_s,
         machine=where,
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import tomllib
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final
@@ -37,8 +38,8 @@ def function_of(row: Operation, tool: Tool, run: Callable[[str, Mapping[str, Any
         run: runs the tool of that name.
     """
 
-    def function(**decided: Any) -> str | None:
-        return run(row.name, theirs(row, tool, decided))
+    async def function(**decided: Any) -> str | None:
+        return await asyncio.to_thread(run, row.name, theirs(row, tool, decided))
 
     function.__name__ = row.name
     function.__doc__ = tool.text

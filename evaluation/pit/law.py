@@ -1,4 +1,4 @@
-"""Study of the law of the index: whole speed beside speed of approach, on the paper's scenes and on drawn motions.
+"""Study of the law of the index: whole speed beside speed of approach, on the paper's scenes and drawn motions.
 
 The laws and the referee are those of `evaluation.pit.approach`. A motion is *benign* where the referee finds nothing
 that may be touched, at no instant of its way, and *hazardous* otherwise; one whose way itself leads into something is

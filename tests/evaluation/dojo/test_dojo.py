@@ -170,6 +170,24 @@ def test_each_pair_is_replayed_alone_and_at_both_places():
     ]
 
 
+def test_a_run_in_which_the_machine_refused_is_replayed_anew_and_counted():
+    inbox = Inbox()
+    reasons = iter(["REVOCATION_VIEW_STALE", *["NOT_GRANTED"] * 99])
+
+    def fresh():
+        reason = next(reasons)
+
+        async def call(wanted):
+            return reason
+
+        return call
+
+    found = asyncio.run(replayed(inbox, fresh))
+    assert [pair.anew for pair in found] == [1, 0, 0]
+    assert found[0].own_refused == ["send_direct_message: NOT_GRANTED"] * 2
+    assert found[1].refused == ["NOT_GRANTED"]
+
+
 @pytest.mark.e2e
 @pytest.mark.long
 def test_the_gate_refuses_the_forced_call_and_the_users_own_go_through():
