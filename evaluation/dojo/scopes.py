@@ -1,4 +1,4 @@
-"""Scopes of AgentDojo's user tasks, out of the file that a person wrote from those tasks alone."""
+"""Scopes of AgentDojo's user tasks, out of the file that was written from those tasks alone."""
 
 from __future__ import annotations
 
