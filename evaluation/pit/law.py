@@ -9,19 +9,21 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
+from msgspec import structs
 
 from evaluation.harness.machine import machine
 from evaluation.harness.tables import table
 from evaluation.pit.approach import AGE_S, Judged, Referee
-from pep.pit import Assessment, Capsule, CellParameters, MoveJ, Robot, Scene, Thing, adult_at_distance, assess
+from pep.pit import Assessment, Capsule, CellParameters, MoveJ, Robot, Scene, Thing, adult_at_distance, assess, surveyed
 from pep.pit.base.tier import tier_of
+from ztpm.cell import survey
 from ztpm.stage.scene import MIDDLE_M
-from ztpm.stage.stage import LEFT
+from ztpm.stage.stage import ACCELERATION_RAD_S2, LEFT
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -38,6 +40,7 @@ SLOWEST_RAD_S, FASTEST_RAD_S = 0.1, 3.0
 """Joint speeds of drawn motions, evenly by their logarithm."""
 PAPER_RAD_S: Final = 1.05
 """The default of ur_rtde's moveJ."""
+GRID_RAD_S: Final = 0.01
 HALF_RAD: Final = 1.5
 MOVES: Final = 10
 MORE_M: Final = 0.002
@@ -148,7 +151,7 @@ def study(benign: int, *, seed: int, told: Callable[[str], None]) -> LawResult:
         told: of the progress, by a short sentence.
     """
     begun_s, where, rng = time.monotonic(), machine(), np.random.default_rng(seed)
-    cell = CellParameters()
+    cell = embedded_cell()
     robot = Robot.load("ur3e", tool=cell.tool)
     paper = _paper(robot, cell)
     drawn: list[Drawn] = []
@@ -171,13 +174,29 @@ def study(benign: int, *, seed: int, told: Callable[[str], None]) -> LawResult:
     return LawResult(paper, drawn, touching, seed, time.monotonic() - begun_s, where)
 
 
+def embedded_cell() -> CellParameters:
+    """The embedded cell without its zones, through one of which the paper's sweep leads."""
+    stated = survey.embedded(audience="https://cell.invalid/mcp", author="nobody", sensor="eye", at=0)
+    return surveyed(structs.replace(stated, zones=()), CellParameters())
+
+
+def calm_rad_s(referee: Referee, law: str) -> float:
+    """Highest speed at which the paper's sweep as one motion has index 1 by a law; at most `FASTEST_RAD_S`."""
+    low, high = 0, round(FASTEST_RAD_S / GRID_RAD_S) + 1
+    while high - low > 1:
+        middle = (low + high) // 2
+        judged = referee.judged(_swept(-HALF_RAD, HALF_RAD, middle * GRID_RAD_S))
+        low, high = (middle, high) if tier_of(getattr(judged, law)) <= 1 else (low, middle)
+    return round(low * GRID_RAD_S, 2)
+
+
 def _paper(robot: Robot, cell: CellParameters) -> dict[str, dict[str, float]]:
     """The paper's sweep in its three scenes, at the speed that ur_rtde takes where none is given."""
     bearing = math.atan2(MIDDLE_M[1], MIDDLE_M[0])
     scenes = {
-        "C0": Scene(),
-        "C1": Scene(objects=(_glass(*MIDDLE_M, cell),)),
-        "C2": Scene(people=(adult_at_distance(0.5, bearing_rad=bearing),)),
+        "C0": cell.surveyed,
+        "C1": _with(cell, _glass(*MIDDLE_M, cell)),
+        "C2": replace(cell.surveyed, people=(adult_at_distance(0.5, bearing_rad=bearing),)),
     }
     ends = np.linspace(-HALF_RAD, HALF_RAD, MOVES + 1)
     told = {}
@@ -190,35 +209,43 @@ def _paper(robot: Robot, cell: CellParameters) -> dict[str, dict[str, float]]:
             for law in LAWS:
                 row[f"{law}{words}"] = max(getattr(each, law) for each in ten)
                 row[f"{law}_at_once{words}"] = getattr(once, law)
+                if name == "C0":
+                    row[f"{law}_calm_rad_s{words}"] = calm_rad_s(referee, law)
         told[name] = row
     return told
 
 
-def _swept(start_rad: float, target_rad: float) -> MoveJ:
-    return MoveJ(_joints([start_rad, *LEFT[1:]]), _joints([target_rad, *LEFT[1:]]), PAPER_RAD_S, 1.4)
+def _swept(start_rad: float, target_rad: float, speed_rad_s: float = PAPER_RAD_S) -> MoveJ:
+    start, target = (_joints([base, *LEFT[1:]]) for base in (start_rad, target_rad))
+    return MoveJ(start, target, speed_rad_s, ACCELERATION_RAD_S2)
 
 
 def _glass(x_m: float, y_m: float, cell: CellParameters) -> Thing:
     return Thing("glass", "fragile", Capsule((x_m, y_m, 0.03), (x_m, y_m, 0.10), 0.035), cell.object_uncertainty_m)
 
 
+def _with(cell: CellParameters, *things: Thing) -> Scene:
+    """The surveyed cell, and these things in it."""
+    return replace(cell.surveyed, objects=(*cell.surveyed.objects, *things))
+
+
 def _scene(kind: str, rng: Generator, cell: CellParameters) -> Scene:
     """A scene of a kind: nothing but the table, a glass or posts on it, or a standing adult."""
     match kind:
         case "glass":
-            return Scene(objects=(_glass(*_on_the_table(rng), cell),))
+            return _with(cell, _glass(*_on_the_table(rng), cell))
         case "posts":
             posts = []
             for number in range(POSTS):
                 x, y = _on_the_table(rng)
                 shape = Capsule((x, y, 0.03), (x, y, float(rng.uniform(0.05, 0.35))), 0.03)
                 posts.append(Thing(f"post-{number}", "rigid", shape, cell.object_uncertainty_m))
-            return Scene(objects=tuple(posts))
+            return _with(cell, *posts)
         case "person":
             far, bearing = float(rng.uniform(0.35, 2.0)), float(rng.uniform(-math.pi, math.pi))
-            return Scene(people=(adult_at_distance(far, bearing_rad=bearing),))
+            return replace(cell.surveyed, people=(adult_at_distance(far, bearing_rad=bearing),))
         case _:
-            return Scene()
+            return cell.surveyed
 
 
 def _on_the_table(rng: Generator) -> tuple[float, float]:
@@ -271,6 +298,17 @@ def tables(result: LawResult) -> tuple[Table, ...]:
             ("scene", "law"),
             ("benign", "tier 2 up", "asked", "person", "missed", "thing", "missed"),
             counts,
+        ),
+        table(
+            "Highest speed at which the empty cell's sweep is of tier 1, rad/s",
+            ("law",),
+            ("", "2 mm more"),
+            [
+                (law, *(f"{row[f'{law}_calm_rad_s{words}']:.2f}" for words in ("", "_2mm")))
+                for name, row in result.paper.items()
+                if name == "C0"
+                for law in LAWS
+            ],
         ),
     )
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 from evaluation.pit.approach import AGE_S, Judged, Referee
-from evaluation.pit.law import Drawn, LawResult, last_line, study, tables
+from evaluation.pit.law import Drawn, LawResult, calm_rad_s, embedded_cell, last_line, study, tables
 from pep.pit import Box, Capsule, CellParameters, MoveJ, Robot, Scene, Thing, adult_at_distance, assess
 
 CELL = CellParameters()
@@ -71,6 +71,13 @@ def test_a_way_that_leads_into_a_thing_is_seen():
         Referee(ROBOT, post, CELL).judged(sweep(0.5, target=-1.0))
 
 
+def test_a_sweep_along_the_table_leaves_tier_1_by_its_whole_speed_alone():
+    cell = embedded_cell()
+    referee = Referee(ROBOT, cell.surveyed, cell)
+    assert 1.8 < calm_rad_s(referee, "whole") < 1.95
+    assert calm_rad_s(referee, "approach") == 3.0
+
+
 def test_counts_are_by_tier_and_by_what_the_referee_says():
     judged = Judged(2.5, 1.0, 2.5, 0.1, person=False, thing=False)
     drawn = [
@@ -83,7 +90,7 @@ def test_counts_are_by_tier_and_by_what_the_referee_says():
     assert [result.counts("approach")[name] for name in names] == [1, 0, 0, 1, 1]
     assert [result.counts("certified", "person")[name] for name in names] == [1, 1, 1, 0, 0]
     assert len(result.to_json()["missed_by_approach_alone"]) == 1
-    assert [table.row_count for table in tables(result)] == [0, 20]
+    assert [table.row_count for table in tables(result)] == [0, 20, 0]
     assert "of 1 benign" in last_line(result)
 
 
