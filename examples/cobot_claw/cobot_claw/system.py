@@ -1,0 +1,296 @@
+"""The whole system: a cell, the admission point, four agents, a process each; and a person who asks them."""
+
+from __future__ import annotations
+
+import json
+import secrets
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, Final
+
+import httpx2
+import rfc8785
+
+from capabilities.keys import keys
+from capabilities.statements.context import intent as intent_statement
+from capabilities.values.scope import Grant, Scope
+from cobot_claw import roles
+from cobot_claw.agent import TASK_S, measurement
+from cobot_claw.errors import ClawError
+from cobot_claw.models import stated
+from cobot_claw.telemetry import carried, traced
+from cobot_claw.words import REQUEST
+from pep.base.declaration import declared, grant
+from ztpm.base.layout import new_key
+from ztpm.base.processes import Child
+from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.stage.lending import sweep_scope
+from ztpm.stage.live import stage
+from ztpm_idp.client import ClientError
+from ztpm_idp.client.callers import Evidence, issue_request
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from pathlib import Path
+
+    from ztpm.stage.stage import Stage
+    from ztpm_idp.client import Operator
+
+POINT_PORT: Final = 8810
+AGENT_PORTS: Final = {role: 8811 + place for place, role in enumerate(roles.ROLES)}
+"""Ports on the cell's own loopback address."""
+PERSON: Final = "alice"
+"""The person who asks, and whose authority it is."""
+LIFETIME_S: Final = 900
+POINT_ID: Final = "claw-point"
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """What came of one request.
+
+    Attributes:
+        text: the orchestrator's words.
+        done: False where something was refused or failed.
+        trace: id of the trace that all spans of the request belong to.
+        seconds: from the request to the answer.
+        moved_rad: way of the arm's leading joint meanwhile.
+    """
+
+    text: str
+    done: bool
+    trace: str
+    seconds: float
+    moved_rad: float
+
+
+@dataclass
+class System:
+    """A running system.
+
+    Attributes:
+        stage: the cell, with its people and an eye on the arm.
+        folder: of the point's and the agents' files.
+        children: its processes beside the cell, by name.
+        ids: of the agents, by role.
+    """
+
+    stage: Stage
+    folder: Path
+    children: dict[str, Child] = field(default_factory=dict)
+    ids: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def host(self) -> str:
+        """Loopback address of the cell."""
+        return self.stage.cell.addresses.host
+
+    @property
+    def point(self) -> str:
+        """Canonical URL of the admission point and of the tools beside it."""
+        return f"http://{self.host}:{POINT_PORT}/mcp"
+
+    @property
+    def person(self) -> Operator:
+        """Who asks."""
+        return self.stage.person(PERSON)
+
+    def url(self, role: str) -> str:
+        """Base URL of an agent."""
+        return f"http://{self.host}:{AGENT_PORTS[role]}"
+
+    # --- start -------------------------------------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Registers and starts the point and the agents.
+
+        Raises:
+            ztpm.base.processes.ChildError: a process does not become ready.
+        """
+        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+        self._start_point()
+        self._start_agents()
+
+    def _start_point(self) -> None:
+        layout, admin = self.stage.cell.layout, self.stage.person("carol")
+        key = new_key(self.folder / "point.key", self.stage.cell.passphrase)
+        admin.register_pep(POINT_ID, keys.public_raw(key), [self.point])
+        from cobot_claw.config_tools import server
+        from pep import pins
+
+        for pin in pins(server):  # the composition is what was reviewed
+            admin.register_tool(
+                audience=self.point,
+                name=pin.name,
+                definition_digest=pin.definition_digest,
+                operation=pin.operation,
+                base_tier=int(pin.base_tier),
+            )
+        guard = {
+            "audience": self.point,
+            "pep_id": POINT_ID,
+            "issuer": self.stage.cell.addresses.issuer,
+            "trust_file": str(layout.trust),
+            "pep_key_file": "point.key",
+            "folder": "point",
+        }
+        (self.folder / "point").mkdir(mode=0o700, exist_ok=True)
+        (self.folder / "guard.toml").write_text(_toml(guard), "utf-8")
+        person = keys.public_raw(self.person._key).hex()  # noqa: SLF001 - the composition made it
+        words = f'guard = "guard.toml"\n[people]\n{PERSON} = "{person}"\n'
+        (self.folder / "point.toml").write_text(words, "utf-8")
+        self.children["point"] = Child.start(
+            "admission point",
+            "cobot_claw.point",
+            "--config",
+            str(self.folder / "point.toml"),
+            environment={**self._secret, "COBOT_CLAW_PROFILE": str(self.folder / "profile.json")},
+        )
+
+    def _start_agents(self) -> None:
+        mark, software = secrets.token_hex(3), measurement()
+        self.ids = {role: f"{role}-{mark}" for role in roles.ROLES}
+        for role, id_ in self.ids.items():
+            key = new_key(self.folder / f"{role}.key", self.stage.cell.passphrase)
+            self.person.register_agent(
+                id_, keys.public_raw(key), software_digest=software.hex(), model=stated(), role=role
+            )
+            config = {
+                "id": id_,
+                "role": role,
+                "key_file": str(self.folder / f"{role}.key"),
+                "issuer": self.stage.cell.addresses.issuer,
+                "trust_file": str(self.stage.cell.layout.trust),
+                "host": self.host,
+                "port": AGENT_PORTS[role],
+                "point": self.point,
+                "cell": self.stage.cell.addresses.audience,
+                "spans": str(self.folder / f"{role}.spans.ndjson"),
+                "peers": {
+                    other: {"id": name, "url": self.url(other)} for other, name in self.ids.items() if other != role
+                },
+            }
+            path = self.folder / f"{role}.json"
+            path.write_text(json.dumps(config), "utf-8")
+            self.children[role] = Child.begin(
+                f"{role} agent", "cobot_claw.agent", "--config", str(path), environment=self._secret
+            )
+        for role in roles.ROLES:
+            self.children[role].until_ready()
+
+    @property
+    def _secret(self) -> dict[str, str]:
+        return {PASSPHRASE_VARIABLE: self.stage.cell.passphrase.decode()}
+
+    def stop(self) -> None:
+        """Ends the agents, then the point."""
+        for child in reversed(self.children.values()):
+            child.stop()
+
+    # --- a request ---------------------------------------------------------------------------------------------------
+
+    def ask(self, text: str) -> Told:
+        """What comes of a person's request: signed, lent for, carried out.
+
+        Args:
+            text: in natural language.
+
+        Raises:
+            ClawError: `AGENT_UNREACHABLE` or `NOT_LENT`; nothing is under way then.
+        """
+        began, before = time.monotonic(), self.stage.joints
+        with traced("request", person=PERSON) as span:
+            intent = self._intent(text)
+            token = self._lend(intent, text)
+            report = self._post("work", {"token": token, "intent": intent})["report"]
+            trace = f"{span.get_span_context().trace_id:032x}"
+        moved = max(abs(a - b) for a, b in zip(self.stage.joints, before, strict=True))
+        return Told(report["text"], report["done"], trace, time.monotonic() - began, moved)
+
+    def _intent(self, text: str) -> str:
+        now = int(time.time())
+        wish = intent_statement.Intent(
+            subject=PERSON,
+            schema=REQUEST,
+            body=rfc8785.dumps({"text": text}),
+            nonce=secrets.token_urlsafe(18),
+            at=now,
+            not_after=now + LIFETIME_S,
+        )
+        return intent_statement.sign(wish, self.person._key)  # noqa: SLF001 - the person's own program
+
+    def _lend(self, intent: str, text: str) -> str:
+        """A token for the orchestrator, for exactly this intent."""
+        purpose = intent_statement.purpose(intent_statement.digest_of(intent), text[:80])
+        scope, id_ = self._scope(), self.ids["orchestrator"]
+        request = issue_request(id_, scope, purpose=purpose)
+        told = self._post("evidence", {"delegator": PERSON, "request": request})
+        try:
+            return self.person.issue(Evidence(id_, told["evidence"]), scope, purpose=purpose).token
+        except ClientError as error:
+            raise ClawError("NOT_LENT", f"orchestrator: {error.code}.") from error
+
+    def _scope(self) -> Scope:
+        from cobot_claw import config_tools
+
+        below = frozenset(id_ for role, id_ in self.ids.items() if role != "orchestrator")
+        arm = sweep_scope(
+            self.stage.cell.addresses.audience, delegates=below, now=int(time.time()), lifetime_s=LIFETIME_S
+        )
+        tools = config_tools.server._tool_manager.list_tools()  # noqa: SLF001 - the SDK lists them in no other way outside a loop
+        beside = [grant(tool.fn) for tool in tools if declared(tool.fn) is not None]
+        grants = (*arm.grants, *beside, Grant("memory", "remember"))
+        return replace(
+            arm,
+            grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))),
+            audiences=arm.audiences | {self.point},
+        )
+
+    def _post(self, path: str, body: dict[str, object]) -> dict[str, Any]:
+        url = f"{self.url('orchestrator')}/{path}"
+        try:
+            with httpx2.Client(timeout=TASK_S + 20.0, trust_env=False) as http:
+                answer = http.post(url, json=body, headers=carried())
+                told = answer.json()
+        except (httpx2.HTTPError, ValueError) as error:
+            raise ClawError("AGENT_UNREACHABLE", f"orchestrator: {type(error).__name__}.") from error
+        if answer.status_code != 200 or not isinstance(told, dict):
+            raise ClawError("NOT_LENT", f"orchestrator: {told.get('code')} ({told.get('detail')}).")
+        return told
+
+    def spans(self, trace: str) -> list[dict[str, Any]]:
+        """Every span of a trace, of all processes, by start."""
+        rows = []
+        for path in self.folder.rglob("*spans.ndjson"):
+            rows += [
+                row for line in path.read_text("utf-8").splitlines() if (row := json.loads(line))["trace"] == trace
+            ]
+        return sorted(rows, key=lambda row: int(row["start_ns"]))
+
+
+@contextmanager
+def system(*, directory: Path | None = None, told: Callable[[str], None] = lambda _: None) -> Iterator[System]:
+    """A running system on a fresh cell, ended afterwards.
+
+    Args:
+        directory: of the cell, kept; a temporary one by default.
+        told: is told what is being started.
+    """
+    from cobot_claw.telemetry import begin
+
+    told("the cell: identity provider, controller, sensor, gateway, tool server")
+    with stage(directory=directory) as on_stage:
+        here = System(on_stage, on_stage.cell.layout.root / "claw")
+        here.folder.mkdir(mode=0o700)
+        begin("person", here.folder / "person.spans.ndjson")
+        try:
+            told("the admission point and four agents")
+            here.start()
+            yield here
+        finally:
+            here.stop()
+
+
+def _toml(settings: dict[str, str]) -> str:
+    return "".join(f"{name} = {json.dumps(value)}\n" for name, value in settings.items())

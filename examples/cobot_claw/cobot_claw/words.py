@@ -1,0 +1,48 @@
+"""Forms of what people and agents say to each other, as the admission point reads them (docs/context.md)."""
+
+from __future__ import annotations
+
+from typing import Final
+
+from pydantic import Field
+
+from pep.context.forms import Form, FormBody, Forms, RequestedOperation, asks_nothing
+
+REQUEST: Final = "claw-request/1"
+TASK: Final = "claw-task/1"
+REPORT: Final = "claw-report/1"
+TEXT_LENGTH: Final = 4_000
+"""Most characters of a request, task or report: a page of prose."""
+
+
+class RequestBody(FormBody):
+    """A person's request, in natural language."""
+
+    text: str = Field(min_length=1, max_length=TEXT_LENGTH)
+
+
+class TaskBody(FormBody):
+    """A task for another agent, with the operations that it needs, each as `object/operation`."""
+
+    text: str = Field(min_length=1, max_length=TEXT_LENGTH)
+    needs: tuple[str, ...] = Field(max_length=16)
+
+
+class ReportBody(FormBody):
+    """What came of a task."""
+
+    done: bool
+    text: str = Field(max_length=TEXT_LENGTH)
+
+
+def _needed(task: TaskBody) -> tuple[RequestedOperation, ...]:
+    return tuple(RequestedOperation(*need.split("/", 1)) for need in task.needs)
+
+
+FORMS: Final = Forms(
+    (
+        Form(REQUEST, RequestBody, asks_nothing),
+        Form(TASK, TaskBody, _needed),
+        Form(REPORT, ReportBody, asks_nothing),
+    )
+)
