@@ -50,9 +50,9 @@ from cobot_claw.errors import ClawError
 from cobot_claw.models import model_for, stated
 from cobot_claw.point import serve
 from cobot_claw.telemetry import begin, carried, traced, within_trace
-from cobot_claw.words import REPORT, TASK, TEXT_LENGTH
+from cobot_claw.words import REPORT, TASK, TEXT_LENGTH, in_short
 from pep.base.key_file import read_key
-from ztpm_idp.client import Agent, ClientError, raise_refused, refusal_in
+from ztpm_idp.client import Agent, ClientError, Deferred, raise_refused, refusal_in
 from ztpm_idp.client.callers import Evidence, delegate_request
 
 if TYPE_CHECKING:
@@ -68,6 +68,8 @@ CALL_S: Final = 120.0
 """Longest answer to one call of a tool, which may be a motion's end."""
 LATE_TRIES: Final = 4
 """Tries of a call whose verdict came too late on a loaded machine, as its reason advises."""
+PATIENCE_S: Final = 60.0
+"""Longest wait for people who are asked about one call."""
 MESSAGE_S: Final = 60
 """Life of a message between agents: `message_age_s` of the policy set."""
 _LOG: Final = logging.getLogger("cobot_claw")
@@ -242,8 +244,9 @@ class Holder:
             ToolFailed: it was not lent, not done, or must not be heard; the model is told which.
         """
         peer, needed = self.config.peers[role], roles.OF[role]
+        purpose = in_short(task)
         with traced(f"hand on to {role}"):
-            request = delegate_request(peer["id"], needed.restriction, purpose=task[:120])
+            request = delegate_request(peer["id"], needed.restriction, purpose=purpose)
             evidence = (await self._post(role, "evidence", {"delegator": self.config.id, "request": request}))[
                 "evidence"
             ]
@@ -253,7 +256,7 @@ class Holder:
                     work.token,
                     Evidence(peer["id"], evidence),
                     needed.restriction,
-                    purpose=task[:120],
+                    purpose=purpose,
                 )
             except ClientError as error:
                 raise ClawError("NOT_LENT", f"{role}: {error.code}.") from error
@@ -313,24 +316,28 @@ def _tools(auth: httpx2.Auth, url: str) -> MCPToolset[Work]:
     """Tools of a guarded server under the token of this task; a refusal reaches the model in words, once."""
 
     async def in_words(context: RunContext[Work], call: Any, tool: str, arguments: dict[str, Any]) -> Any:
-        for _ in range(LATE_TRIES):
+        late, patient_until = 0, time.monotonic() + PATIENCE_S
+        while True:
             try:
                 return await call(tool, arguments)
             except Exception as error:
                 refused = refusal_in(error)
                 if refused is None:
                     raise
-                if refused.reason == "VERDICT_EXPIRED":
-                    continue
-                context.deps.refusals.append(refused.words)
-                raise ToolFailed(refused.words) from error
-        context.deps.refusals.append("VERDICT_EXPIRED")
-        raise ToolFailed("Denied: VERDICT_EXPIRED, several times: the machine is too loaded. Nothing has happened.")
+                waits = isinstance(refused, Deferred) and time.monotonic() < patient_until
+                late += refused.reason == "VERDICT_EXPIRED"
+                if not waits and (refused.reason != "VERDICT_EXPIRED" or late >= LATE_TRIES):
+                    context.deps.refusals.append(refused.words)
+                    raise ToolFailed(refused.words) from error
+            # Exactly the same call again: it uses an answer of people, once, or is decided anew.
+            await asyncio.sleep(refused.retry_after_s if isinstance(refused, Deferred) else 0.0)
 
     http = httpx2.AsyncClient(
         auth=auth, event_hooks={"response": [raise_refused]}, timeout=httpx2.Timeout(30.0, read=CALL_S), trust_env=False
     )
-    return MCPToolset(url, id=url, http_client=http, process_tool_call=in_words, max_retries=0)
+    return MCPToolset(
+        url, id=url, http_client=http, process_tool_call=in_words, max_retries=0, tool_error_behavior="failed"
+    )
 
 
 # --- tools of the orchestrator: the other agents, and what may be known ---------------------------------------------
@@ -375,6 +382,16 @@ async def recall(context: RunContext[Work], name: str) -> str:
     return json.dumps(told["value"]) if told["admitted"] else f"Nothing may be recalled: {told['reason']}."
 
 
+async def joints_for(x_m: float, y_m: float, z_m: float) -> dict[str, Any]:
+    """Joint angles with the middle of the fingers at a place in metres (base frame), pointing down."""
+    from cobot_claw.reach import OutOfReachError, joints_at
+
+    try:
+        return {"q_rad": await asyncio.to_thread(joints_at, x_m, y_m, z_m)}
+    except OutOfReachError as error:
+        raise ToolFailed(f"{error}. Nothing has happened.") from error
+
+
 async def _found(work: Work, query: str, content: str) -> str:
     told = await work.admissions.ask("retrieve", query=query, content=content)
     texts = [str(each["value"]) for each in told["items"] if each["admitted"]]
@@ -386,7 +403,7 @@ TOOLS: Final[dict[str, list[Any]]] = {
         Tool(each, max_retries=0)
         for each in (ask_vision, ask_robotic, ask_config, search_handbook, search_scenarios, remember, recall)
     ],
-    "robotic": [],
+    "robotic": [Tool(joints_for, max_retries=0)],
     "vision": [],
     "config": [],
 }

@@ -32,7 +32,7 @@ class Admissions:
     token: str
     audience: str
 
-    async def ask(self, name: str, **question: object) -> dict[str, Any]:
+    async def ask(self, name: str, /, **question: object) -> dict[str, Any]:
         """The answer to one question; `admitted` in it says whether there is anything for the model.
 
         Raises:
@@ -50,7 +50,7 @@ class Admissions:
             raise ClawError("CONTEXT_REFUSED", f"{name}: {told.get('code')} ({told.get('detail')}).")
         return told
 
-    async def admitted(self, name: str, **question: object) -> Any:
+    async def admitted(self, name: str, /, **question: object) -> Any:
         """The admitted value.
 
         Raises:

@@ -10,13 +10,16 @@ import json
 import os
 import threading
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pep import Free, Within, operation
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 PROFILE: Final = {
     "tool_centre_m": [0.0, 0.0, 0.174],
@@ -80,8 +83,18 @@ class Profile:
             return dict(changed)
 
 
-def config_server(profile: Profile) -> MCPServer[Any]:
-    """An MCP server with the tools of the profile, not yet guarded."""
+def nothing_seen() -> dict[str, Any]:
+    """The view of a server without a camera."""
+    raise ToolError("PERCEPTION_MISSING: no camera is connected.")
+
+
+def config_server(profile: Profile, view: Callable[[], dict[str, Any]] = nothing_seen) -> MCPServer[Any]:
+    """An MCP server with the tools of the profile and the camera, not yet guarded.
+
+    Args:
+        profile: what the tools read and change.
+        view: what the camera sees now.
+    """
     server: MCPServer[Any] = MCPServer("claw-config", log_level="ERROR")
 
     @server.tool()
@@ -113,8 +126,14 @@ def config_server(profile: Profile) -> MCPServer[Any]:
             raise ToolError(f"Nothing was changed. {where}") from None
         return profile.change(limits=known.model_dump())
 
+    @server.tool()
+    @operation("camera", base_tier=0)
+    def look() -> dict[str, Any]:
+        """Look at the cell: people and objects with their middle in metres (base frame), and the picture's age."""
+        return view()
+
     return server
 
 
-server = config_server(Profile(Path(os.environ.get("COBOT_CLAW_PROFILE", "profile.json"))))
+server = config_server(Profile(Path("profile.json")))
 """The server that a person looks at and registers (`ztpm mcp pin`)."""

@@ -20,6 +20,7 @@ from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 import uvicorn
+from mcp.server.mcpserver.exceptions import ToolError
 from starlette.requests import Request as HttpRequest
 from starlette.responses import JSONResponse, Response
 
@@ -28,6 +29,7 @@ from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
+from cobot_claw.depth import enclosing
 from cobot_claw.telemetry import traced, within_trace
 from cobot_claw.words import FORMS
 from pep.context import json_value as values
@@ -40,6 +42,8 @@ from pep.context.retrieval import Curated
 from pep.context.stores.sqlite import HighWaterMarkFile, MemoryFile
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.http_request import headers_of, token_in
+from pep.perception.receiver import FrameReceiver
+from pep.perception.sensor_frames import Distrusted, Frames, Unseen
 from pep.point.config_text import read_key
 from pep.point.guard_config import GuardConfig
 from pep.point.tool_server import GuardedServer
@@ -49,10 +53,12 @@ from policies.evidence.evidence import NOT_COLLECTED
 from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Awaitable, Callable, Mapping, Sequence
 
     from mcp.server import MCPServer
     from starlette.types import Receive, Scope, Send
+
+    from capabilities.statements.observation import Shape
 
 LEASE_MS: Final = 30_000
 """Oldest acceptable revocation view where nothing moves (DESIGN section 10)."""
@@ -60,6 +66,10 @@ BODY_BYTES: Final = 262_144
 """Largest question: a message of 64 kB with a token beside it."""
 BODY_DEPTH: Final = 16
 PREFIX: Final = "/context/"
+CAMERA: Final = "claw-camera"
+"""Registered id of the camera for this point."""
+FRESH_MS: Final = 500
+"""Oldest frame that is a view, as for facts of sensors (docs/guard.md)."""
 
 
 class QuestionError(ValueError):
@@ -103,6 +113,7 @@ class PointConfig:
         people, curators: raw public key, in hex, by id.
         manifests: signed manifests of the collections.
         store: directory of ChromaDB; "" for no retrieval.
+        perception_port: where the camera's frames come in; 0 for no camera.
     """
 
     guard: Path
@@ -110,6 +121,7 @@ class PointConfig:
     curators: Mapping[str, bytes]
     manifests: tuple[Path, ...] = ()
     store: str = ""
+    perception_port: int = 0
 
     @classmethod
     def read(cls, path: Path) -> PointConfig:
@@ -123,6 +135,7 @@ class PointConfig:
             keys("curators"),
             tuple(path.parent / each for each in given.get("manifests", [])),
             str(path.parent / store) if store else "",
+            given.get("perception_port", 0),
         )
 
 
@@ -168,6 +181,9 @@ class ClawPoint(GuardedServer):
             clock=self.clock,
             caps=CAPS,
         )
+        self._perception_port = config.perception_port
+        self._frames = Frames(sensors=self.follower, named=frozenset({CAMERA}), clock=self.clock, caps=CAPS)
+        self._receiver = FrameReceiver(self._frames, clock=self.clock, incident=self._frame_incident)
         self._curated: dict[str, Curated] = {}
         if config.store:
             from cobot_claw.knowledge import collections_at
@@ -187,6 +203,37 @@ class ClawPoint(GuardedServer):
                 adopted = curated.adopt(path.read_text("ascii"))
                 if isinstance(adopted, Fault):
                     raise QuestionError(f"{path}: {adopted.code}")
+
+    async def declare(self) -> None:
+        """Lets the declared tools be called, and hears the camera."""
+        await super().declare()
+        if self._perception_port:
+            await self._receiver.listen(urlsplit(self._origin).hostname or "127.0.0.1", self._perception_port)
+
+    async def release(self) -> None:
+        """Ends the reception, and releases everything."""
+        await self._receiver.close()
+        await super().release()
+
+    def view(self) -> dict[str, Any]:
+        """What the camera sees, by its newest frame: signed by the registered key, in order, fresh (CII-4's recipe).
+
+        Raises:
+            ToolError: the newest frame must not be believed, is too old, or there is none.
+        """
+        seen, now_ms = self._frames.view(), self.clock.monotonic_ms()
+        if isinstance(seen, Distrusted):
+            raise ToolError(f"PERCEPTION_INVALID: {seen.rejected.fault}. Nothing is seen.")
+        if isinstance(seen, Unseen):
+            raise ToolError("PERCEPTION_MISSING: no frame has come. Nothing is seen.")
+        (frame,) = seen.frames
+        age_ms = frame.age_ms(now_ms)
+        if not age_ms <= FRESH_MS:
+            raise ToolError(f"PERCEPTION_STALE: the newest frame is {age_ms} ms old. Nothing is seen.")
+        scene = frame.observation
+        people = [{"id": each.id, **_middle([s for _, s in each.regions])} for each in scene.people]
+        objects = [{"id": each.id, "kind": each.kind, **_middle([each.shape])} for each in scene.objects]
+        return {"age_ms": age_ms, "people": people, "objects": objects}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One ASGI connection, or the life of the whole app."""
@@ -295,6 +342,13 @@ class ClawPoint(GuardedServer):
         return await asyncio.to_thread(found)
 
 
+def _middle(shapes: Sequence[Shape]) -> dict[str, float]:
+    """Middle and top of some shapes, m in the base frame."""
+    low, high = enclosing(shapes)
+    x, y, z = ((a + b) / 2 for a, b in zip(low, high, strict=True))
+    return {"x_m": round(x, 4), "y_m": round(y, 4), "z_m": round(z, 4), "top_m": round(high[2], 4)}
+
+
 def _question(body: bytes) -> dict[str, Any]:
     question = strict_json.read(body, limit_bytes=BODY_BYTES, limit_depth=BODY_DEPTH)
     if not isinstance(question, dict):
@@ -343,13 +397,20 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="python -m cobot_claw.point", description=__doc__)
     parser.add_argument("--config", required=True, type=Path)
     options = parser.parse_args()
-    from cobot_claw.config_tools import server
+    from cobot_claw.config_tools import Profile, config_server
     from cobot_claw.telemetry import begin
 
     config = PointConfig.read(options.config)
     guard = GuardConfig.read(config.guard)
     begin("point", guard.folder / "spans.ndjson")
-    point = ClawPoint(server, guard, config)
+    point: ClawPoint | None = None
+
+    def view() -> dict[str, Any]:
+        assert point is not None
+        return point.view()
+
+    profile = Profile(guard.folder / "profile.json")
+    point = ClawPoint(config_server(profile, view), guard, config)
     parts = urlsplit(guard.audience)
     serve(point, host=parts.hostname or "127.0.0.1", port=parts.port or 80)
 

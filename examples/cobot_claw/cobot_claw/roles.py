@@ -52,9 +52,9 @@ OF: Final = {
     "robotic": Role(
         _COMMON + "You move a UR3e arm and its gripper with your tools, exactly as you are told, one call at a time. "
         "Poses: left (-0.6, -1.62, 1.25, -1.2, -1.57, 0) rad, front (0, ...), handover (0.45, ...), right (0.6, ...), "
-        "the same last five. Acceleration is 1.4 rad/s2. For a place in metres ask `joints_above` first.",
+        "the same last five. Acceleration is 1.4 rad/s2. For a place in metres ask `joints_for` first.",
         cell=True,
-        needs=("table/touch", "ur3e/gripper_move", "ur3e/move_joint", "ur3e/read_state", "ur3e/stop"),
+        needs=("table/touch", "ur3e/gripper_move", "ur3e/move_joint", "ur3e/read_state", "ur3e/stop", "part-1/touch"),
     ),
     "vision": Role(
         _COMMON

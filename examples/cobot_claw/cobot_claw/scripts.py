@@ -33,9 +33,10 @@ POSES: Final = {
     "handover": (0.45, -1.62, 1.25, -1.2, -1.57, 0.0),
 }
 """Named poses of the arm, rad."""
+ABOVE_M: Final = 0.1
 ACCELERATION_RAD_S2: Final = 1.4
 _SPEED: Final = re.compile(r"([\d.]+) ?rad/s")
-_NUMBER: Final = r"(-?[\d.]+)"
+_NUMBER: Final = r"(-?\d+(?:\.\d+)?)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +120,14 @@ def _hand_over(seen: Sequence[Seen]) -> Call | str:
     if not seen:
         return Call("ask_vision", {"task": "Find the part on the table and tell its position in metres."})
     if len(seen) == 1:
-        place = re.search(rf"part at {_NUMBER}, {_NUMBER}, {_NUMBER}", seen[0].text)
+        place = re.search(rf"part-\d+ at {_NUMBER}, {_NUMBER}, {_NUMBER}", seen[0].text)
         if place is None:
             return f"There is no part to hand over. {seen[0].text}"
-        over = f"Go above {place[1]}, {place[2]}, {place[3]} at 0.5 rad/s, then close the gripper with 30 N."
+        where = f"{place[1]}, {place[2]}, {place[3]}"
+        over = (
+            f"Open the gripper, then go above {where} at 0.5 rad/s, then down to {where} at 0.1 rad/s, then close the "
+        )
+        over += f"gripper with 30 N, then go above {where} at 0.1 rad/s."
         return Call("ask_robotic", {"task": over})
     if len(seen) == 2:
         return Call("ask_robotic", {"task": "Move to handover at 0.4 rad/s, then open the gripper."})
@@ -150,11 +155,12 @@ def robotic(text: str, seen: Sequence[Seen]) -> Call | str:
     speed = _speed(text, 0.4)
     for step in re.split(r";|\bthen\b", text):
         speed = _speed(step, speed)
-        above = re.search(rf"above {_NUMBER}, {_NUMBER}, {_NUMBER}", step)
+        place = re.search(rf"(above|down to) {_NUMBER}, {_NUMBER}, {_NUMBER}", step)
         pose = next((name for name in POSES if re.search(rf"\bto {name}\b", step, re.IGNORECASE)), None)
-        if above is not None:
-            x, y, z = (float(each) for each in above.groups())
-            calls.append(Call("joints_above", {"x_m": x, "y_m": y, "z_m": z}))
+        if place is not None:
+            x, y, z = map(float, place.groups()[1:])
+            z += ABOVE_M if place[1] == "above" else 0.0
+            calls.append(Call("joints_for", {"x_m": x, "y_m": y, "z_m": round(z, 6)}))
             calls.append(Call("move_joint", {"q_rad": "of the last answer", "speed_rad_s": speed}))
         elif pose is not None:
             calls.append(Call("move_joint", {"q_rad": list(POSES[pose]), "speed_rad_s": speed}))

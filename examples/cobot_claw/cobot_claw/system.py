@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import json
+import re
 import secrets
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
+from ipaddress import IPv4Address
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 import httpx2
@@ -16,34 +20,45 @@ from capabilities.keys import keys
 from capabilities.statements.context import intent as intent_statement
 from capabilities.values.scope import Grant, Scope
 from cobot_claw import roles
-from cobot_claw.agent import TASK_S, measurement
+from cobot_claw.agent import PATIENCE_S, TASK_S, measurement
+from cobot_claw.approving import Approver
 from cobot_claw.errors import ClawError
 from cobot_claw.models import stated
+from cobot_claw.point import CAMERA
+from cobot_claw.table import PART, PART_KG, PART_WIDTH_M, Table
 from cobot_claw.telemetry import carried, traced
-from cobot_claw.words import REQUEST
+from cobot_claw.words import REQUEST, in_short
 from pep.base.declaration import declared, grant
-from ztpm.base.layout import new_key
+from pep.rtde.robot.gripper import RobotiqGripper
+from ztpm.base.layout import new_key, read_key
 from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.cell.setup import SENSOR_CALIBRATION
 from ztpm.stage.lending import sweep_scope
 from ztpm.stage.live import stage
 from ztpm_idp.client import ClientError
 from ztpm_idp.client.callers import Evidence, issue_request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-    from pathlib import Path
+    from collections.abc import Callable, Iterator, Mapping
 
+    from ztpm.base.layout import Layout
     from ztpm.stage.stage import Stage
     from ztpm_idp.client import Operator
 
 POINT_PORT: Final = 8810
+PERCEPTION_PORT: Final = 8816
 AGENT_PORTS: Final = {role: 8811 + place for place, role in enumerate(roles.ROLES)}
 """Ports on the cell's own loopback address."""
 PERSON: Final = "alice"
 """The person who asks, and whose authority it is."""
+APPROVER: Final = "bob"
+"""The person who is asked about what the agents may not do alone."""
 LIFETIME_S: Final = 900
 POINT_ID: Final = "claw-point"
+CAMERA_KEY: Final = "claw-camera.key"
+CAMERA_TRANSIT_MS: Final = 60
+"""Declared longest transit of a frame: casting and detecting take some 30 ms."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,12 +89,16 @@ class System:
         folder: of the point's and the agents' files.
         children: its processes beside the cell, by name.
         ids: of the agents, by role.
+        table: what truly stands there, once it is started.
+        approver: a second person, where one answers.
     """
 
     stage: Stage
     folder: Path
     children: dict[str, Child] = field(default_factory=dict)
     ids: dict[str, str] = field(default_factory=dict)
+    table: Table | None = None
+    approver: Approver | None = None
 
     @property
     def host(self) -> str:
@@ -103,7 +122,7 @@ class System:
     # --- start -------------------------------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Registers and starts the point and the agents.
+        """Registers and starts the point and the agents; a part lies on the table, and the gripper is ready.
 
         Raises:
             ztpm.base.processes.ChildError: a process does not become ready.
@@ -111,11 +130,24 @@ class System:
         self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._start_point()
         self._start_agents()
+        gripper = RobotiqGripper(self.host)
+        gripper.activate()  # as a person does after power-on
+        self.table = Table(tell=self.stage.cell.sensor.tell, joints=lambda: self.stage.joints, gripper=gripper)
+        self.table.lay(PART)
+        self.table.start()
 
     def _start_point(self) -> None:
         layout, admin = self.stage.cell.layout, self.stage.person("carol")
         key = new_key(self.folder / "point.key", self.stage.cell.passphrase)
         admin.register_pep(POINT_ID, keys.public_raw(key), [self.point])
+        camera = read_key(layout.root / CAMERA_KEY, self.stage.cell.passphrase)
+        admin.register_sensor(
+            CAMERA,
+            keys.public_raw(camera),
+            calibration=SENSOR_CALIBRATION,
+            transit_ms=CAMERA_TRANSIT_MS,
+            audience=self.point,
+        )
         from cobot_claw.config_tools import server
         from pep import pins
 
@@ -138,14 +170,14 @@ class System:
         (self.folder / "point").mkdir(mode=0o700, exist_ok=True)
         (self.folder / "guard.toml").write_text(_toml(guard), "utf-8")
         person = keys.public_raw(self.person._key).hex()  # noqa: SLF001 - the composition made it
-        words = f'guard = "guard.toml"\n[people]\n{PERSON} = "{person}"\n'
+        words = f'guard = "guard.toml"\nperception_port = {PERCEPTION_PORT}\n[people]\n{PERSON} = "{person}"\n'
         (self.folder / "point.toml").write_text(words, "utf-8")
         self.children["point"] = Child.start(
             "admission point",
             "cobot_claw.point",
             "--config",
             str(self.folder / "point.toml"),
-            environment={**self._secret, "COBOT_CLAW_PROFILE": str(self.folder / "profile.json")},
+            environment=self._secret,
         )
 
     def _start_agents(self) -> None:
@@ -184,9 +216,14 @@ class System:
         return {PASSPHRASE_VARIABLE: self.stage.cell.passphrase.decode()}
 
     def stop(self) -> None:
-        """Ends the agents, then the point."""
-        for child in reversed(self.children.values()):
+        """Ends the agents, then the point; the last lines of each are in its log."""
+        if self.approver is not None:
+            self.approver.stop()
+        if self.table is not None:
+            self.table.stop()
+        for name, child in reversed(self.children.items()):
             child.stop()
+            (self.folder / f"{name}.log").write_text("\n".join(child.output) + "\n", "utf-8")
 
     # --- a request ---------------------------------------------------------------------------------------------------
 
@@ -222,7 +259,7 @@ class System:
 
     def _lend(self, intent: str, text: str) -> str:
         """A token for the orchestrator, for exactly this intent."""
-        purpose = intent_statement.purpose(intent_statement.digest_of(intent), text[:80])
+        purpose = intent_statement.purpose(intent_statement.digest_of(intent), in_short(text))
         scope, id_ = self._scope(), self.ids["orchestrator"]
         request = issue_request(id_, scope, purpose=purpose)
         told = self._post("evidence", {"delegator": PERSON, "request": request})
@@ -240,7 +277,7 @@ class System:
         )
         tools = config_tools.server._tool_manager.list_tools()  # noqa: SLF001 - the SDK lists them in no other way outside a loop
         beside = [grant(tool.fn) for tool in tools if declared(tool.fn) is not None]
-        grants = (*arm.grants, *beside, Grant("memory", "remember"))
+        grants = (*arm.grants, *beside, Grant("memory", "remember"), Grant("part-1", "touch"))
         return replace(
             arm,
             grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))),
@@ -270,26 +307,56 @@ class System:
 
 
 @contextmanager
-def system(*, directory: Path | None = None, told: Callable[[str], None] = lambda _: None) -> Iterator[System]:
+def system(
+    *,
+    directory: Path | None = None,
+    told: Callable[[str], None] = lambda _: None,
+    approves: Callable[[Mapping[str, Any]], bool] | None = None,
+) -> Iterator[System]:
     """A running system on a fresh cell, ended afterwards.
 
     Args:
         directory: of the cell, kept; a temporary one by default.
         told: is told what is being started.
+        approves: the answer of `APPROVER` to a question that needs a second person; None: nobody answers, which denies.
     """
     from cobot_claw.telemetry import begin
 
-    told("the cell: identity provider, controller, sensor, gateway, tool server")
-    with stage(directory=directory) as on_stage:
+    def keyed(layout: Layout, passphrase: bytes) -> None:
+        new_key(layout.root / CAMERA_KEY, passphrase)
+        settings = layout.gateway_config.read_text("utf-8")  # people get as long as an agent is patient
+        patient = re.sub(r"(?m)^defer_timeout_s = \d+$", f"defer_timeout_s = {PATIENCE_S:.0f}", settings)
+        weighed = f'[[cell.parts]]\nobject = "{PART["id"]}"\nmass_kg = {PART_KG}\nblunt = true\n'
+        layout.gateway_config.write_text(patient + weighed, "utf-8")
+
+    told("the cell: identity provider, controller, camera, gateway, tool server")
+    with stage(directory=directory and directory.absolute(), begin=_begin, prepare=keyed) as on_stage:
         here = System(on_stage, on_stage.cell.layout.root / "claw")
         here.folder.mkdir(mode=0o700)
         begin("person", here.folder / "person.spans.ndjson")
         try:
             told("the admission point and four agents")
             here.start()
+            if approves is not None:
+                here.approver = Approver(on_stage.person(APPROVER), approves)
+                here.approver.start()
             yield here
         finally:
             here.stop()
+
+
+def _begin(name: str, module: str, *arguments: str, **options: Any) -> Child:
+    """Begins a child of the cell: the camera in place of the simulated sensor."""
+    if module == "ursim.sensor.sensor":
+        module = "cobot_claw.camera"
+        place = dict(itertools.pairwise(arguments))
+        host = str(IPv4Address(place["--to"].rpartition(":")[0]) - 1)  # the gateway's is the next one
+        key = Path(place["--key-file"]).parents[1] / CAMERA_KEY
+        arguments = (*arguments, "--also", f"{host}:{PERCEPTION_PORT}", CAMERA, str(key))
+    if module == "ursim.__main__":
+        # At this width the fingers of the simulated gripper are stopped whenever they close.
+        arguments = (*arguments, f"--gripper-object={PART_WIDTH_M}")
+    return Child.begin(name, module, *arguments, **options)
 
 
 def _toml(settings: dict[str, str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from typing import Final
 
 from pydantic import Field
@@ -11,8 +12,14 @@ from pep.context.forms import Form, FormBody, Forms, RequestedOperation, asks_no
 REQUEST: Final = "claw-request/1"
 TASK: Final = "claw-task/1"
 REPORT: Final = "claw-report/1"
+PURPOSE_LENGTH: Final = 100
 TEXT_LENGTH: Final = 4_000
 """Most characters of a request, task or report: a page of prose."""
+
+
+def in_short(text: str) -> str:
+    """The beginning of a text, as the purpose of a token: a line of at most `PURPOSE_LENGTH` characters."""
+    return textwrap.shorten(text, PURPOSE_LENGTH, placeholder=" ...")
 
 
 class RequestBody(FormBody):
