@@ -121,6 +121,19 @@ class Work:
     intent: str
     admissions: Admissions
     refusals: list[str] = field(default_factory=list)
+    unfinished: dict[str, str] = field(default_factory=dict)
+
+    def noted(self, tool: str, answer: Any) -> Any:
+        """The answer, once it is noted whether the call came to its end: a motion may be stopped under way."""
+        self.unfinished.pop(tool, None)
+        if isinstance(answer, dict) and answer.get("outcome", "reached") != "reached":
+            self.unfinished[tool] = f"{answer['outcome']} ({answer.get('reason')})"
+        return answer
+
+    @property
+    def done(self) -> bool:
+        """True where nothing was refused, and nothing was left unfinished."""
+        return not self.refusals and not self.unfinished
 
 
 class Holder:
@@ -181,7 +194,7 @@ class Holder:
                 else:
                     said = await work.admissions.admitted("hear", message=message, intent=intent)
                 text = await self._run(work, said["text"])
-            return {"done": not work.refusals, "text": text[:TEXT_LENGTH]}
+            return {"done": work.done, "text": text[:TEXT_LENGTH]}
         except ClawError as error:
             return {"done": False, "text": str(error)[:TEXT_LENGTH]}
         except TimeoutError:
@@ -319,10 +332,11 @@ def _tools(auth: httpx2.Auth, url: str) -> MCPToolset[Work]:
         late, patient_until = 0, time.monotonic() + PATIENCE_S
         while True:
             try:
-                return await call(tool, arguments)
+                return context.deps.noted(tool, await call(tool, arguments))
             except Exception as error:
                 refused = refusal_in(error)
                 if refused is None:
+                    context.deps.unfinished[tool] = str(error)
                     raise
                 waits = isinstance(refused, Deferred) and time.monotonic() < patient_until
                 late += refused.reason == "VERDICT_EXPIRED"
@@ -395,7 +409,7 @@ async def joints_for(x_m: float, y_m: float, z_m: float) -> dict[str, Any]:
 async def _found(work: Work, query: str, content: str) -> str:
     told = await work.admissions.ask("retrieve", query=query, content=content)
     texts = [str(each["value"]) for each in told["items"] if each["admitted"]]
-    return texts[0] if texts else "Nothing was found that may be believed."
+    return "\n\n".join(texts) or "Nothing was found that may be believed."
 
 
 TOOLS: Final[dict[str, list[Any]]] = {

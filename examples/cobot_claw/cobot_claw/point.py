@@ -111,15 +111,13 @@ class PointConfig:
     Attributes:
         guard: path of `guard.toml`.
         people, curators: raw public key, in hex, by id.
-        manifests: signed manifests of the collections.
-        store: directory of ChromaDB; "" for no retrieval.
+        store: directory of ChromaDB, with the signed manifest of each collection; "" for no retrieval.
         perception_port: where the camera's frames come in; 0 for no camera.
     """
 
     guard: Path
     people: Mapping[str, bytes]
     curators: Mapping[str, bytes]
-    manifests: tuple[Path, ...] = ()
     store: str = ""
     perception_port: int = 0
 
@@ -133,7 +131,6 @@ class PointConfig:
             path.parent / given["guard"],
             keys("people"),
             keys("curators"),
-            tuple(path.parent / each for each in given.get("manifests", [])),
             str(path.parent / store) if store else "",
             given.get("perception_port", 0),
         )
@@ -199,10 +196,9 @@ class ClawPoint(GuardedServer):
                     clock=self.clock,
                     caps=CAPS,
                 )
-            for path, curated in zip(config.manifests, self._curated.values(), strict=True):
-                adopted = curated.adopt(path.read_text("ascii"))
+                adopted = self._curated[content].adopt((Path(config.store) / f"{content}.jws").read_text("ascii"))
                 if isinstance(adopted, Fault):
-                    raise QuestionError(f"{path}: {adopted.code}")
+                    raise QuestionError(f"{content}.jws: {adopted.code}")
 
     async def declare(self) -> None:
         """Lets the declared tools be called, and hears the camera."""

@@ -34,6 +34,9 @@ POSES: Final = {
 }
 """Named poses of the arm, rad."""
 ABOVE_M: Final = 0.1
+CLOSED_M: Final = 0.02
+RETRIES: Final = 2
+"""A motion that ended early, on a machine that is too loaded to watch it, is asked for so often again."""
 ACCELERATION_RAD_S2: Final = 1.4
 _SPEED: Final = re.compile(r"([\d.]+) ?rad/s")
 _NUMBER: Final = r"(-?\d+(?:\.\d+)?)"
@@ -108,12 +111,19 @@ def orchestrator(text: str, seen: Sequence[Seen]) -> Call | str:
     if re.search(r"\bscenario\b", wanted):
         return _scenario(wanted, seen)
     if re.search(r"\bhow\b", wanted):
-        return _in_turn([Call("search_handbook", {"query": text})], seen) or f"The handbook says: {seen[-1].text}"
+        found = _in_turn([Call("search_handbook", {"query": text})], seen)
+        return found or f"The handbook says: {_nearest(text, seen[-1].text)}"
     if re.search(r"\b(move|go|swing|turn)\b", wanted):
         pose = next((name for name in POSES if name in wanted), "front")
         task = f"Move to {pose} at {_speed(text, 0.5)} rad/s."
         return _in_turn([Call("ask_robotic", {"task": task})], seen) or seen[-1].text
     return "I can hand over a part, look, move the arm, change the profile, run a scenario, and search the handbook."
+
+
+def _nearest(asked: str, found: str) -> str:
+    """The text with most of the words that were asked for, of several with an empty line between them."""
+    words = set(re.findall(r"\w{3,}", asked.lower()))
+    return max(found.split("\n\n"), key=lambda text: len(words & set(re.findall(r"\w{3,}", text.lower()))))
 
 
 def _hand_over(seen: Sequence[Seen]) -> Call | str:
@@ -129,6 +139,8 @@ def _hand_over(seen: Sequence[Seen]) -> Call | str:
         )
         over += f"gripper with 30 N, then go above {where} at 0.1 rad/s."
         return Call("ask_robotic", {"task": over})
+    if len(seen) == 2 and "nothing is between" in seen[1].text:
+        return f"I could not grip the part. {seen[1].text}"
     if len(seen) == 2:
         return Call("ask_robotic", {"task": "Move to handover at 0.4 rad/s, then open the gripper."})
     if len(seen) == 3:
@@ -140,17 +152,26 @@ def _scenario(wanted: str, seen: Sequence[Seen]) -> Call | str:
     if not seen:
         return Call("search_scenarios", {"query": wanted})
     if len(seen) == 1:
-        steps = re.findall(r"- (move to \w+ at [\d.]+ rad/s)", seen[0].text, re.IGNORECASE)
+        found = _nearest(wanted, seen[0].text)
+        steps = re.findall(r"- (move to \w+ at [\d.]+ rad/s)", found, re.IGNORECASE)
         if not steps:
             return f"The library has no such scenario. {seen[0].text}"
         return Call("ask_robotic", {"task": "; then ".join(steps) + "."})
     return f"The scenario is over. {seen[-1].text}"
 
 
+def _outcome(each: Seen) -> str | None:
+    return each.content.get("outcome") if isinstance(each.content, dict) else None
+
+
 def robotic(text: str, seen: Sequence[Seen]) -> Call | str:
     """Carries a task out step by step with the arm's tools, and stops at the first that does not happen."""
     if seen and seen[-1].failed:
         return f"Stopped after {len(seen) - 1} steps. {seen[-1].text}"
+    early = [each for each in seen if _outcome(each) not in (None, "reached")]
+    if early and early[-1] is seen[-1] and len(early) > RETRIES:
+        return f"Stopped: the motion ended early. {seen[-1].text}"
+    seen = [each for each in seen if each not in early]  # what ended early is asked for again
     calls: list[Call] = []
     speed = _speed(text, 0.4)
     for step in re.split(r";|\bthen\b", text):
@@ -168,9 +189,13 @@ def robotic(text: str, seen: Sequence[Seen]) -> Call | str:
             calls.append(Call("gripper_move", {"width_m": 0.08, "speed_m_s": 0.05, "force_n": 30.0}))
         elif "close the gripper" in step.lower():
             force = re.search(rf"{_NUMBER} N\b", step)
-            width = {"width_m": 0.02, "speed_m_s": 0.05, "force_n": float(force[1]) if force else 30.0}
+            width = {"width_m": CLOSED_M, "speed_m_s": 0.05, "force_n": float(force[1]) if force else 30.0}
             calls.append(Call("gripper_move", width))
     call = _in_turn(calls, seen)
+    if call is not None and seen and calls[len(seen) - 1].arguments.get("width_m") == CLOSED_M:
+        held = seen[-1].content
+        if isinstance(held, dict) and not held.get("object"):
+            return f"Stopped after {len(seen)} steps: nothing is between the fingers."
     if call is None:
         ends = [
             each.content.get("outcome") for each in seen if isinstance(each.content, dict) and "outcome" in each.content

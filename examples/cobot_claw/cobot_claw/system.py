@@ -19,7 +19,7 @@ import rfc8785
 from capabilities.keys import keys
 from capabilities.statements.context import intent as intent_statement
 from capabilities.values.scope import Grant, Scope
-from cobot_claw import roles
+from cobot_claw import knowledge, roles
 from cobot_claw.agent import PATIENCE_S, TASK_S, measurement
 from cobot_claw.approving import Approver
 from cobot_claw.errors import ClawError
@@ -170,9 +170,16 @@ class System:
         (self.folder / "point").mkdir(mode=0o700, exist_ok=True)
         (self.folder / "guard.toml").write_text(_toml(guard), "utf-8")
         person = keys.public_raw(self.person._key).hex()  # noqa: SLF001 - the composition made it
-        words = f'guard = "guard.toml"\nperception_port = {PERCEPTION_PORT}\n[people]\n{PERSON} = "{person}"\n'
+        dora, store = new_key(self.folder / "dora.key", self.stage.cell.passphrase), self.folder / "knowledge"
+        store.mkdir(mode=0o700)
+        for kind in knowledge.NAMES:
+            signed = knowledge.signed_manifest(kind, dora, at=int(time.time()))
+            (store / f"{kind}.jws").write_text(signed, "ascii")
+        curator = keys.public_raw(dora).hex()
+        words = f'guard = "guard.toml"\nstore = "knowledge"\nperception_port = {PERCEPTION_PORT}\n'
+        words += f'[people]\n{PERSON} = "{person}"\n[curators]\n{knowledge.CURATOR} = "{curator}"\n'
         (self.folder / "point.toml").write_text(words, "utf-8")
-        self.children["point"] = Child.start(
+        self.children["point"] = Child.begin(
             "admission point",
             "cobot_claw.point",
             "--config",
@@ -208,8 +215,8 @@ class System:
             self.children[role] = Child.begin(
                 f"{role} agent", "cobot_claw.agent", "--config", str(path), environment=self._secret
             )
-        for role in roles.ROLES:
-            self.children[role].until_ready()
+        for child in self.children.values():
+            child.until_ready()
 
     @property
     def _secret(self) -> dict[str, str]:
