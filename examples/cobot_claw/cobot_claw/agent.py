@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any, Final
 import httpx2
 import rfc8785
 from pydantic_ai import Agent as ModelAgent
-from pydantic_ai import RunContext, Tool, ToolFailed, UsageLimits
+from pydantic_ai import ModelSettings, RunContext, Tool, ToolFailed, UsageLimits
 from pydantic_ai.exceptions import (
     AgentRunError,
     ModelAPIError,
@@ -56,6 +56,10 @@ from ztpm_idp.client import Agent, ClientError, Deferred, raise_refused, refusal
 from ztpm_idp.client.callers import Evidence, delegate_request
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from pydantic_ai.models import Model
+    from pydantic_ai.toolsets import AbstractToolset
     from starlette.requests import Request as HttpRequest
 
     from capabilities.keys.keys import PrivateKey
@@ -64,6 +68,8 @@ STEPS_MOST: Final = 16
 """Most turns of a model in one task; one that needs more goes in circles."""
 TASK_S: Final = 240.0
 """Longest time of one task: some motions, and people who are asked."""
+MODEL_S: Final = 45.0
+"""Longest wait for one answer of a model's endpoint; its client tries three times."""
 CALL_S: Final = 120.0
 """Longest answer to one call of a tool, which may be a motion's end."""
 LATE_TRIES: Final = 4
@@ -209,19 +215,7 @@ class Holder:
             for url, used in ((self.config.cell, self.role.cell), (self.config.point, self.role.point))
             if used
         ]
-        try:
-            model = ModelAgent(
-                self.model,
-                deps_type=Work,
-                instructions=self.role.instructions,
-                toolsets=toolsets,
-                tools=TOOLS[self.config.role],
-                name=self.config.role,
-            )
-            found = await model.run(text, deps=work, usage_limits=UsageLimits(request_limit=STEPS_MOST))
-        except Exception as error:
-            raise named(error, f"{self.config.role}") from error
-        return found.output
+        return await run(self.model, self.config.role, text, work=work, toolsets=toolsets)
 
     # --- what it says and lends --------------------------------------------------------------------------------------
 
@@ -294,6 +288,37 @@ class Holder:
         return told
 
 
+async def run(
+    model: Model, role: str, text: str, *, work: Work | None, toolsets: Sequence[AbstractToolset[Any]] = ()
+) -> str:
+    """The words with which a model ends a task.
+
+    Args:
+        model: behind the agent.
+        role: of the agent.
+        text: the admitted task.
+        work: what its tools rest on.
+        toolsets: of tool servers.
+
+    Raises:
+        ClawError: the model is down, slow, talks nonsense or goes in circles, or a tool server is gone.
+    """
+    agent = ModelAgent(
+        model,
+        deps_type=Work,
+        instructions=roles.OF[role].instructions,
+        toolsets=list(toolsets),
+        tools=TOOLS[role],
+        name=role,
+        model_settings=ModelSettings(timeout=MODEL_S),
+    )
+    try:
+        found = await agent.run(text, deps=work, usage_limits=UsageLimits(request_limit=STEPS_MOST))  # type: ignore[arg-type]
+    except Exception as error:
+        raise named(error, role) from error
+    return str(found.output)
+
+
 def named(error: Exception, role: str) -> Exception:
     """The failure of a model's run in our words; any other error as it is."""
     match error:
@@ -308,6 +333,8 @@ def named(error: Exception, role: str) -> Exception:
             return ClawError("MODEL_SLOW" if slow else "MODEL_UNREACHABLE", f"{role}: {type(error).__name__}.")
         case ModelHTTPError(status_code=status):
             return ClawError("MODEL_REFUSED", f"{role}: HTTP status {status}.")
+        case ModelAPIError() if any(isinstance(each, ValueError) for each in _inside(error)):
+            return ClawError("MODEL_NONSENSE", f"{role}: no JSON.")
         case ModelAPIError():
             return ClawError("MODEL_UNREACHABLE", f"{role}: {type(error).__name__}.")
         case UnexpectedModelBehavior() | AgentRunError():

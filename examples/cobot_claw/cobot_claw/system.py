@@ -7,10 +7,12 @@ import json
 import re
 import secrets
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field, replace
+from functools import partial
 from ipaddress import IPv4Address
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, Final
 
 import httpx2
@@ -22,6 +24,7 @@ from capabilities.values.scope import Grant, Scope
 from cobot_claw import knowledge, roles
 from cobot_claw.agent import PATIENCE_S, TASK_S, measurement
 from cobot_claw.approving import Approver
+from cobot_claw.collector import Collector
 from cobot_claw.errors import ClawError
 from cobot_claw.models import stated
 from cobot_claw.point import CAMERA
@@ -52,6 +55,7 @@ AGENT_PORTS: Final = {role: 8811 + place for place, role in enumerate(roles.ROLE
 """Ports on the cell's own loopback address."""
 PERSON: Final = "alice"
 """The person who asks, and whose authority it is."""
+LOOPBACK: Final = "127.0.0.1"
 APPROVER: Final = "bob"
 """The person who is asked about what the agents may not do alone."""
 LIFETIME_S: Final = 900
@@ -127,7 +131,6 @@ class System:
         Raises:
             ztpm.base.processes.ChildError: a process does not become ready.
         """
-        self.folder.mkdir(mode=0o700, parents=True, exist_ok=True)
         self._start_point()
         self._start_agents()
         gripper = RobotiqGripper(self.host)
@@ -323,7 +326,7 @@ def system(
     """A running system on a fresh cell, ended afterwards.
 
     Args:
-        directory: of the cell, kept; a temporary one by default.
+        directory: kept, with the cell in `cell` and the rest in `claw`; a temporary one by default.
         told: is told what is being started.
         approves: the answer of `APPROVER` to a question that needs a second person; None: nobody answers, which denies.
     """
@@ -337,23 +340,28 @@ def system(
         layout.gateway_config.write_text(patient + weighed, "utf-8")
 
     told("the cell: identity provider, controller, camera, gateway, tool server")
-    with stage(directory=directory and directory.absolute(), begin=_begin, prepare=keyed) as on_stage:
-        here = System(on_stage, on_stage.cell.layout.root / "claw")
-        here.folder.mkdir(mode=0o700)
-        begin("person", here.folder / "person.spans.ndjson")
-        try:
-            told("the admission point and four agents")
-            here.start()
-            if approves is not None:
-                here.approver = Approver(on_stage.person(APPROVER), approves)
-                here.approver.start()
-            yield here
-        finally:
-            here.stop()
+    with ExitStack() as ending:
+        home = directory.absolute() if directory else Path(ending.enter_context(TemporaryDirectory(prefix="claw-")))
+        folder = home / "claw"
+        folder.mkdir(mode=0o700, parents=True)
+        collector = Collector(folder / "cell.spans.ndjson", LOOPBACK)
+        ending.callback(collector.close)
+        begin_child = partial(_begin, collector.environment)
+        here = System(ending.enter_context(stage(directory=home / "cell", begin=begin_child, prepare=keyed)), folder)
+        ending.callback(here.stop)
+        begin("person", folder / "person.spans.ndjson")
+        told("the admission point and four agents")
+        here.start()
+        if approves is not None:
+            here.approver = Approver(here.stage.person(APPROVER), approves)
+            here.approver.start()
+        yield here
 
 
-def _begin(name: str, module: str, *arguments: str, **options: Any) -> Child:
-    """Begins a child of the cell: the camera in place of the simulated sensor."""
+def _begin(
+    beside: Mapping[str, str], name: str, module: str, *arguments: str, environment: Mapping[str, str], **options: Any
+) -> Child:
+    """Begins a child of the cell, which sends its spans: the camera in place of the simulated sensor."""
     if module == "ursim.sensor.sensor":
         module = "cobot_claw.camera"
         place = dict(itertools.pairwise(arguments))
@@ -363,7 +371,8 @@ def _begin(name: str, module: str, *arguments: str, **options: Any) -> Child:
     if module == "ursim.__main__":
         # At this width the fingers of the simulated gripper are stopped whenever they close.
         arguments = (*arguments, f"--gripper-object={PART_WIDTH_M}")
-    return Child.begin(name, module, *arguments, **options)
+    sends = beside if module.startswith("ztpm.point") else {}
+    return Child.begin(name, module, *arguments, environment={**environment, **sends}, **options)
 
 
 def _toml(settings: dict[str, str]) -> str:
