@@ -56,6 +56,39 @@ def test_a_document_that_nobody_signed_reaches_no_model(running):
         )
 
 
+def test_every_answer_of_the_arm_was_admitted_for_the_gateways_word(running):
+    """Each motion of the requests before is in an agent's context as what the gateway vouched for (CII-5)."""
+    admitted = [
+        row["body"]["decision"]["effect"]
+        for row in _admissions(running)
+        if row["kind"] == "decision" and row["body"]["request"]["operation"] == "respond"
+    ]
+    assert len(admitted) >= 8
+    assert set(admitted) == {"PERMIT"}
+
+
+def test_an_answer_that_another_call_got_reaches_no_model(running):
+    """The gateway's true word for one answer, shown for a changed answer and for another call."""
+    intent = running._intent("Move to right")
+    token = running._lend(intent, "Move to right")
+    key = running.folder / "orchestrator.key"
+    from cobot_claw.agent import measurement
+
+    from ztpm.base.layout import read_key
+    from ztpm_idp.client import Agent
+
+    holder = Agent(
+        running.ids["orchestrator"], read_key(key, running.stage.cell.passphrase), running.stage.cell.addresses.issuer,
+        measurement(),
+    )  # fmt: skip
+    question = {"value": {"outcome": "reached"}, "response": "e30.e30.e30", "receipts": [], "tool": "move_joint",
+                "proof": "0" * 64, "request": "0" * 64}  # fmt: skip
+    url = running.point.replace("/mcp", "/context/respond")
+    with httpx2.Client(timeout=60, trust_env=False) as http:
+        told = http.post(url, json=question, auth=holder.auth(token)).json()
+    assert told["admitted"] is False
+
+
 def test_words_that_no_person_signed_start_nothing(running):
     """The orchestrator's process is asked with somebody's text in place of a signed intent."""
     intent = running._intent("Move to right")

@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("pydantic_ai", reason="the agents are PydanticAI's")
 
-from cobot_claw import agent, scripts
+from cobot_claw import scripts, task
 from cobot_claw.errors import STEPS, ClawError
 from cobot_claw.models import model_for
 from cobot_claw.scripts import Call, Seen, played
@@ -54,7 +54,7 @@ def endpoint():
 
 def failure(model, role="orchestrator"):
     with pytest.raises(ClawError) as caught:
-        asyncio.run(agent.run(model, role, "Move to left", work=None))
+        asyncio.run(task.run(model, role, "Move to left", work=None))
     assert caught.value.code in STEPS
     return caught.value.code
 
@@ -116,7 +116,7 @@ def test_an_endpoint_that_is_down_is_named(endpoint, monkeypatch):
 
 def test_an_endpoint_that_is_slow_is_named(endpoint, monkeypatch):
     monkeypatch.setattr("openai._base_client.BaseClient._calculate_retry_timeout", lambda *_: 0.0, raising=False)
-    monkeypatch.setattr(agent, "MODEL_S", 0.1)
+    monkeypatch.setattr(task, "MODEL_S", 0.1)
     answers, url = endpoint
     answers["wait"] = threading.Event()
     assert failure(model_for("orchestrator", f"vllm:m@{url}")) == "MODEL_SLOW"

@@ -14,7 +14,7 @@ import argparse
 import asyncio
 import json
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
@@ -24,6 +24,7 @@ from mcp.server.mcpserver.exceptions import ToolError
 from starlette.requests import Request as HttpRequest
 from starlette.responses import JSONResponse, Response
 
+from capabilities.statements.context.response import Call as Called
 from capabilities.token.token_text import token_from_text
 from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT as CAPS
@@ -33,6 +34,7 @@ from cobot_claw.depth import enclosing
 from cobot_claw.telemetry import traced, within_trace
 from cobot_claw.words import FORMS
 from pep.context import json_value as values
+from pep.context import responses
 from pep.context.admission import Admission, Admitted, NotAdmitted
 from pep.context.flow import Context, Flow, Holder
 from pep.context.json_value import Plain
@@ -112,6 +114,8 @@ class PointConfig:
         guard: path of `guard.toml`.
         people, curators: raw public key, in hex, by id.
         store: directory of ChromaDB, with the signed manifest of each collection; "" for no retrieval.
+        answering: raw public key of the gateway that vouches for the arm's tools, by its audience.
+        approved: digest of the approved definition of each of these tools.
         perception_port: where the camera's frames come in; 0 for no camera.
     """
 
@@ -120,6 +124,8 @@ class PointConfig:
     curators: Mapping[str, bytes]
     store: str = ""
     perception_port: int = 0
+    answering: Mapping[str, bytes] = field(default_factory=dict)
+    approved: Mapping[str, str] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: Path) -> PointConfig:
@@ -133,6 +139,8 @@ class PointConfig:
             keys("curators"),
             str(path.parent / store) if store else "",
             given.get("perception_port", 0),
+            keys("answering"),
+            given.get("approved", {}),
         )
 
 
@@ -148,6 +156,7 @@ class ClawPoint(GuardedServer):
     def __init__(self, server: MCPServer[Any], guard: GuardConfig, config: PointConfig) -> None:
         super().__init__(server, guard)
         parts = urlsplit(guard.audience)
+        self._config = config
         self._origin = f"{parts.scheme}://{parts.netloc}"
         self._flow = Flow(self.clock)
         self._standing = _Standing(self)
@@ -248,6 +257,7 @@ class ClawPoint(GuardedServer):
                 ("retrieve", self._retrieve),
                 ("remember", self._remember),
                 ("recall", self._recall),
+                ("respond", self._respond),
             )
         }
         act = acts.get(path)
@@ -313,6 +323,28 @@ class ClawPoint(GuardedServer):
 
         items = await asyncio.to_thread(found)
         return {"admitted": True, "items": items}
+
+    async def _respond(self, credentials: Credentials, question: dict[str, Any]) -> dict[str, object]:
+        leaf, value = _leaf(credentials), values.plain(question.get("value"))
+        if not isinstance(value, Plain):
+            raise QuestionError(f"value: {value}")
+        text, tool, receipts = _text(question, "response"), _text(question, "tool"), question.get("receipts")
+        if not isinstance(receipts, list) or not all(isinstance(each, str) for each in receipts):
+            raise QuestionError("receipts: a list of texts")
+        proof, request = _text(question, "proof"), _text(question, "request")
+        audience = next(iter(self._config.answering), "")
+        reading = responses.read(
+            text,
+            value,
+            call=Called(audience, leaf.agent, leaf.hop_id, proof, request, tool),
+            approved=self._config.approved.get(tool),
+            peps=self._config.answering,
+            receipts=receipts,
+            at=self.clock.wall_s(),
+            caps=CAPS,
+        )
+        into = self._flow.context(leaf)
+        return _told(await asyncio.to_thread(self._admission.admit, reading, value.value, into=into))
 
     async def _remember(self, credentials: Credentials, question: dict[str, Any]) -> dict[str, object]:
         name, value = _text(question, "name"), values.plain(question.get("value"))

@@ -22,21 +22,23 @@ from capabilities.keys import keys
 from capabilities.statements.context import intent as intent_statement
 from capabilities.values.scope import Grant, Scope
 from cobot_claw import knowledge, roles
-from cobot_claw.agent import PATIENCE_S, TASK_S, measurement
+from cobot_claw.agent import TASK_S, measurement
 from cobot_claw.approving import Approver
 from cobot_claw.collector import Collector
 from cobot_claw.errors import ClawError
 from cobot_claw.models import stated
 from cobot_claw.point import CAMERA
 from cobot_claw.table import PART, PART_KG, PART_WIDTH_M, Table
+from cobot_claw.task import PATIENCE_S
 from cobot_claw.telemetry import carried, traced
 from cobot_claw.words import REQUEST, in_short
 from pep.base.declaration import declared, grant
+from pep.mcp.arm_server import tool_definitions
 from pep.rtde.robot.gripper import RobotiqGripper
 from ztpm.base.layout import new_key, read_key
 from ztpm.base.processes import Child
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
-from ztpm.cell.setup import SENSOR_CALIBRATION
+from ztpm.cell.setup import GATEWAY_ID, SENSOR_CALIBRATION
 from ztpm.stage.lending import sweep_scope
 from ztpm.stage.live import stage
 from ztpm_idp.client import ClientError
@@ -181,6 +183,10 @@ class System:
         curator = keys.public_raw(dora).hex()
         words = f'guard = "guard.toml"\nstore = "knowledge"\nperception_port = {PERCEPTION_PORT}\n'
         words += f'[people]\n{PERSON} = "{person}"\n[curators]\n{knowledge.CURATOR} = "{curator}"\n'
+        # Whose word on the answers of the arm's tools counts, and which definitions were approved.
+        gateway = self.stage.cell.peps[GATEWAY_ID].hex()
+        words += f'[answering]\n"{self.stage.cell.addresses.audience}" = "{gateway}"\n[approved]\n'
+        words += "".join(f'{tool.name} = "{tool.definition_digest}"\n' for tool in tool_definitions())
         (self.folder / "point.toml").write_text(words, "utf-8")
         self.children["point"] = Child.begin(
             "admission point",
