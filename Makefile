@@ -44,6 +44,7 @@ bench:  ## capability tokens beside their peers, in one run; the ratios last
 
 claw:  ## five requests to the four agents of examples/cobot_claw and one beyond what was lent, offline, in an environment of its own (2.8 GB); how many were as told last
 	@[ -x .claw/bin/ztpm ] || { python3 -m venv .claw; .claw/bin/pip install -q $(CLAW_TORCH); .claw/bin/pip install -q -e '.[pep,idp,cli,otel]' -e examples/cobot_claw pytest pytest-timeout pytest-rerunfailures pytest-xdist hypothesis; }
+	.claw/bin/python -m pytest -q -n 0 --campaign tests/examples
 	.claw/bin/ztpm claw show --svg examples/cobot_claw/images/run.svg --picture examples/cobot_claw/images/handover.svg
 
 campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in full; the figures, and each defence taken out, last
@@ -55,11 +56,7 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 soundness:  ## 20,000 motions, half of them lines, paths and streams, against MuJoCo, their certificates and corrupted ones; goes on where it was ended
 	uv run --extra all --extra bench --group dev python -m tests.pep.pit.campaign --ledger .soundness
 
-rtde-claw:  ## five requests to the four agents of examples/cobot_claw and one beyond what was lent, offline, in an environment of its own (2.8 GB); how many were as told last
-	@[ -x .claw/bin/ztpm ] || { python3 -m venv .claw; .claw/bin/pip install -q $(CLAW_TORCH); .claw/bin/pip install -q -e '.[pep,idp,cli,otel]' -e examples/cobot_claw pytest pytest-timeout pytest-rerunfailures pytest-xdist hypothesis; }
-	.claw/bin/ztpm claw show --svg examples/cobot_claw/images/run.svg --picture examples/cobot_claw/images/handover.svg
-
-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
+rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
 
 tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoint; how many were found last
