@@ -29,7 +29,7 @@ def test_a_request_is_seen_in_the_spans_and_on_the_arm(running, one):
 
 
 def test_a_document_that_nobody_signed_reaches_no_model(running):
-    """Whoever can write to the store changes a page: it is not found any more, and the others are."""
+    """A page is changed by a program that can write to the store: it is not found any more, and the others are."""
     import chromadb
 
     store = chromadb.PersistentClient(path=str(running.folder / "knowledge"))
@@ -54,6 +54,12 @@ def test_a_document_that_nobody_signed_reaches_no_model(running):
             documents=[genuine],
             embeddings=collection.get(ids=["glass"], include=["embeddings"])["embeddings"],
         )
+
+
+def test_what_was_handed_over_is_remembered_for_later_requests(running):
+    told = running.ask("What did you hand over?")
+    assert "part" in told.text
+    assert "Done in" in told.text
 
 
 def test_every_answer_of_the_arm_was_admitted_for_the_gateways_word(running):
@@ -90,7 +96,7 @@ def test_an_answer_that_another_call_got_reaches_no_model(running):
 
 
 def test_words_that_no_person_signed_start_nothing(running):
-    """The orchestrator's process is asked with somebody's text in place of a signed intent."""
+    """The orchestrator's process gets a forged intent, another request's, or a bare text."""
     intent = running._intent("Move to right")
     token = running._lend(intent, "Move to right")
     other = running._intent("Move to left")

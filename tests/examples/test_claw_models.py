@@ -79,6 +79,18 @@ def test_a_local_endpoint_needs_no_key(endpoint, monkeypatch):
     assert model_for("robotic", f"vllm:qwen@{endpoint[1]}").model_name == "qwen"
 
 
+def test_an_endpoint_of_anthropics_api_needs_a_key(endpoint, monkeypatch):
+    pytest.importorskip("anthropic", reason="the endpoint speaks its API")
+    monkeypatch.delenv("ANTHROPIC_API_KEY", raising=False)
+    with pytest.raises(ClawError) as caught:
+        model_for("robotic", f"anthropic:claude@{endpoint[1]}")
+    assert caught.value.code == "MODEL_REFUSED"
+    monkeypatch.setenv("ANTHROPIC_API_KEY", "a-key")
+    answers, url = endpoint
+    answers["status"], answers["body"] = 401, b'{"error": {"type": "authentication_error", "message": "no"}}'
+    assert failure(model_for("robotic", f"anthropic:claude@{url}"), "robotic") == "MODEL_REFUSED"
+
+
 @pytest.mark.parametrize(
     ("status", "body", "code"),
     [

@@ -2,7 +2,7 @@
 
     python -m cobot_claw.agent --config robotic.json
 
-It answers two questions over HTTP: `/evidence`, fresh evidence for somebody who would lend to it, and `/work`, a task.
+It answers two questions over HTTP: `/evidence`, fresh evidence for a party that would lend to it, and `/work`, a task.
 A task is a signed message of the agent that lent (or, for the orchestrator, a person's signed intent); its words reach
 the model only as the admission point gave them back.
 """

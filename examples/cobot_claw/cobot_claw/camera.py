@@ -1,4 +1,4 @@
-"""The cell's camera, in place of the simulated sensor: it casts rays, detects, and signs what it found, frame by frame.
+"""The cell's camera, in place of the simulated sensor: it casts rays, detects, and signs its findings.
 
     python -m cobot_claw.camera --to HOST:PORT --sensor ID --calibration HEX --key-file F [--also HOST:PORT ID KEYFILE]
 
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 HZ: Final = 30.0
-"""Frames a second, as an ordinary depth camera gives: a moving arm is stopped when its view is older than 150 ms."""
+"""Frames a second, as an ordinary depth camera gives.
+
+A moving arm is stopped when its view is older than 150 ms.
+"""
 
 
 async def look(truth: Sensor, sensors: Sequence[tuple[Sensor, Receiver]]) -> None:

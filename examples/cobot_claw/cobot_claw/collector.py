@@ -35,7 +35,7 @@ class Collector:
     def __init__(self, path: Path, host: str) -> None:
         lock = threading.Lock()
 
-        class Handler(BaseHTTPRequestHandler):
+        class Batches(BaseHTTPRequestHandler):
             def do_POST(self) -> None:
                 """One batch."""
                 size = int(self.headers.get("content-length") or 0)
@@ -55,7 +55,7 @@ class Collector:
             def log_message(self, format: str, *args: Any) -> None:
                 """Says nothing."""
 
-        self._server = ThreadingHTTPServer((host, 0), Handler)
+        self._server = ThreadingHTTPServer((host, 0), Batches)
         self._server.daemon_threads = True
         self._thread = threading.Thread(target=self._server.serve_forever, name="collector", daemon=True)
         self._thread.start()

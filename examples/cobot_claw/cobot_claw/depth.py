@@ -40,10 +40,13 @@ FARTHEST_M: Final = 10.0
 """Nothing of a cell is farther from its camera."""
 LEAST_PIXELS: Final = 4
 PERSON_M: Final = 0.45
-"""Whatever rises so far above the table is a person."""
+"""A thing that rises so far above the table is a person."""
 PART_M: Final = (0.10, 0.08)
 GLASS_M: Final = (0.12, 0.20)
-"""Widest footprint and greatest height of a part, and of a glass; anything else is a thing, and taken for fragile."""
+"""Widest footprint and greatest height of a part, and of a glass.
+
+Anything else is a thing, and taken for fragile.
+"""
 GRID_M: Final = 0.005
 """Sizes are rounded outwards to this."""
 SAME_M: Final = 0.10

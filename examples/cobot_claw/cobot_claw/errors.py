@@ -1,4 +1,4 @@
-"""What can go wrong with an agent, by name: cause and next step, the same in reports, answers and on the terminal."""
+"""Failures of an agent, by name: cause and next step, the same in reports, answers and on the terminal."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The knowledge base: handbook and scenarios of this package, in ChromaDB, believed for a curator's manifests alone.
 
-Whoever can write to the store can change, add and delete. What comes out of it is verified afterwards by the admission
+A program that can write to the store can change, add and delete. What comes out of it is verified afterwards by the admission
 point, on the very bytes that would reach a model ([STM-7], docs/retrieval.md).
 """
 

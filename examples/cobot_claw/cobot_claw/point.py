@@ -2,7 +2,7 @@
 
     python -m cobot_claw.point --config point.toml
 
-Whoever runs an agent asks here before anything reaches its model: a person's intent (e1), another agent's message
+The host of an agent asks here before anything reaches its model: a person's intent (e1), another agent's message
 (e2), documents and memory (e3). Each question is an HTTP request under the agent's own token and proof, to
 `/context/...` of the point's origin; the answer is the admitted value with its receipt, or the reason why there is
 none. The same process guards the Config agent's tools (e4), so what entered a context is known where it acts.
@@ -221,7 +221,7 @@ class ClawPoint(GuardedServer):
         await super().release()
 
     def view(self) -> dict[str, Any]:
-        """What the camera sees, by its newest frame: signed by the registered key, in order, fresh (CII-4's recipe).
+        """View of the camera by its newest frame: signed by the registered key, in order, fresh (CII-4's recipe).
 
         Raises:
             ToolError: the newest frame must not be believed, is too old, or there is none.

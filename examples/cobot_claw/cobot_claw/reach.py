@@ -1,4 +1,4 @@
-"""Joint angles for a place in metres: the arm's own kinematics, from a known pose on, with the tool as it is there."""
+"""Joint angles for a place in metres, by the arm's own kinematics, with the tool pointing down."""
 
 from __future__ import annotations
 

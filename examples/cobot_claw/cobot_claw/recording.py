@@ -31,7 +31,7 @@ SHOWN: Final = ("request", "work of", "admit", "hand on", "execute_tool", "ztpm.
 
 
 def terminal(console: Console, title: str) -> str:
-    """What was printed to a recording console, as an SVG picture that fetches no font.
+    """Picture (SVG) of all that was printed to a recording console; it fetches no font.
 
     Args:
         console: made with `record=True`.

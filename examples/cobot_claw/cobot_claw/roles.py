@@ -31,7 +31,7 @@ class Role:
 
     @property
     def restriction(self) -> Restriction:
-        """What the orchestrator lends for a task: these operations, slower."""
+        """Loan of the orchestrator for a task: these operations, slower."""
         slower = Limit(Parameter("speed", Unit.MICRORADIAN_PER_SECOND), Range(0, round(LENT_RAD_S * 1e6)))
         pairs = sorted(tuple(need.split("/", 1)) for need in self.needs)
         grants = tuple(Grant(o, name, (slower,) if name == "move_joint" else ()) for o, name in pairs)

@@ -36,7 +36,7 @@ POSES: Final = {
 ABOVE_M: Final = 0.1
 CLOSED_M: Final = 0.02
 RETRIES: Final = 2
-"""A motion that ended early, on a machine that is too loaded to watch it, is asked for so often again."""
+"""Tries more of a motion that ended early, as on a machine that is too loaded to watch it."""
 ACCELERATION_RAD_S2: Final = 1.4
 _SPEED: Final = re.compile(r"([\d.]+) ?rad/s")
 _NUMBER: Final = r"(-?\d+(?:\.\d+)?)"
@@ -100,6 +100,8 @@ def orchestrator(text: str, seen: Sequence[Seen]) -> Call | str:
     if seen and seen[-1].failed:
         return f"I could not do that. {seen[-1].text}"
     wanted = text.lower()
+    if re.search(r"\b(remember|did you)\b", wanted):
+        return _in_turn([Call("recall", {"name": "handed-over"})], seen) or f"I remember: {seen[-1].text}"
     if re.search(r"\b(hand|give|bring)\b.*\bpart\b", wanted):
         return _hand_over(seen)
     if re.search(r"\b(see|look|camera|where)\b", wanted):

@@ -1,4 +1,4 @@
-"""Five requests, and one beyond what was lent, by the four agents: each watched in the spans, on the arm, on record."""
+"""Five requests and one beyond the loan, each watched in the spans, on the arm and on record."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class Show:
 
 @dataclass(frozen=True, slots=True)
 class Shown:
-    """What was seen of a request: the answer, its spans, and each expectation that was not met."""
+    """Observations of a request: the answer, its spans, and each expectation that was not met."""
 
     told: Told
     spans: list[dict[str, Any]]
@@ -69,7 +69,7 @@ SHOWS: Final = (
 
 
 def show(system: System, one: Show) -> Shown:
-    """What was seen of a request.
+    """Observations of a request.
 
     Args:
         system: running, with a person who approves.

@@ -69,7 +69,7 @@ CAMERA_TRANSIT_MS: Final = 60
 
 @dataclass(frozen=True, slots=True)
 class Told:
-    """What came of one request.
+    """Result of one request.
 
     Attributes:
         text: the orchestrator's words.
@@ -118,7 +118,7 @@ class System:
 
     @property
     def person(self) -> Operator:
-        """Who asks."""
+        """The person who asks."""
         return self.stage.person(PERSON)
 
     def url(self, role: str) -> str:
@@ -244,7 +244,7 @@ class System:
     # --- a request ---------------------------------------------------------------------------------------------------
 
     def ask(self, text: str) -> Told:
-        """What comes of a person's request: signed, lent for, carried out.
+        """Result of a person's request: signed, lent for, carried out.
 
         Args:
             text: in natural language.

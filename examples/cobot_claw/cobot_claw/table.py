@@ -1,4 +1,4 @@
-"""The table as it truly is: what stands on it, what the fingers took away, and when a person has it."""
+"""The table as it truly is: things on it, in the fingers, and handed to a person."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ GRIPPED_LOOKS: Final = 6
 
 
 class Table:
-    """What stands on the table; a thread follows what the fingers do with it.
+    """Things on the table; a thread follows them through the fingers.
 
     Args:
         tell: tells the camera's world.

@@ -1,4 +1,4 @@
-"""One task under way: what the tools of a model's run rest on, the run, and the names of what goes wrong in it."""
+"""One task under way: the authority behind a model's tools, the run, and its failures by name."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ _LOG: Final = logging.getLogger("cobot_claw")
 
 @dataclass(slots=True)
 class Work:
-    """One task under way: what the tools of a model's run rest on. None of it is ever shown to the model."""
+    """Authority and results of one task under way, which the model is never shown."""
 
     holder: Holder
     token: str

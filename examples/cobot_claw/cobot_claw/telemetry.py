@@ -1,4 +1,4 @@
-"""Spans of every process in one trace: to a file of the run, and to Logfire where its token is in the environment."""
+"""Spans of every process in one trace, to a file of the run, and to Logfire where it is asked for."""
 
 from __future__ import annotations
 
@@ -92,7 +92,7 @@ def carried() -> dict[str, str]:
 
 @contextmanager
 def within_trace(headers: Mapping[str, str]) -> Iterator[None]:
-    """What happens within belongs to the trace that the headers of a request name."""
+    """Spans made within belong to the trace that the headers of a request name."""
     token = current.attach(propagate.extract(dict(headers)))
     try:
         yield

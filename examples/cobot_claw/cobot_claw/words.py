@@ -36,7 +36,7 @@ class TaskBody(FormBody):
 
 
 class ReportBody(FormBody):
-    """What came of a task."""
+    """Result of a task."""
 
     done: bool
     text: str = Field(max_length=TEXT_LENGTH)
