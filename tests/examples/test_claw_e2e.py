@@ -29,7 +29,7 @@ def test_a_request_is_seen_in_the_spans_and_on_the_arm(running, one):
 
 
 def test_a_document_that_nobody_signed_reaches_no_model(running):
-    """A page is changed by a program that can write to the store: it is not found any more, and the others are."""
+    """A page that was changed in the store is not found any more; the others are."""
     import chromadb
 
     store = chromadb.PersistentClient(path=str(running.folder / "knowledge"))

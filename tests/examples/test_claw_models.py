@@ -74,6 +74,20 @@ def test_scripts_play_the_models_unless_another_is_chosen():
     }
 
 
+def completion(content, **more):
+    choice = {"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": content, **more}}
+    return {"id": "1", "object": "chat.completion", "created": 1, "model": "m", "choices": [choice]}
+
+
+def test_an_endpoint_that_answers_ends_the_task_with_its_words(endpoint):
+    answers, url = endpoint
+    answers["body"] = json.dumps(completion("The arm is awake.")).encode()
+    said = asyncio.run(
+        task.run(model_for("orchestrator", f"vllm:m@{url}"), "orchestrator", "Are you there?", work=None)
+    )
+    assert said == "The arm is awake."
+
+
 def test_a_local_endpoint_needs_no_key(endpoint, monkeypatch):
     monkeypatch.delenv("OPENAI_API_KEY", raising=False)
     assert model_for("robotic", f"vllm:qwen@{endpoint[1]}").model_name == "qwen"
@@ -96,17 +110,7 @@ def test_an_endpoint_of_anthropics_api_needs_a_key(endpoint, monkeypatch):
     [
         (401, {"error": {"message": "no key"}}, "MODEL_REFUSED"),
         (200, {"hello": "world"}, "MODEL_NONSENSE"),
-        (
-            200,
-            {
-                "id": "1",
-                "object": "chat.completion",
-                "created": 1,
-                "model": "m",
-                "choices": [{"index": 0, "finish_reason": "stop", "message": {"role": "assistant", "content": ""}}],
-            },
-            "MODEL_NONSENSE",
-        ),
+        (200, completion(""), "MODEL_NONSENSE"),
     ],
 )
 def test_an_endpoint_that_refuses_or_talks_nonsense_is_named(endpoint, status, body, code):

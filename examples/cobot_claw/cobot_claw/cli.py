@@ -55,7 +55,9 @@ def ask(
     from cobot_claw.errors import ClawError
     from cobot_claw.models import model_for, stated
     from cobot_claw.system import system
+    from ztpm.base.layout import LayoutError
     from ztpm.base.processes import ChildError
+    from ztpm.stage.stage import StageError
 
     done = True
     try:
@@ -69,7 +71,7 @@ def ask(
                 else:
                     typer.echo(f"> {text}\n{told.text}")
                     typer.echo(f"  {told.seconds:.1f} s, the arm moved {told.moved_rad:.2f} rad, trace {told.trace}\n")
-    except (ClawError, ChildError) as error:
+    except (ClawError, ChildError, LayoutError, StageError) as error:
         typer.echo(str(error), err=True)
         raise typer.Exit(1) from error
     sys.exit(0 if done else 3)
@@ -144,8 +146,12 @@ def _answer(*, yes: bool) -> Any:
     """The answer of the second person: yes, asked at this terminal, or nobody's."""
     from cobot_claw.approving import in_words
 
+    def approves(asked: Any) -> bool:
+        typer.echo(f"bob approves: {in_words(asked)}", err=True)
+        return True
+
     if yes:
-        return lambda asked: typer.echo(f"bob approves: {in_words(asked)}", err=True) or True
+        return approves
     if not sys.stdin.isatty():
         return None
     return lambda asked: typer.confirm(f"bob, {in_words(asked)}. Approve?", err=True)

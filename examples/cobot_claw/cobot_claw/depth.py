@@ -224,21 +224,24 @@ def _scene(shapes: Sequence[Shape]) -> str:
     return f"<mujoco><worldbody>{''.join(geoms)}</worldbody></mujoco>"
 
 
+def _metres(numbers: Iterable[float]) -> str:
+    return " ".join(f"{number / 1e6:.6f}" for number in numbers)
+
+
 def _geom(shape: Shape) -> str:
-    metres = lambda numbers: " ".join(f"{number / 1e6:.6f}" for number in numbers)  # noqa: E731
     match shape:
         case Sphere():
-            return f'<geom type="sphere" size="{shape.radius_um / 1e6}" pos="{metres(shape.center_um)}"/>'
+            return f'<geom type="sphere" size="{shape.radius_um / 1e6}" pos="{_metres(shape.center_um)}"/>'
         case Capsule():
-            ends = metres((*shape.a_um, *shape.b_um))
+            ends = _metres((*shape.a_um, *shape.b_um))
             return f'<geom type="capsule" size="{shape.radius_um / 1e6}" fromto="{ends}"/>'
         case Box():
-            turned = metres(shape.quaternion_ppm)
-            where = f'size="{metres(shape.half_um)}" pos="{metres(shape.center_um)}" quat="{turned}"'
+            turned = _metres(shape.quaternion_ppm)
+            where = f'size="{_metres(shape.half_um)}" pos="{_metres(shape.center_um)}" quat="{turned}"'
             return f'<geom type="box" {where}/>'
         case Convex():
             middle = np.mean(shape.vertices_um, axis=0)
             reach = max(float(np.linalg.norm(np.subtract(v, middle))) for v in shape.vertices_um) + shape.radius_um
-            return f'<geom type="sphere" size="{reach / 1e6}" pos="{metres(middle)}"/>'
+            return f'<geom type="sphere" size="{reach / 1e6}" pos="{_metres(middle)}"/>'
         case _:
             assert_never(shape)

@@ -8,6 +8,7 @@ STEPS: Final = {
     "AGENT_LOOPS": "The agent was stopped. Say in one sentence what it is to do; a stronger model helps, too.",
     "AGENT_UNREACHABLE": "The agent's process has ended or hangs; its last lines are in the log of the run.",
     "CONTEXT_REFUSED": "What was said must not reach the agent; the reason stands before this.",
+    "DATA_NOT_EMPTY": "Name a directory that is empty or missing.",
     "MODEL_NONSENSE": "The model answered no sentence and no tool call. Try another model.",
     "MODEL_REFUSED": "The endpoint refused. Check key and model name in COBOT_CLAW_MODEL.",
     "MODEL_SLOW": "The model took too long. Try again, or a smaller model.",

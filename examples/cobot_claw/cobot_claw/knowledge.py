@@ -1,7 +1,7 @@
 """The knowledge base: handbook and scenarios of this package, in ChromaDB, believed for a curator's manifests alone.
 
-A program that can write to the store can change, add and delete. What comes out of it is verified afterwards by the admission
-point, on the very bytes that would reach a model ([STM-7], docs/retrieval.md).
+A program that can write to the store can change, add and delete. What comes out of it is verified afterwards by the
+admission point, on the very bytes that would reach a model ([STM-7], docs/retrieval.md).
 """
 
 from __future__ import annotations

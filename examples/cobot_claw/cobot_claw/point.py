@@ -33,6 +33,7 @@ from capabilities.values.errors import CapabilityError, Fault, FaultCode
 from cobot_claw.depth import enclosing
 from cobot_claw.telemetry import traced, within_trace
 from cobot_claw.words import FORMS
+from pep.base.errors import PepError
 from pep.context import json_value as values
 from pep.context import responses
 from pep.context.admission import Admission, Admitted, NotAdmitted
@@ -131,7 +132,10 @@ class PointConfig:
     def read(cls, path: Path) -> PointConfig:
         """The configuration of a file; paths begin at its folder."""
         given = tomllib.loads(path.read_text("utf-8"))
-        keys = lambda name: {id_: bytes.fromhex(raw) for id_, raw in given.get(name, {}).items()}  # noqa: E731
+
+        def keys(name: str) -> dict[str, bytes]:
+            return {id_: bytes.fromhex(raw) for id_, raw in given.get(name, {}).items()}
+
         store = given.get("store", "")
         return cls(
             path.parent / given["guard"],
@@ -279,7 +283,10 @@ class ClawPoint(GuardedServer):
             return _problem(401, str(code), "the token or its proof does not hold")
         try:
             question = _question(body)
-            with within_trace(headers), traced(f"admit {path.removeprefix(PREFIX)}", agent=chain.leaf.agent) as span:
+            with (
+                within_trace(request.headers),
+                traced(f"admit {path.removeprefix(PREFIX)}", agent=chain.leaf.agent) as span,
+            ):
                 self._standing.shown[Holder.of(chain.leaf)] = credentials
                 answer = await act(credentials, question)
                 span.set_attribute("ztpm.reason", str(answer.get("reason", Reason.PERMITTED)))
@@ -428,8 +435,11 @@ def main() -> None:
     from cobot_claw.config_tools import Profile, config_server
     from cobot_claw.telemetry import begin
 
-    config = PointConfig.read(options.config)
-    guard = GuardConfig.read(config.guard)
+    try:
+        config = PointConfig.read(options.config)
+        guard = GuardConfig.read(config.guard)
+    except (OSError, ValueError, KeyError, AttributeError, TypeError, PepError) as error:
+        parser.exit(2, f"CONFIG_INVALID: {options.config}: {type(error).__name__}: {error}\n")
     begin("point", guard.folder / "spans.ndjson")
     point: ClawPoint | None = None
 

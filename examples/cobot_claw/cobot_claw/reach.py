@@ -55,9 +55,10 @@ def joints_at(x_m: float, y_m: float, z_m: float) -> list[float]:
     steps = max(1, math.ceil(float(np.linalg.norm(goal - start)) / STEP_M))
     if steps > 2 / STEP_M:  # 2 m: farther than any arm of this size reaches
         raise OutOfReachError(f"{x_m}, {y_m}, {z_m} m is out of reach")
-    found: Stance | None = here
+    q = here.q
     for step in range(1, steps + 1):
-        found = solved(robot, (start + (goal - start) * step / steps, here.rotation), found.q)
+        found = solved(robot, (start + (goal - start) * step / steps, here.rotation), q)
         if found is None:
             raise OutOfReachError(f"{x_m}, {y_m}, {z_m} m is out of reach")
-    return [round(float(angle), 6) for angle in found.q]
+        q = found.q
+    return [round(float(angle), 6) for angle in q]

@@ -335,6 +335,10 @@ def system(
         directory: kept, with the cell in `cell` and the rest in `claw`; a temporary one by default.
         told: is told what is being started.
         approves: the answer of `APPROVER` to a question that needs a second person; None: nobody answers, which denies.
+
+    Raises:
+        ClawError: `DATA_NOT_EMPTY`.
+        ztpm.base.processes.ChildError: a process does not become ready; those that began have ended.
     """
     from cobot_claw.telemetry import begin
 
@@ -348,6 +352,8 @@ def system(
     told("the cell: identity provider, controller, camera, gateway, tool server")
     with ExitStack() as ending:
         home = directory.absolute() if directory else Path(ending.enter_context(TemporaryDirectory(prefix="claw-")))
+        if home.exists() and any(home.iterdir()):
+            raise ClawError("DATA_NOT_EMPTY", f"{home} holds something.")
         folder = home / "claw"
         folder.mkdir(mode=0o700, parents=True)
         collector = Collector(folder / "cell.spans.ndjson", LOOPBACK)

@@ -1,4 +1,4 @@
-"""Spans of every process in one trace, to a file of the run, and to Logfire where it is asked for."""
+"""Spans of every process in one trace, to a file of the run, and to Logfire on request."""
 
 from __future__ import annotations
 

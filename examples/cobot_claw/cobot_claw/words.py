@@ -43,7 +43,8 @@ class ReportBody(FormBody):
 
 
 def _needed(task: TaskBody) -> tuple[RequestedOperation, ...]:
-    return tuple(RequestedOperation(*need.split("/", 1)) for need in task.needs)
+    pairs = (need.split("/", 1) for need in task.needs)
+    return tuple(RequestedOperation(object_, operation) for object_, operation in pairs)
 
 
 FORMS: Final = Forms(
