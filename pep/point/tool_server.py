@@ -25,10 +25,13 @@ from pep.point.evaluation_layer import EvaluationLayer
 from pep.point.guard_config import GuardConfig
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from starlette.types import Message, Receive, Scope, Send
 
     from pep.base.operation_row import Operation
     from pep.mcp.guard import AnyServer
+    from pep.mcp.provenance import Vouching
 
 LOOPBACK: Final = "127.0.0.1"
 HTTP_PORT: Final = 80
@@ -72,9 +75,16 @@ class GuardedServer(DecidingPoint):
     Args:
         server: of the tools.
         config: of the guard.
+        vouching: gives the provenance of values at this point; without it no receipt is believed, and none given.
     """
 
-    def __init__(self, server: AnyServer, config: GuardConfig) -> None:
+    def __init__(
+        self,
+        server: AnyServer,
+        config: GuardConfig,
+        *,
+        vouching: Callable[[DecidingPoint], Vouching] | None = None,
+    ) -> None:
         super().__init__(config)
         self._server = server
         self._configured = config.rows()
@@ -92,6 +102,7 @@ class GuardedServer(DecidingPoint):
             issuer=config.issuer,
             clock=self.clock,
             access=self.access,
+            vouching=None if vouching is None else vouching(self),
         )
         if config.authzen:
             self._app = EvaluationLayer(

@@ -87,7 +87,7 @@ def test_an_answer_that_another_call_got_reaches_no_model(running):
         running.ids["orchestrator"], read_key(key, running.stage.cell.passphrase), running.stage.cell.addresses.issuer,
         measurement(),
     )  # fmt: skip
-    question = {"value": {"outcome": "reached"}, "response": "e30.e30.e30", "receipts": [], "tool": "move_joint",
+    question = {"audience": running.stage.cell.addresses.audience, "value": {"outcome": "reached"}, "response": "e30.e30.e30", "receipts": [], "tool": "move_joint",
                 "proof": "0" * 64, "request": "0" * 64}  # fmt: skip
     url = running.point.replace("/mcp", "/context/respond")
     with httpx2.Client(timeout=60, trust_env=False) as http:

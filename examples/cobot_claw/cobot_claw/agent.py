@@ -36,6 +36,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError
 from cobot_claw import roles
 from cobot_claw.asking import Admissions
+from cobot_claw.config_tools import rows
 from cobot_claw.errors import ClawError
 from cobot_claw.models import model_for, stated
 from cobot_claw.point import serve
@@ -44,6 +45,7 @@ from cobot_claw.telemetry import begin, carried, traced, within_trace
 from cobot_claw.witness import Witness
 from cobot_claw.words import REPORT, TASK, TEXT_LENGTH, in_short
 from pep.base.key_file import read_key
+from pep.mcp.mapping import ARM_TOOLS
 from ztpm_idp.client import Agent, ClientError
 from ztpm_idp.client.callers import Evidence, delegate_request
 
@@ -166,8 +168,8 @@ class Holder:
         toolsets = [
             guarded_tools(self.agent.auth(work.token), url, witness)
             for url, used, witness in (
-                (self.config.cell, self.role.cell, Witness(self.agent.key, self.config.cell)),
-                (self.config.point, self.role.point, None),
+                (self.config.cell, self.role.cell, Witness(self.agent.key, self.config.cell, ARM_TOOLS)),
+                (self.config.point, self.role.point, Witness(self.agent.key, self.config.point, rows())),
             )
             if used
         ]

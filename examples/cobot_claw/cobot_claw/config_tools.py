@@ -17,9 +17,12 @@ from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from pep import Free, Within, operation
+from pep.base.declaration import declared
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+    from pep.base.operation_row import Operation
 
 PROFILE: Final = {
     "tool_centre_m": [0.0, 0.0, 0.174],
@@ -133,6 +136,12 @@ def config_server(profile: Profile, view: Callable[[], dict[str, Any]] = nothing
         return view()
 
     return server
+
+
+def rows() -> dict[str, Operation]:
+    """Operations of these tools, by name."""
+    found = (declared(tool.fn) for tool in server._tool_manager.list_tools())  # noqa: SLF001 - no way outside a loop
+    return {row.name: row for row in found if row is not None}
 
 
 server = config_server(Profile(Path("profile.json")))

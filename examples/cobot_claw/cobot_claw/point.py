@@ -24,6 +24,7 @@ from mcp.server.mcpserver.exceptions import ToolError
 from starlette.requests import Request as HttpRequest
 from starlette.responses import JSONResponse, Response
 
+from capabilities.keys.keys import public_raw
 from capabilities.statements.context.response import Call as Called
 from capabilities.token.token_text import token_from_text
 from capabilities.values import strict_json
@@ -45,6 +46,7 @@ from pep.context.retrieval import Curated
 from pep.context.stores.sqlite import HighWaterMarkFile, MemoryFile
 from pep.journal.replay_cache import ReplayCache
 from pep.mcp.http_request import headers_of, token_in
+from pep.mcp.provenance import Vouching
 from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Distrusted, Frames, Unseen
 from pep.point.config_text import read_key
@@ -62,6 +64,7 @@ if TYPE_CHECKING:
     from starlette.types import Receive, Scope, Send
 
     from capabilities.statements.observation import Shape
+    from pep.point.deciding_point import DecidingPoint
 
 LEASE_MS: Final = 30_000
 """Oldest acceptable revocation view where nothing moves (DESIGN section 10)."""
@@ -158,13 +161,13 @@ class ClawPoint(GuardedServer):
     """
 
     def __init__(self, server: MCPServer[Any], guard: GuardConfig, config: PointConfig) -> None:
-        super().__init__(server, guard)
+        self._guard, self._config = guard, config
+        super().__init__(server, guard, vouching=self._vouched)
         parts = urlsplit(guard.audience)
-        self._config = config
         self._origin = f"{parts.scheme}://{parts.netloc}"
-        self._flow = Flow(self.clock)
         self._standing = _Standing(self)
         key, folder = read_key(guard), guard.folder
+        self._answering = {guard.audience: public_raw(key), **config.answering}
         self._admission = Admission(
             policies=load_shipped("paper-default"),
             clock=self.clock,
@@ -212,6 +215,13 @@ class ClawPoint(GuardedServer):
                 adopted = self._curated[content].adopt((Path(config.store) / f"{content}.jws").read_text("ascii"))
                 if isinstance(adopted, Fault):
                     raise QuestionError(f"{content}.jws: {adopted.code}")
+
+    def _vouched(self, point: DecidingPoint) -> Vouching:
+        """Provenance of the guarded tools' values: what entered a context here is known where its holder acts."""
+        key, audience = read_key(self._guard), self._guard.audience
+        self._flow = Flow(point.clock)
+        admitters = {audience: public_raw(key), **self._config.answering}
+        return Vouching(key=key, audience=audience, admitters=admitters.copy, flow=self._flow, caps=CAPS)
 
     async def declare(self) -> None:
         """Lets the declared tools be called, and hears the camera."""
@@ -339,19 +349,26 @@ class ClawPoint(GuardedServer):
         if not isinstance(receipts, list) or not all(isinstance(each, str) for each in receipts):
             raise QuestionError("receipts: a list of texts")
         proof, request = _text(question, "proof"), _text(question, "request")
-        audience = next(iter(self._config.answering), "")
+        audience = _text(question, "audience")
         reading = responses.read(
             text,
             value,
             call=Called(audience, leaf.agent, leaf.hop_id, proof, request, tool),
-            approved=self._config.approved.get(tool),
-            peps=self._config.answering,
+            approved=self._approved(audience, tool),
+            peps=self._answering,
             receipts=receipts,
             at=self.clock.wall_s(),
             caps=CAPS,
         )
         into = self._flow.context(leaf)
         return _told(await asyncio.to_thread(self._admission.admit, reading, value.value, into=into))
+
+    def _approved(self, audience: str, tool: str) -> str | None:
+        """Digest of the approved definition of a tool here, or of one behind the cell's gateway."""
+        if audience != self.config.audience:
+            return self._config.approved.get(tool)
+        registered = self.follower.tool(tool)
+        return None if registered is None else registered.definition_digest
 
     async def _remember(self, credentials: Credentials, question: dict[str, Any]) -> dict[str, object]:
         name, value = _text(question, "name"), values.plain(question.get("value"))

@@ -138,7 +138,7 @@ def _inside(error: BaseException) -> list[BaseException]:
 
 
 async def _believed(work: Work, witness: Witness, tool: str, arguments: dict[str, Any]) -> None:
-    """Has the answer of a tool of the arm admitted: the gateway's word on this very call.
+    """Has the answer of a tool admitted: its server's word on this very call.
 
     Raises:
         ToolFailed: it must not reach the model.
@@ -151,20 +151,20 @@ async def _believed(work: Work, witness: Witness, tool: str, arguments: dict[str
         raise ToolFailed(f"What {tool} answered must not be believed: {reason}.")
 
 
-def guarded_tools(auth: httpx2.Auth, url: str, witness: Witness | None) -> MCPToolset[Work]:
+def guarded_tools(auth: httpx2.Auth, url: str, witness: Witness) -> MCPToolset[Work]:
     """Tools of a guarded server under the token of this task; a refusal reaches the model in words, once.
 
     Args:
         auth: of the task.
         url: of the server.
-        witness: of its answers, where the server vouches for them.
+        witness: of its answers.
     """
 
     async def in_words(context: RunContext[Work], call: Any, tool: str, arguments: dict[str, Any]) -> Any:
         late, patient_until = 0, time.monotonic() + PATIENCE_S
         while True:
             try:
-                answer = await call(tool, arguments, metadata=None if witness is None else ASKED)
+                answer = await call(tool, arguments, metadata=ASKED)
             except Exception as error:
                 refused = refusal_in(error)
                 if refused is None:
@@ -176,15 +176,14 @@ def guarded_tools(auth: httpx2.Auth, url: str, witness: Witness | None) -> MCPTo
                     context.deps.refusals.append(refused.words)
                     raise ToolFailed(refused.words) from error
             else:
-                if witness is not None:
-                    await _believed(context.deps, witness, tool, arguments)
+                await _believed(context.deps, witness, tool, arguments)
                 return context.deps.noted(tool, answer)
             # Exactly the same call again: it uses an answer of people, once, or is decided anew.
             await asyncio.sleep(refused.retry_after_s if isinstance(refused, Deferred) else 0.0)
 
     http = httpx2.AsyncClient(
         auth=auth,
-        event_hooks={"response": [raise_refused, *([] if witness is None else [witness.hear])]},
+        event_hooks={"response": [raise_refused, witness.hear]},
         timeout=httpx2.Timeout(30.0, read=CALL_S),
         trust_env=False,
     )

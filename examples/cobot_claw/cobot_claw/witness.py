@@ -1,4 +1,4 @@
-"""The gateway's word for the answers of its tools, as it passes by; the admission point judges it (CII-5)."""
+"""A guarded server's word for the answers of its tools, as it passes by; the admission point judges it (CII-5)."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import jwt
 
 from capabilities.keys.keys import public_raw
 from pep.journal.replay_cache import proof_name
-from pep.mcp.mapping import ARM_TOOLS, Misfit, to_request
+from pep.mcp.mapping import Misfit, to_request
 from pep.mcp.provenance import RECEIPT, RESPONSE
 
 if TYPE_CHECKING:
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     import httpx2
 
     from capabilities.keys.keys import PrivateKey
+    from pep.base.operation_row import Operation
 
 ASKED: Final[dict[str, Any]] = {RECEIPT: True}
 """`_meta` of a call whose answer is to be vouched for."""
@@ -35,10 +36,12 @@ class Witness:
     Args:
         key: of the agent that calls.
         audience: canonical URL of the tools.
+        rows: their operations, by name.
     """
 
     key: PrivateKey
     audience: str
+    rows: Mapping[str, Operation]
     _answers: list[tuple[str, dict[str, Any]]] = field(default_factory=list)
 
     async def hear(self, response: httpx2.Response) -> None:
@@ -73,6 +76,10 @@ class Witness:
         self._answers = [each for each in self._answers if each[1] is not found]
         at = time.time()
         request = to_request(
-            ARM_TOOLS[tool], arguments, request_id=secrets.token_hex(16), audience=self.audience, at=at
+            self.rows[tool], arguments, request_id=secrets.token_hex(16), audience=self.audience, at=at
         )
-        return None if isinstance(request, Misfit) else {**found, "tool": tool, "request": request.digest}
+        return (
+            None
+            if isinstance(request, Misfit)
+            else {**found, "audience": self.audience, "tool": tool, "request": request.digest}
+        )
