@@ -107,6 +107,24 @@ def test_words_that_no_person_signed_start_nothing(running):
         assert "CONTEXT_REFUSED" in answer["report"]["text"]
 
 
+def test_a_person_whom_the_camera_finds_in_the_path_stops_the_next_move(running):
+    """A person is seen by depth alone; bob, who says yes to all, is not even asked."""
+    running.table.lay()
+    assert running.ask("Move to left").done
+    asked = len(running.approver.answered)
+    running.table.lay(people=({"id": "visitor", "x_m": -0.45, "y_m": -0.2},))
+    try:
+        seen = running.ask("What do you see?")
+        assert "1 person" in seen.text
+        told = running.ask("Move to right")
+        assert not told.done
+        assert "Denied" in told.text
+        assert told.moved_rad < 1e-3
+        assert len(running.approver.answered) == asked
+    finally:
+        running.table.lay()
+
+
 def test_an_agent_that_has_died_is_named_and_the_arm_stands(running):
     running.children["vision"].kill()
     before = running.stage.joints
