@@ -19,6 +19,7 @@ from msgspec import structs
 from evaluation.harness.machine import machine
 from evaluation.harness.tables import table
 from evaluation.pit.approach import AGE_S, Judged, Referee
+from evaluation.pit.workload import joints
 from pep.pit import Assessment, Capsule, CellParameters, MoveJ, Robot, Scene, Thing, adult_at_distance, assess, surveyed
 from pep.pit.base.tier import tier_of
 from ztpm.cell import survey
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
     from numpy.random import Generator
     from rich.table import Table
 
-    from pep.pit.base.motion import Floats, Joints
 
 LAWS: Final = ("whole", "approach", "mixed")
 SCENES: Final = ("empty", "glass", "posts", "person")
@@ -216,7 +216,7 @@ def _paper(robot: Robot, cell: CellParameters) -> dict[str, dict[str, float]]:
 
 
 def _swept(start_rad: float, target_rad: float, speed_rad_s: float = PAPER_RAD_S) -> MoveJ:
-    start, target = (_joints([base, *LEFT[1:]]) for base in (start_rad, target_rad))
+    start, target = (joints([base, *LEFT[1:]]) for base in (start_rad, target_rad))
     return MoveJ(start, target, speed_rad_s, ACCELERATION_RAD_S2)
 
 
@@ -266,12 +266,7 @@ def _move(way: str, rng: Generator) -> MoveJ:
         case _:
             target += rng.uniform(-0.8, 0.8, 6)
     speed = math.exp(rng.uniform(math.log(SLOWEST_RAD_S), math.log(FASTEST_RAD_S)))
-    return MoveJ(_joints(start), _joints(target), float(speed), float(rng.uniform(0.8, 4.0)))
-
-
-def _joints(angles: Floats | Sequence[float]) -> Joints:
-    a, b, c, d, e, f = np.asarray(angles, dtype=float).tolist()
-    return a, b, c, d, e, f
+    return MoveJ(joints(start), joints(target), float(speed), float(rng.uniform(0.8, 4.0)))
 
 
 def tables(result: LawResult) -> tuple[Table, ...]:

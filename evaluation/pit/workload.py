@@ -85,7 +85,7 @@ def moves(rng: Generator, count: int) -> list[MoveJ]:
         target = start + WAY_RAD * rng.choice([-1, 1], 6)
         if np.abs([start, target])[:, 2].max() > math.pi:
             continue
-        move = MoveJ(_joints(start), _joints(target), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        move = MoveJ(joints(start), joints(target), SPEED_RAD_S, ACCELERATION_RAD_S2)
         pairs = pairs_of(robot(), Scene(), cell(), grown_m=0.0)
         if Ruler(chosen(), robot(), cell(), pairs, np.arange(len(pairs))).least(move).proven > ROOM_M:
             found.append(move)
@@ -143,11 +143,11 @@ def lines(rng: Generator, things: int, count: int) -> list[Question]:
     found: list[Question] = []
     while len(found) < count:
         start = np.array(HOME) + rng.uniform(-0.3, 0.3, 6)
-        x, y, z, *turn = pose_of(robot(), _joints(start))
+        x, y, z, *turn = pose_of(robot(), joints(start))
         way = rng.standard_normal(3)
         way *= rng.uniform(*LINE_M) / np.linalg.norm(way)
         target = cast("Pose", (x + way[0], y + way[1], z + way[2], *turn))
-        move = MoveL(_joints(start), target, 0.25, 1.2)
+        move = MoveL(joints(start), target, 0.25, 1.2)
         drive = _proven(move)
         if drive is None or z + way[2] < _LOW_M:
             continue
@@ -173,8 +173,8 @@ def sequences(rng: Generator, things: int, count: int) -> list[Question]:
     for _ in range(count):
         at = np.array(HOME)
         ends = [at + rng.uniform(-0.4, 0.4, 6) for _ in range(LEGS)]
-        legs = tuple(JointLeg(_joints(end), SPEED_RAD_S, ACCELERATION_RAD_S2) for end in ends)
-        whole = MoveJ(HOME, _joints(ends[0]), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        legs = tuple(JointLeg(joints(end), SPEED_RAD_S, ACCELERATION_RAD_S2) for end in ends)
+        whole = MoveJ(HOME, joints(ends[0]), SPEED_RAD_S, ACCELERATION_RAD_S2)
         found.append(Question(robot(), with_people(around(rng, whole, things)), JointPath(HOME, legs), cell()))
     return found
 
@@ -187,11 +187,11 @@ def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Quest
         step: ServoJ | SpeedJ
         motion: Motion
         if servo:
-            step = motion = ServoJ(_joints(start), _joints(qd), _joints(start + 0.1 * qd), 0.002, 0.1)
+            step = motion = ServoJ(joints(start), joints(qd), joints(start + 0.1 * qd), 0.002, 0.1)
         else:
-            step = SpeedJ(_joints(start), _joints(qd), 2.0, 0.1)
+            step = SpeedJ(joints(start), joints(qd), 2.0, 0.1)
             motion = stream_envelope(step, cell(), under_way=True)
-        still = MoveJ(_joints(start), _joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
+        still = MoveJ(joints(start), joints(start + 1e-3), SPEED_RAD_S, ACCELERATION_RAD_S2)
         found.append(Question(robot(), with_people(around(rng, still, things)), motion, cell(), step))
     return found
 
@@ -199,7 +199,8 @@ def steps(rng: Generator, things: int, count: int, *, servo: bool) -> list[Quest
 _LOW_M: Final = 0.1
 
 
-def _joints(angles: object) -> Joints:
+def joints(angles: object) -> Joints:
+    """Six angles, or speeds, of any array."""
     a, b, c, d, e, f = np.asarray(angles, dtype=float).tolist()
     return a, b, c, d, e, f
 
