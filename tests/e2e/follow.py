@@ -1,4 +1,4 @@
-"""Follower of a PEP in a process of its own: prints the instant at which its view shows each epoch."""
+"""Follower of a PEP in a process of its own, which prints when more is revoked in its view."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ async def main(issuer, folder, period_s):
     shown = -1
     while not running.done():
         view = follower.view()
-        if view.age_ms < 10**9 and view.epoch > shown:
-            shown = view.epoch
-            say(epoch=shown, at_ns=time.monotonic_ns())
+        if view.age_ms < 10**9 and len(view.revoked) > shown:
+            shown = len(view.revoked)
+            say(revoked=shown, at_ns=time.monotonic_ns())
         await asyncio.sleep(LOOK_S)
 
 

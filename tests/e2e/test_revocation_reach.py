@@ -39,13 +39,13 @@ class Child:
         for line in self.popen.stdout:
             self.lines.put(json.loads(line))
 
-    def shows(self, epoch):
-        """The monotonic instant, in ns, at which the view first showed this epoch or a later one."""
+    def shows(self, revoked):
+        """The monotonic instant, in ns, at which so many were first revoked in the view."""
         deadline = time.monotonic() + DEADLINE_S
         while True:
             said = self.lines.get(timeout=max(0.01, deadline - time.monotonic()))
             assert "incident" not in said, said
-            if said["epoch"] >= epoch:
+            if said["revoked"] >= revoked:
                 return said["at_ns"]
 
     def end(self):
@@ -69,9 +69,9 @@ def test_a_revocation_reaches_the_pep_by_the_hint(tmp_path):
         with process.operator() as alice:
             for number in range(TIMES):
                 asked = time.monotonic_ns()
-                epoch = alice.revoke("hop", f"{number:032x}", "measure")
+                alice.revoke("hop", f"{number:032x}", "measure")
                 acknowledged = time.monotonic_ns()
-                seen = child.shows(epoch)
+                seen = child.shows(number + 1)
                 took_ms.append((seen - acknowledged) / 1e6)
                 whole_ms.append((seen - asked) / 1e6)
     finally:

@@ -59,7 +59,7 @@ _AGENTS: Final = (
 
 
 SPARE: Final = 1_000
-"""Tokens left, at least, where a count may be as old as `RECENT_MS`: ours, no process makes so many in that time."""
+"""Tokens left, at least, where a count may be as old as `RECENT_MS`; ours, more than one process makes meanwhile."""
 RECENT_MS: Final = 1_000
 REMEMBERED: Final = 1_024
 """Sponsors whose counts are remembered; beyond it all are counted anew."""
