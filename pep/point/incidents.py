@@ -39,12 +39,16 @@ class Incidents:
         return task
 
     def tell(self, what: str, error: BaseException | None) -> None:
-        """Tells an incident, with its traceback unless it has a code of ours; None is no incident."""
+        """Tells an incident; None is none.
+
+        An error that has no code of ours is told by type and place: its message may hold a caller's text.
+        """
         if error is None:
             return
-        kind, where = (error.code, None) if isinstance(error, PepError) else (type(error).__name__, error)
+        name = type(error).__name__
+        kind, told, where = (error.code, str(error), None) if isinstance(error, PepError) else (name, name, error)
         if self.first(what, kind):
-            _LOG.warning("%s: %s", what, error, exc_info=where)
+            _LOG.warning("%s: %s", what, told, exc_info=where)
 
     def first(self, what: str, kind: str) -> bool:
         """True where no incident of this kind was told lately, and from now on one was."""

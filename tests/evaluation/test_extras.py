@@ -13,7 +13,7 @@ from packaging.requirements import Requirement
 
 TOP = Path(__file__).parents[2]
 OWN = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
-EXTRAS = ("all", "bench", "viz", "retrieval", "fastmcp", "postgres", "pkcs11")
+EXTRAS = ("all", "bench", "viz", "retrieval", "fastmcp", "postgres", "pkcs11", "otel")
 
 
 ELSEWHERE = {

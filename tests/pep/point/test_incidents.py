@@ -53,7 +53,7 @@ def test_a_task_that_dies_is_told(incidents, caplog):
             await incidents.watched("leases", dies())
 
     asyncio.run(scenario())
-    assert caplog.messages == ["leases: it is broken"]
+    assert caplog.messages == ["leases: ValueError"]
     assert "in dies" in caplog.text
 
 
