@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import rfc8785
 
-from pep.base.tracing import traced
+from pep.base.traced import traced
 from pep.journal.conduct import near_permille
 from policies.evidence import case_json
 from policies.evidence.evidence import Evidence

@@ -13,11 +13,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 from urllib.parse import urlsplit
 
+from capabilities import tracing
 from capabilities.keys import jws
 from capabilities.proof import mcp_meta
 from capabilities.values import trace_context
 from capabilities.values.errors import Fault, FaultCode
-from pep.base import caller_place, tracing
+from pep.base import caller_place
 from pep.base.access_token import TOKEN_BYTES
 from pep.mcp.body_screen import Unfit
 from pep.mcp.http_request import (

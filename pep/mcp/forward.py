@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 import httpx2
 
+from capabilities import tracing
 from capabilities.statements import ticket
 from capabilities.statements.ticket import RequestDigests
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
-from pep.base import tracing
 from pep.base.errors import JournalError
+from pep.base.traced import traced
 from pep.mcp.http_request import CREDENTIALS, HTTP_REQUEST, HttpRequest, Refusals, digest, short, token_in
 from pep.mcp.mapping import stops
 from pep.mcp.ticket_layer import TICKET
@@ -155,7 +156,7 @@ class Forward:
         # Of a stop's headers, repeated ones are not passed on.
         once = {name: value for name, value in headers.items() if value is not None}
         name = self._random(16)
-        record = tracing.traced(self._record(name, http_request, credentials))
+        record = traced(self._record(name, http_request, credentials))
         if http_request.calls and not stopping:
             try:
                 await self._edge.record("ticket", record)

@@ -24,10 +24,11 @@ from mcp.server.mcpserver import MCPServer
 from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams, TextContent
 
+from capabilities import tracing
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
-from pep.base import tracing
 from pep.base.errors import ActuationRefusedError, JournalError
+from pep.base.traced import tell
 from pep.gate import records
 from pep.gate.gate import EffectResult, Gate, GateResult
 from pep.gate.observe_only import OBSERVED
@@ -179,7 +180,7 @@ class Guard:
             await self._patience.wait(params)
         with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: operation.name}) as span:
             answer = await self._gate.run(call, effect)
-            tracing.tell(span, answer.decision)
+            tell(span, answer.decision)
         if wanted(params.meta):
             answer = await self._vouched(answer, call, ctx)
         changed = {} if operation.robot is not None else rounded(params.arguments or {}, sent.arguments or {})

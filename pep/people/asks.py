@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any, Final
 from capabilities.keys import keys
 from capabilities.statements.people import answers as answers_statement
 from capabilities.statements.people.vote import digest_of
+from capabilities.tracing import trace_id
 from capabilities.values.chain import Chain
-from pep.base.tracing import trace_id
 from pep.people.ask_composer import compose, reasons_of
 from pep.people.deferral import (
     ANSWERED,

@@ -24,11 +24,12 @@ from urllib.parse import urlsplit
 from starlette.exceptions import HTTPException
 from starlette.requests import Request as HttpRequest  # noqa: TC002 - a framework reads the annotation at run time
 
+from capabilities import tracing
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
-from pep.base import tracing
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, JournalError, PepFault
+from pep.base.traced import tell
 from pep.gate import records
 from pep.gate.gate import EffectResult, GateResult
 from pep.mcp import deferred_result
@@ -240,7 +241,7 @@ class GuardedFunctions(DecidingPoint):
     async def _decided(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:
         with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: call.operation.name}) as span:
             answer = await self.gate.run(call, effect)
-            tracing.tell(span, answer.decision)
+            tell(span, answer.decision)
         return answer
 
     def _row(self, function: Callable[..., Any]) -> Operation:

@@ -15,10 +15,10 @@ from urllib.parse import urlencode
 
 import httpx2
 
+from capabilities import tracing
 from capabilities.proof.proof import prove
 from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.strict_json import JsonError, read
-from pep.base import tracing
 from pep.base.access_token import Looked
 
 if TYPE_CHECKING:

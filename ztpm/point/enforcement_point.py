@@ -16,7 +16,7 @@ import sys
 import traceback
 from typing import TYPE_CHECKING, Any, Final
 
-from pep.base import tracing
+from capabilities import tracing
 from pep.base.errors import ConfigError, PepError
 from pep.point.parts import PointParts
 from ztpm.base.path_router import PathRouter

@@ -19,8 +19,9 @@ from urllib.parse import urlsplit
 
 import httpx2
 
+from capabilities import tracing
 from capabilities.proof.proof import prove
-from pep.base import key_file, tracing
+from pep.base import key_file
 from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault
 from pep.mcp.http_request import JSON, answer, headers_of, read_body

@@ -53,7 +53,7 @@ class ProofAuth(httpx2.Auth):
         if self._token is not None:
             request.headers["Authorization"] = f"DPoP {self._token}"
         if _TRACES in sys.modules:  # without it no trace is current, and it takes a while to load
-            from ztpm_idp import tracing
+            from capabilities import tracing
 
             request.headers.update(tracing.carried())
         yield request

@@ -12,8 +12,8 @@ import httpx2
 from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
 
+from capabilities import tracing
 from capabilities.values import trace_context
-from ztpm_idp import tracing
 from ztpm_idp.client import direct_http
 from ztpm_idp.client.caller import TIMEOUT_S, ClientError
 from ztpm_idp.client.denials import DECISION_META, REFUSED_CODE, Deferred, Denied, error_of

@@ -6,8 +6,8 @@ import logging
 from contextvars import ContextVar
 from typing import TYPE_CHECKING, Final
 
+from capabilities import tracing
 from capabilities.values import trace_context
-from ztpm_idp import tracing
 from ztpm_idp.provider.metrics import METHODS, OTHER
 
 if TYPE_CHECKING:

@@ -9,6 +9,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from capabilities import tracing
 from capabilities.rotation.succession import ring_follows
 from capabilities.statements import trust as trust_statement
 from capabilities.token.delegate import delegate
@@ -16,7 +17,6 @@ from capabilities.token.mint import mint
 from capabilities.token.verify import token_to_text
 from capabilities.values import trace_context
 from capabilities.values.errors import CapabilityError, FaultCode
-from ztpm_idp import tracing
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import CompleteRecovery, Delegate, Revoke

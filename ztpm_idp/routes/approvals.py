@@ -7,10 +7,10 @@ from typing import Annotated
 from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
 
+from capabilities import tracing
 from capabilities.keys.keys import b64u
 from capabilities.statements.claims import ID
 from capabilities.statements.people import answers, ask
-from ztpm_idp import tracing
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, Asked, AskState, stated
 from ztpm_idp.domain.codes import IdpCode

@@ -15,10 +15,11 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Final
 
+from capabilities import tracing
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
-from pep.base import tracing
 from pep.base.errors import JournalError
+from pep.base.traced import tell
 from pep.people.deferral import AskState
 from pep.request.call import Call
 from pep.rtde.judge.command_requests import CommandedOperation, NoDecisionNeeded, asked_of, request_of
@@ -198,7 +199,7 @@ class LeasedJudge:
         effect = partial(self._effects.carry_out, case, asked, prepared, fitted)
         with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: asked.operation.name}) as span:
             answer = await self._gate.run(call, effect)
-            tracing.tell(span, answer.decision)
+            tell(span, answer.decision)
         return answer
 
     def _tool(self, operation: Operation) -> ToolReading:

@@ -7,7 +7,7 @@ import httpx2
 import pytest
 from pep.base.clock import SystemClock
 from pep.base.errors import PepError, PepFault
-from pep.base import tracing
+from capabilities import tracing
 from pep.people.asks import Asks
 from pep.people.deferral import AskState
 from pep.provider.ask_client import AskClient

@@ -1,4 +1,4 @@
-"""Traces of the identity provider: the one module that knows OpenTelemetry. Without its SDK there are ids alone."""
+"""Current trace of a process: the one module that knows OpenTelemetry. Without its SDK there are ids alone."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from opentelemetry.trace import Span
 
-_TRACER: Final = trace.get_tracer("ztpm_idp")
+_TRACER: Final = trace.get_tracer("ztpm")
 
 
 @contextmanager
@@ -55,6 +55,16 @@ def begun(name: str, *, random: Callable[[int], bytes]) -> Iterator[Span]:
         yield span
 
 
+@contextmanager
+def rejoined(ids: TraceIds | None) -> Iterator[None]:
+    """Inside, the trace of these ids is current: where a task of its own goes on with a request."""
+    if ids is None or ids.trace_id == trace_id():
+        yield
+        return
+    with trace.use_span(_remote(ids), end_on_exit=False, record_exception=False, set_status_on_exception=False):
+        yield
+
+
 def current() -> TraceIds | None:
     """Ids of the trace and span that are current; None outside of every request."""
     found = trace.get_current_span().get_span_context()
@@ -67,6 +77,12 @@ def trace_id() -> str | None:
     """Id of the current trace."""
     ids = current()
     return None if ids is None else ids.trace_id
+
+
+def context() -> dict[str, str]:
+    """Id of the current trace, for each line of the log; empty outside of every request."""
+    ids = current()
+    return {} if ids is None else {"trace_id": ids.trace_id}
 
 
 def carried() -> dict[str, str]:
