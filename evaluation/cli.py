@@ -15,11 +15,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ztpm.cli.output import FAILURE, console, fail, say_json
+from ztpm.cli.output import FAILURE, console, fail, fail_at, say_json
 from ztpm.preparing import SHOWN, waiting
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Sequence
+
+    from rich.table import Table
 
     from evaluation.harness.bench import Bench
     from evaluation.harness.campaign import Campaign, Outcome, Skipped
@@ -49,6 +51,8 @@ def stops(
     from evaluation.stops.measure import MeasureError, StageError, measure
     from evaluation.stops.report import plot, rows, table
 
+    if out is not None:
+        _place(out / "stops.json")
     seed = secrets.randbits(32) if seed is None else seed
     try:
         with _telling(f"a cell, seed {seed}") as told:
@@ -63,7 +67,6 @@ def stops(
         "figures": [report.figures() for report in reports],
     }
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         (out / "stops.json").write_text(json.dumps({**result, "stops": rows(reports)}, indent=1), encoding="utf-8")
         plot(reports, out / "stops.png")
     if as_json:
@@ -93,24 +96,18 @@ def paper(
     from evaluation.paper.run import run
     from evaluation.paper.sweep import PhysicsError
 
+    if out is not None:
+        _place(out / "paper.json")
     try:
         with _telling() as told:
             result = run(each=each, told=told)
     except (ReplayError, PhysicsError) as error:
         fail("NOT_MEASURED", str(error))
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
         (out / "paper.json").write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
         with suppress(AbsentError):
             draw(result, out / "paper.png")
-    if as_json:
-        say_json(result.to_json())
-    else:
-        for table in tables(result):
-            console.print(table)
-            console.print()
-        console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-        console.print(last_line(result))
+    _say(result, tables, last_line, as_json=as_json)
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
@@ -137,6 +134,8 @@ def dojo(
     from ztpm.base.processes import ChildError
     from ztpm_idp.client import ClientError
 
+    if out is not None:
+        _place(out)
     try:
         with _telling() as told:
             python = prepared(environment or usual_folder(os.environ), told)
@@ -145,14 +144,7 @@ def dojo(
         fail("NOT_MEASURED", str(error))
     if out is not None:
         out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    if as_json:
-        say_json(result.to_json())
-    else:
-        for table in tables(result):
-            console.print(table)
-            console.print()
-        console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-        console.print(last_line(result))
+    _say(result, tables, last_line, as_json=as_json)
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
@@ -167,19 +159,15 @@ def law(
     """The law of the impact index beside one by the speed of approach: whom each asks, and what each misses."""
     from evaluation.pit.law import last_line, study, tables
 
+    if out is not None:
+        _place(out)
     with _telling() as told:
         result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
     if out is not None:
         out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    if as_json:
-        say_json(result.to_json())
-        return
-    console.print(f"seed {result.seed}")
-    for table in tables(result):
-        console.print(table)
-        console.print()
-    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(last_line(result))
+    if not as_json:
+        console.print(f"seed {result.seed}")
+    _say(result, tables, last_line, as_json=as_json)
 
 
 @bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
@@ -233,14 +221,7 @@ def bench_idp(
             result = run(database or KINDS, agents=agents, told=told, **sizes)
     except (WrongAnswerError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
-    if as_json:
-        say_json(result.to_json())
-        return
-    for table in tables(result):
-        console.print(table)
-        console.print()
-    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(last_line(result))
+    _say(result, tables, last_line, as_json=as_json)
 
 
 @bench.command("pit", epilog="Example: ztpm eval bench pit --quick")
@@ -298,14 +279,7 @@ def bench_tools(
             result = run(calls, seed=seed, told=told)
     except (NotMeasuredError, ClientError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
-    if as_json:
-        say_json(result.to_json())
-        return
-    for table in tables(result):
-        console.print(table)
-        console.print()
-    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(last_line(result))
+    _say(result, tables, last_line, as_json=as_json)
 
 
 def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:
@@ -420,6 +394,32 @@ def _campaigns(
             settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=tell)
             found.append((campaign, campaign.run(settings)))
     return found, report(found, quick=quick, seed=seed)
+
+
+def _place(file: Path) -> None:
+    """Makes the file of a result, empty, before what takes long is begun.
+
+    Ends the command with `UNWRITABLE` where that cannot be.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+    except OSError as error:
+        fail_at(file, error, "UNWRITABLE")
+
+
+def _say(
+    result: Any, tables: Callable[[Any], Sequence[Table]], last_line: Callable[[Any], str], *, as_json: bool
+) -> None:
+    """Prints a result: one JSON object, or its tables, the machine, and the figures that count last."""
+    if as_json:
+        say_json(result.to_json())
+        return
+    for table in tables(result):
+        console.print(table)
+        console.print()
+    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
+    console.print(last_line(result))
 
 
 @contextmanager

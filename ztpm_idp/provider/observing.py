@@ -36,8 +36,8 @@ _CURRENT: Final = ContextVar("request_id", default="")
 
 def context() -> dict[str, str]:
     """Ids of the request and trace that are current, for each line of the log; empty outside of every request."""
-    request, trace = _CURRENT.get(), tracing.trace_id()
-    return {**({"request_id": request} if request else {}), **({"trace_id": trace} if trace else {})}
+    request = _CURRENT.get()
+    return ({"request_id": request} if request else {}) | tracing.context()
 
 
 class Observing:

@@ -126,7 +126,6 @@ FREE: Final = frozenset(
         # The service is looked after.
         ("GET", "/livez"),
         ("GET", "/healthz"),
-        ("GET", "/livez"),
         ("GET", "/metrics"),
         ("GET", "/readyz"),
     }
