@@ -71,6 +71,7 @@ def _panel(axes: Any, speeds: Mapping[tuple[str, str], Sequence[float]], models:
             axes.plot([place] * len(of), of, ".", color=COLOURS[m], markersize=3)
         axes.plot([], [], "s", color=COLOURS[m], label=model)
     axes.set_xticks(range(len(CONDITIONS)), list(CONDITIONS))
+    axes.set_xlim(-0.6, len(CONDITIONS) - 0.4)
     axes.set_ylim(0, 0.6)
     axes.spines[["top", "right"]].set_visible(False)
 
