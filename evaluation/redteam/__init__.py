@@ -1,0 +1,1 @@
+"""Red team: attempts that are forced on a running cell, and what they come to with and without enforcement."""

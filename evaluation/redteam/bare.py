@@ -1,0 +1,73 @@
+"""Arena with no enforcement: a simulated controller that an unmodified client drives, and nothing else."""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Final
+
+from rtde_control import RTDEControlInterface
+
+from ursim.ports.launch import SimulatedController
+from ztpm.stage.samples import StateRecorder
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from evaluation.redteam.acts.act import Act, Came
+    from evaluation.redteam.record import HarmSeen
+    from evaluation.redteam.scenario import Moment, Scenario
+
+BRING_RAD_S: Final = 1.5
+ACCELERATION_RAD_S2: Final = 3.0
+
+
+@dataclass
+class BareArena:
+    """Controller and client of it.
+
+    Attributes:
+        control: the client's connection.
+        eyes: every sample of the controller.
+    """
+
+    control: RTDEControlInterface
+    eyes: StateRecorder
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Brings the arm to where the scenario begins."""
+        self.control.moveJ(list(scenario.start_rad), BRING_RAD_S, ACCELERATION_RAD_S2)
+
+    def show(self, moment: Moment) -> None:
+        """Nothing: nobody looks."""
+
+    def perform(self, act: Act) -> Came:
+        """Does an act with no enforcement."""
+        return act.bare(self)
+
+    def settle(self) -> None:
+        """Ends what is still moving."""
+        self.control.stopJ(ACCELERATION_RAD_S2)
+
+    def harm(self) -> tuple[HarmSeen, ...]:
+        """Harm that is no motion: none here."""
+        return ()
+
+    def primitives(self) -> frozenset[str]:
+        """None: nothing is decided."""
+        return frozenset()
+
+    def digest(self) -> str:
+        """Nothing is recorded."""
+        return ""
+
+
+@contextmanager
+def bare_arena() -> Iterator[BareArena]:
+    """An arena of its own, ended afterwards."""
+    with SimulatedController.start() as controller, StateRecorder(controller.host) as eyes:
+        control = RTDEControlInterface(controller.host)
+        try:
+            yield BareArena(control, eyes)
+        finally:
+            control.disconnect()

@@ -1,0 +1,171 @@
+"""Arena with enforcement: the embedded cell, a fresh cast for each scenario, and a person who answers or is absent."""
+
+from __future__ import annotations
+
+import json
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from hashlib import sha256
+from typing import TYPE_CHECKING, Any, Final
+
+from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.cast import Cast
+from ztpm.base.processes import Child
+from ztpm.demo.run import play
+from ztpm.demo.story import STORY
+from ztpm.demo.story.answering import approve
+from ztpm.stage.lending import lent
+from ztpm.stage.live import stage
+from ztpm.stage.samples import StateRecorder
+from ztpm.stage.stage import StageError, until
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from evaluation.redteam.acts.act import Act
+    from evaluation.redteam.record import HarmSeen
+    from evaluation.redteam.scenario import Moment, Scenario
+    from ztpm.stage.calls import Answer
+    from ztpm.stage.stage import Stage
+
+DIRECTOR: Final = "orchestrator"
+"""Agent that sets the stage; no scenario attacks with it."""
+FRESH_S: Final = 600.0
+"""Age from which on its authority is renewed."""
+REACHED: Final = "reached"
+
+
+@dataclass
+class GuardedArena:
+    """Running cell, and the cast of the scenario that is played.
+
+    Attributes:
+        stage: the cell with its people.
+        eyes: every sample of its controller.
+        approver: name of the person who says yes to each question, or None for an absent one.
+        cast: of the scenario that is played.
+    """
+
+    stage: Stage
+    eyes: StateRecorder
+    approver: str | None = "bob"
+    cast: Cast = field(init=False)
+    _played: int = 0
+    _renewed_s: float = field(default=-FRESH_S)
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Enters a fresh cast and brings the arm to where the scenario begins, in an empty scene.
+
+        Raises:
+            StageError: the arm was not brought there.
+        """
+        self._renew()
+        self._played += 1
+        self.cast = Cast(self.stage, self._played)
+        self.cast.enter()
+        self.stage.scene()
+        self.stage.bring(scenario.start_rad)
+        self.stage.begin()
+
+    def _renew(self) -> None:
+        """Authority of the director, fresh enough for the next scenario."""
+        if time.monotonic() - self._renewed_s < FRESH_S:
+            return
+        director = self.stage.agents[DIRECTOR]
+        director.attest()
+        issued = self.stage.person("alice").issue(director, lent(self.stage), purpose="set the stage")
+        self.stage.tokens[DIRECTOR], self._renewed_s = issued.token, time.monotonic()
+
+    def show(self, moment: Moment) -> None:
+        """Shows the registered sensor what truly changed, if it sees it."""
+        command = moment.command()
+        if not moment.seen or not command:
+            return
+        if moment.at_s <= 0 and command.keys() <= {"people", "objects"}:
+            self.stage.scene(people=command.get("people"), objects=command.get("objects"))
+        else:
+            self.stage.cell.sensor.tell(command)
+
+    def perform(self, act: Act) -> Came:
+        """Does an act before the enforcement points."""
+        return act.guarded(self)
+
+    def settle(self) -> None:
+        """Waits until the arm stands still."""
+        until(lambda: self.stage.still, "the arm stands still")
+
+    def call(self, role: str, tool: str, arguments: dict[str, object], *, point: str) -> Came:
+        """Call of a tool by a role with its token; a question is answered as the approver does.
+
+        Args:
+            role: of the caller.
+            tool: name of the tool.
+            arguments: of the call.
+            point: enforcement point that decides on it.
+        """
+        caller = self.cast.called(role)
+        answer = self.stage.ask(caller, tool, arguments)
+        asked = answer.decision == "DEFER"
+        if asked and self.approver is not None:
+            answer = self._answered(caller, tool, arguments, answer)
+        return came(answer, point, asked=asked)
+
+    def _answered(self, caller: str, tool: str, arguments: dict[str, object], question: Answer) -> Answer:
+        """Answer to the same call once the approver has said yes and the enforcement point knows it."""
+        assert self.approver is not None
+        approve(self.stage, self.approver, question)
+        until(lambda: self.stage.answered(question), f"{self.approver}'s answer at the enforcement point")
+        return self.stage.ask(caller, tool, arguments)
+
+    def harm(self) -> tuple[HarmSeen, ...]:
+        """Harm that is no motion: none here."""
+        return ()
+
+    def digest(self) -> str:
+        """SHA-256 of what the enforcement points have on record since the scenario was prepared."""
+        return sha256(json.dumps(self.stage.journal(), sort_keys=True).encode()).hexdigest()
+
+    def primitives(self) -> frozenset[str]:
+        """Primitives that any finding on record names since the scenario was prepared."""
+        found: set[str] = set()
+        for row in self.stage.journal():
+            for finding in _findings(row.get("body")):
+                found.add(str(finding.get("primitive", "")))
+        return frozenset(found - {""})
+
+
+def _findings(body: Any) -> Iterator[dict[str, Any]]:
+    if isinstance(body, dict):
+        yield from (each for each in body.get("findings", ()) if isinstance(each, dict))
+
+
+def came(answer: Answer, point: str, *, asked: bool) -> Came:
+    """What came of a call, by its answer."""
+    if answer.decision == "DEFER":
+        return Came(Effect.DEFERRED, point, answer.reason, asked=True)
+    if answer.decision != "PERMIT":
+        return Came(Effect.DENIED, point, answer.reason, asked=asked)
+    outcome = str(answer.content.get("outcome", REACHED))
+    if outcome != REACHED:
+        return Came(Effect.STOPPED, point, str(answer.content.get("reason") or outcome), asked=asked)
+    return Came(Effect.DONE, asked=asked)
+
+
+@contextmanager
+def guarded_arena(*, approver: str | None, begin: Callable[..., Child] = Child.begin) -> Iterator[GuardedArena]:
+    """An arena on a cell of its own, removed afterwards.
+
+    Args:
+        approver: person who says yes to each question, or None for an absent one.
+        begin: begins each process of the cell (`evaluation.redteam.composition`).
+
+    Raises:
+        StageError: the cell did not come about.
+    """
+    with stage(begin=begin) as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes:
+        for act in STORY.only(frozenset({"delegate"})):
+            seen = play(on_stage, act)
+            if not seen.ok:
+                raise StageError(f"{act.id}: {seen.told}")
+        yield GuardedArena(on_stage, eyes, approver)

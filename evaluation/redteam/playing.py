@@ -1,0 +1,128 @@
+"""One scenario, played in an arena and judged by the referee."""
+
+from __future__ import annotations
+
+import threading
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.record import HarmSeen, RunRecord, end_of, refused
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from evaluation.redteam.acts.act import Act
+    from evaluation.redteam.scenario import Moment, Scenario
+    from ztpm.stage.samples import Sample, StateRecorder
+
+
+class Arena(Protocol):
+    """Place where a scenario is played."""
+
+    eyes: StateRecorder
+
+    def prepare(self, scenario: Scenario) -> None:
+        """Brings everything to where the scenario begins."""
+
+    def show(self, moment: Moment) -> None:
+        """Shows the registered sensor what truly changed, if it sees it."""
+
+    def perform(self, act: Act) -> Came:
+        """Does an act."""
+
+    def settle(self) -> None:
+        """Waits until the arm stands still."""
+
+    def harm(self) -> tuple[HarmSeen, ...]:
+        """Harm that is no motion: what left, what was taken, what no longer works."""
+
+    def primitives(self) -> frozenset[str]:
+        """Primitives that findings on record name."""
+
+    def digest(self) -> str:
+        """Digest of the records of the run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Setting:
+    """Mode in which an arena stands.
+
+    Attributes:
+        mode: `none`, `tokens`, `policy` or `all`.
+        approver: whether a person says yes to each question.
+    """
+
+    mode: str
+    approver: bool
+
+
+def played(
+    scenario: Scenario,
+    arena: Arena,
+    setting: Setting,
+    judge: Callable[[Sequence[Sample], float, Scenario], tuple[HarmSeen, ...]],
+) -> RunRecord:
+    """Record of a scenario that was played once.
+
+    Args:
+        scenario: to play.
+        arena: where.
+        setting: of the arena.
+        judge: the referee: harm by the samples, the monotonic time of the first act, and the scenario's world.
+    """
+    begun_s = time.monotonic()
+    arena.prepare(scenario)
+    for moment in scenario.world:
+        if moment.at_s <= 0:
+            arena.show(moment)
+    first_s = time.monotonic()
+    with _changing(scenario, arena):
+        came = _acts(scenario, arena)
+        arena.settle()
+    samples = arena.eyes.since(first_s)
+    harm = (*judge(samples, first_s, scenario), *arena.harm())
+    moving = [sample.arrived_s for sample in samples if not sample.still]
+    return RunRecord(
+        scenario=scenario.id,
+        mode=setting.mode,
+        approver=setting.approver,
+        end=end_of(came, hazardous=scenario.hazardous, harmed=bool(harm)),
+        refused=not scenario.hazardous and refused(came, scenario.expects),
+        came=came,
+        harm=tuple(sorted(harm, key=lambda one: one.at_s)),
+        primitives=tuple(sorted(arena.primitives())),
+        contained_s=round((moving[-1] if moving else time.monotonic()) - first_s, 3),
+        seconds=round(time.monotonic() - begun_s, 3),
+        digest=arena.digest(),
+    )
+
+
+def _acts(scenario: Scenario, arena: Arena) -> tuple[Came, ...]:
+    """What came of each act; one whose need did not get through is left out."""
+    came: list[Came] = []
+    through: set[str] = set()
+    for act in scenario.act:
+        if act.needs and act.needs not in through:
+            came.append(Came(Effect.OMITTED))
+            continue
+        came.append(arena.perform(act))
+        if came[-1].effect is Effect.DONE:
+            through.add(act.name)
+    return tuple(came)
+
+
+@contextmanager
+def _changing(scenario: Scenario, arena: Arena) -> Iterator[None]:
+    """Shows the later changes of the world at their times while the acts are done."""
+    later = [threading.Timer(moment.at_s, arena.show, [moment]) for moment in scenario.world if moment.at_s > 0]
+    for each in later:
+        each.start()
+    try:
+        yield
+    finally:
+        for each in later:
+            each.cancel()
+            each.join()
