@@ -24,6 +24,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+import msgspec
 import rfc8785
 from capabilities.values.errors import StatementError
 from tests.progress import PERIOD_S, Progress
@@ -114,7 +115,7 @@ def ledger(entries: int, *, salt: int = 0) -> list[dict]:
     made = []
     for number in range(entries):
         if number % 3:
-            body = {"request_id": f"{salt}-{number:030x}", "outcome": "done", "decision": f"{number:064x}"}
+            body = {"request_id": f"{salt:02x}{number:030x}", "outcome": "done", "decision": f"{number:064x}"}
             record = {"v": 1, "pep": f"cell-{number % 2}", "at_ms": number, "kind": "outcome", "body": body}
             made.append({"at_ms": number, "actor": record["pep"], "kind": "pep-record", "body": {"record": record}})
         else:
@@ -125,7 +126,10 @@ def ledger(entries: int, *, salt: int = 0) -> list[dict]:
 
 def spelled(value: dict) -> bytes:
     """RFC 8785 form of plain ASCII texts and small integers, written much quicker; a test compares."""
-    return json.dumps(value, sort_keys=True, separators=(",", ":")).encode()
+    return _WRITER.encode(value)
+
+
+_WRITER = msgspec.json.Encoder(order="sorted")
 
 
 @dataclass
