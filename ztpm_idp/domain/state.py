@@ -235,6 +235,8 @@ class Wanted:
     oauth: OAuthWanted | None = None
     sessions_of: str | None = None
     """A person: its sessions that may last."""
+    session: str | None = None
+    """A session, by its id."""
     offer: bytes | None = None
     """A login link, by the digest of its secret."""
     login: str | None = None
@@ -297,6 +299,7 @@ class State:
         oauth: the wanted records of OAuth.
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
         sessions: of the wanted person, those that may last, oldest first.
+        session: the wanted one.
         offer: the wanted login link.
         devices: those that may wait for a person.
         session_keys: of the wanted person.
@@ -343,6 +346,7 @@ class State:
     oauth: OAuthState = NOTHING
     tool: Standing | None = None
     sessions: tuple[Session, ...] = ()
+    session: Session | None = None
     offer: Offer | None = None
     login_owner: str | None = None
     devices: tuple[Device, ...] = ()

@@ -191,9 +191,9 @@ def wanted(command: Command) -> Wanted:
             return Wanted(parties=frozenset({by}), tool=(audience, name))
         case OfferLogin(by=by):
             return Wanted(parties=frozenset({by}))
-        case LogIn(by=by, offer=offer, how=how):
+        case LogIn(by=by, offer=offer, how=how, former=former):
             login = how.login if how is not None and how.login else None
-            return Wanted(parties=frozenset({by}), sessions_of=by, offer=offer, login=login)
+            return Wanted(parties=frozenset({by}), sessions_of=by, session=former, offer=offer, login=login)
         case EndLogin(by=by, login=login):
             return Wanted(parties=frozenset({by}), login=login)
         case AskDevice(device=device):

@@ -140,10 +140,8 @@ async def begin(
     """
     provider, fresh = _provider(request), secrets.token_urlsafe(32)
     before = await signed_in(request)
-    command = LogIn(person, digest(fresh).hex(), how=how, offer=offer, roles=roles)
-    await provider.run(command, actor=person)
-    if before is not None:
-        await provider.run(LogOut(before.person.id, before.session_id), actor=before.person.id)
+    former = None if before is None else before.session_id
+    await provider.run(LogIn(person, digest(fresh).hex(), how, offer, roles, former), actor=person)
     set_cookie(response, COOKIE, fresh, last_s=None)
 
 

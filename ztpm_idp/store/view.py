@@ -148,6 +148,7 @@ class View:
             oauth=await self.oauth.state(wanted.oauth),
             tool=await self.upkeep.tool(wanted.tool),
             sessions=await self.sessions.sessions_of(wanted.sessions_of),
+            session=await self.sessions.session(wanted.session),
             offer=await self.sessions.offer(wanted.offer),
             devices=waiting,
             session_keys=await self.devices.session_keys_of(wanted.session_keys_of),

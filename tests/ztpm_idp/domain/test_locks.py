@@ -61,6 +61,7 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
         "points",
         "empty",
         "sessions_of",
+        "session",
         "offer",
         "devices",
         "tokens_from",

@@ -82,3 +82,12 @@ def test_a_commit_whose_word_was_lost_is_no_replay(scene):
     with faults.failing(scene.world.provider.store._engine.sync_engine):
         assert faults.strike(scene, "POST /revocations", faults.AFTER, 0, found)
     assert (found.wrong, dict(found.again)) == ([], {"200": 1})
+
+
+def test_a_browser_that_logs_in_anew_does_so_in_one_commit(scene):
+    """The link is spent, the new session begins and the former one ends together: no second commit could fail."""
+    found, at = faults.Found(), "POST /login/links/{secret}"
+    with faults.failing(scene.world.provider.store._engine.sync_engine):
+        assert faults.strike(scene, at, faults.AFTER, 0, found)
+        assert not faults.strike(scene, at, faults.AFTER, 1, found)
+    assert (found.wrong, dict(found.again)) == ([], {"409 LOGIN_OVER": 1})

@@ -29,6 +29,7 @@ class LogIn:
         how: the authentication; None: the offer says it.
         offer: digest of the login link that was opened, if any.
         roles: most that the session may have; None: no limit but the person's own.
+        former: id of the session that this browser had until now, of whichever person; it ends with this.
     """
 
     by: str
@@ -36,6 +37,7 @@ class LogIn:
     how: Authentication | None = None
     offer: bytes | None = None
     roles: frozenset[PersonRole] | None = None
+    former: str | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -64,7 +64,8 @@ def _begun(state: State, command: LogIn, person: RegisteredPerson, at_ms: int) -
         session_id=command.session_id, person=person.id, how=how, roles=roles,
         made_ms=at_ms, seen_ms=at_ms, ends_ms=at_ms + ABSOLUTE_MS,
     )  # fmt: skip
-    # The oldest of too many ends.
-    others = sorted(state.sessions, key=lambda session: session.made_ms)
-    ends = others[: max(0, len(others) + 1 - SESSIONS_OF_ONE)]
-    return (*(SessionEnded(session.session_id, person.id) for session in ends), SessionBegun(begun, command.offer))
+    former = () if state.session is None else (state.session,)
+    others = sorted(set(state.sessions).difference(former), key=lambda session: session.made_ms)
+    # The oldest of too many ends, too.
+    ends = (*former, *others[: max(0, len(others) + 1 - SESSIONS_OF_ONE)])
+    return (*(SessionEnded(each.session_id, each.person) for each in ends), SessionBegun(begun, command.offer))

@@ -27,9 +27,9 @@ class Sessions:
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
 
-    async def session(self, session_id: str) -> Session | None:
+    async def session(self, session_id: str | None) -> Session | None:
         """The session, unless the key or the login that began it has ended."""
-        found = await self._sessions(t.sessions.c.session_id == session_id)
+        found = () if session_id is None else await self._sessions(t.sessions.c.session_id == session_id)
         return found[0] if found else None
 
     async def sessions_of(self, person: str | None) -> tuple[Session, ...]:
