@@ -23,8 +23,9 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections import Counter
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from capabilities.keys.trust import TrustBundle
@@ -37,6 +38,7 @@ from capabilities.values.errors import Fault, FaultCode
 from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 from pep.base.clock import SystemClock
+from pep.base.errors import FeedError
 from pep.provider.feed import ProviderFollower
 from pep.provider.feed_mark import FeedMarkFile
 from capabilities.values.units import Parameter, Unit
@@ -205,16 +207,25 @@ class Worker(AsyncHTTPTransport):
 
 
 class Point:
-    """A follower, and the burner that verifies with its view."""
+    """A follower, and the burner that verifies with its view.
+
+    Attributes:
+        causes: of its pulls that failed, each with how often.
+    """
 
     def __init__(self, plan: dict, number: int, board: Board, verifier: Verifier, trust: TrustBundle) -> None:
-        self.number, self.board, self.verifier = number, board, verifier
+        self.number, self.board, self.verifier, self.causes = number, board, verifier, Counter[str]()
         port = plan["ports"][number % len(plan["ports"])]
         self.follower = ProviderFollower(
             AsyncClient(transport=Worker(port), trust_env=False), issuer=plan["issuer"], audience=plan["audiences"][number], trust=trust, caps=DEFAULT, clock=SystemClock(),
-            mark=FeedMarkFile(Path(plan["folder"]) / f"point-{number}.json"), incident=lambda _: board.failed(number),
+            mark=FeedMarkFile(Path(plan["folder"]) / f"point-{number}.json"), incident=self.failed,
             key=Ed25519PrivateKey.from_private_bytes(bytes.fromhex(plan["keys"][number])),
         )  # fmt: skip
+
+    def failed(self, error: FeedError) -> None:
+        """A pull has failed."""
+        self.causes[str(error)] += 1
+        self.board.failed(self.number)
 
     async def look(self, item: int, tokens: list[bytes]) -> None:
         """Verifies the tokens of an item once."""
@@ -269,6 +280,8 @@ async def burn(plan: dict, first: int, count: int) -> None:
     for task in tasks:
         task.cancel()
     await asyncio.gather(*tasks, return_exceptions=True)
+    causes = sum((point.causes for point in points), Counter[str]())
+    (folder / f"causes-{first}.json").write_text(json.dumps(causes))
 
 
 # --- the run -----------------------------------------------------------------------------------------------------------
@@ -284,6 +297,7 @@ class Horizon:
     unseen: int
     stale: int
     failed: int = 0
+    causes: Counter[str] = field(default_factory=Counter)
 
     @staticmethod
     def quantile(values: list[float], part: float) -> float:
@@ -291,7 +305,7 @@ class Horizon:
         return ordered[min(len(ordered) - 1, int(part * len(ordered)))] if ordered else float("nan")
 
     @property
-    def told(self) -> dict[str, float | int]:
+    def told(self) -> dict[str, float | int | dict[str, int]]:
         return {
             "revocation_ms.p50": round(self.quantile(self.last_ms, 0.5), 1),
             "revocation_ms.p99": round(self.quantile(self.last_ms, 0.99), 1),
@@ -302,6 +316,7 @@ class Horizon:
             "never_denied": self.unseen,
             "looks_denied_for_an_old_view": self.stale,
             "pulls_that_failed": self.failed,
+            "for": dict(self.causes),
         }
 
     @property
@@ -376,7 +391,10 @@ def run(
         ends.callback(_reap, board, children)
         spinning = [_child("--spin") for _ in range(burners)]
         ends.callback(lambda: [child.kill() or child.wait() for child in spinning])
-        return _revoke(board, alice, [token_id for token_id, _, _ in made[:revocations]], root_hop, told)
+        found = _revoke(board, alice, [token_id for token_id, _, _ in made[:revocations]], root_hop, told)
+    for path in folder.glob("causes-*.json"):
+        found.causes.update(json.loads(path.read_bytes()))
+    return found
 
 
 def _revoke(board: Board, alice, token_ids: list[str], root_hop: str, told: Progress) -> Horizon:
