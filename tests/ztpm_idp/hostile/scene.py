@@ -23,7 +23,7 @@ from tests.ztpm_idp.world import AUDIENCE, LOWER, MEASUREMENT, World
 from ztpm_idp.client.envelopes import Bounds, around
 
 from capabilities.statements.people import ask, envelope
-from ztpm_idp.client import delegate_request, issue_request
+from ztpm_idp.client import ClientError, delegate_request, issue_request
 
 OTHER = "http://127.0.0.1:8801/mcp"
 FORM = "application/x-www-form-urlencoded"
@@ -139,7 +139,8 @@ class Scene:
         return name
 
     def vote(self) -> tuple[str, str]:
-        return self.cell.taken(agent="helper")
+        text = self.cell.text(agent="helper")
+        return accepted(self.cell.post("cell-1", "/approvals", {"ask": text}))["ask_id"], text
 
     def envelope(self) -> str:
         shown = ask.open(self.cell.text(agent="helper"), {keys.public_raw(self.world.private["cell-1"])}, DEFAULT)
@@ -174,6 +175,18 @@ class Scene:
         """A request of a route, such as its right caller may make now."""
         made = (REQUESTS | PAGES | GRANTS)[at](self)
         return made if isinstance(made, Asked) else json_of(*made)
+
+
+def accepted(answer) -> dict:
+    """The answer to what was made.
+
+    Raises:
+        ClientError: for a refusal, as a store gives it that is full.
+    """
+    told = answer.json()
+    if answer.status_code != 201:
+        raise ClientError(told["code"], answer.status_code, told["detail"])
+    return told
 
 
 def json_of(path: str, body: object = None, token: str | None = None) -> Asked:
@@ -231,7 +244,7 @@ def _opened(s: Scene):
 
 def _enveloped(s: Scene):
     text = s.envelope()
-    assert s.cell.post("carol", "/envelopes", {"envelope": text}).status_code == 201
+    accepted(s.cell.post("carol", "/envelopes", {"envelope": text}))
     found = next(row for row in s.world.people["carol"].envelopes() if row["envelope"] == text)
     return f"/envelopes/{found['envelope_id']}/revoke", {"reason": "odd"}
 
