@@ -1,6 +1,7 @@
-"""Writes docs/primitives.md, docs/cli.md and docs/schemas from the code: `python -m docs.generate`.
+"""Writes the generated pages and docs/schemas: `python -m docs.generate`.
 
-The catalog gives the primitives, the command line its own page, and the forms of files the schemas.
+The catalog gives docs/primitives.md, the command line docs/cli.md, the lists of docs/standards their page, and the
+forms of files the schemas.
 
 With `--check` nothing is written, and a difference fails.
 """
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 WIDTH: Final = 120
 PAGE: Final = Path(__file__).with_name("primitives.md")
 COMMANDS: Final = Path(__file__).with_name("cli.md")
+STANDARDS: Final = Path(__file__).with_name("standards.md")
 SCHEMAS: Final = Path(__file__).with_name("schemas")
 
 OPENING: Final = """# The 25 primitives
@@ -198,12 +200,13 @@ def page() -> str:
 
 def generated() -> dict[Path, str]:
     """Every generated file and its whole text."""
-    from docs import command_page
+    from docs import command_page, standards_page
     from pep.pit.files import schemas
     from ztpm.cli import app
 
     files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}
-    return {PAGE: page(), COMMANDS: command_page.page(app)} | {
+    pages = {PAGE: page(), COMMANDS: command_page.page(app), STANDARDS: standards_page.page(standards_page.standards())}
+    return pages | {
         SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()
     }
 

@@ -4,6 +4,7 @@ import ast
 import re
 import shlex
 import subprocess
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -65,6 +66,56 @@ def tests() -> frozenset[str]:
         for node in ast.walk(ast.parse(path.read_text("utf-8")))
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and node.name.startswith("test_")
     )
+
+
+@cache
+def names_in(file: Path) -> dict[str, ast.FunctionDef | ast.AsyncFunctionDef]:
+    """The tests of a file as pytest names them: `test_x`, or `TestY::test_x`."""
+    found = {}
+    for node in ast.parse(file.read_text("utf-8")).body:
+        inner = [(f"{node.name}::", each) for each in node.body] if isinstance(node, ast.ClassDef) else [("", node)]
+        for above, each in inner:
+            if isinstance(each, ast.FunctionDef | ast.AsyncFunctionDef) and each.name.startswith("test_"):
+                found[above + each.name] = each
+    return found
+
+
+def missing(node: str, top: Path = TOP) -> str:
+    """Part of a test's name, as pytest spells it, that is not there: its file, its function or its case."""
+    file, _, rest = node.partition("::")
+    name, _, case = rest.removesuffix("]").partition("[")
+    path = top / file
+    if not path.is_file() or not path.name.startswith("test_"):
+        return "file"
+    if name and name not in names_in(path):
+        return "function"
+    return "case" if case and case not in _spelled(path, name) else ""
+
+
+def _spelled(path: Path, name: str) -> set[str]:
+    """Texts in a test's marks and in the tables that they name: the ids of its cases are among them."""
+    tables = {
+        target.id: node.value
+        for node in ast.parse(path.read_text("utf-8")).body
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None
+        for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        if isinstance(target, ast.Name)
+    }
+    texts: set[str] = set()
+    waiting: list[ast.AST] = list(names_in(path)[name].decorator_list)
+    while waiting:
+        for each in ast.walk(waiting.pop()):
+            if isinstance(each, ast.Constant) and isinstance(each.value, str):
+                texts.add(each.value)
+            elif isinstance(each, ast.Name) and each.id in tables:
+                waiting.append(tables.pop(each.id))
+    return texts
+
+
+def scenario_ids(folder: Path = TOP / "evaluation" / "scenarios") -> set[str]:
+    """The ids of the red team's scenarios."""
+    files = [tomllib.loads(path.read_text("utf-8")) for path in sorted(folder.glob("*.toml"))]
+    return {one["id"] for file in files for one in file["scenario"]}
 
 
 def commands(text: str) -> list[list[str]]:
