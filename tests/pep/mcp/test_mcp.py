@@ -358,6 +358,20 @@ def test_no_token(cell):
     recorded(cell, "TOKEN_MISSING")
 
 
+def test_a_stranger_is_not_told_the_tools(cell):
+    body = call_body()
+    listing = body | {"method": "tools/list", "params": {"_meta": body["params"]["_meta"]}}
+    header = {"mcp-method": "tools/list"}
+
+    async def scenario():
+        return await cell.post(None, listing, headers=header), await cell.post(cell.agent(), listing, headers=header)
+
+    stranger, holder = with_cell(cell, scenario)
+    refused(stranger, 401, "TOKEN_MISSING")
+    assert "move_joint" not in stranger.text
+    assert holder.status_code == 200 and "move_joint" in holder.text
+
+
 def test_bearer_is_no_scheme_of_ours(cell):
     holder = cell.agent()
     response = with_cell(cell, lambda: cell.post(None, call_body(), headers={"authorization": f"Bearer {holder.text}"}))
