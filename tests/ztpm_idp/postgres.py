@@ -47,6 +47,11 @@ def url_of(name: str) -> str:
     return f"postgresql+asyncpg://postgres@/{name}?host={server().pgdata}"
 
 
+def arguments(url: str) -> dict[str, str]:
+    """How the driver alone connects to the database of a URL."""
+    return {"user": "postgres", "host": str(server().pgdata), "database": name_of(url)}
+
+
 async def execute(statement: str, database: str = "postgres") -> None:
     connection = await asyncpg.connect(user="postgres", host=str(server().pgdata), database=database)
     try:

@@ -28,6 +28,13 @@ if TYPE_CHECKING:
 REVOKED_KEYS = sa.select(t.revocations.c.id).where(t.revocations.c.kind == RevocationKind.KEY.value)
 """Thumbprints of the keys that have ended."""
 
+
+def _ended(thumbprint: sa.Column[str]) -> sa.Exists:
+    """Condition that the key of this thumbprint has ended: one look into the index, however many have."""
+    ended = REVOKED_KEYS.where(t.revocations.c.id == thumbprint)
+    return ended.correlate(thumbprint.table).exists()
+
+
 PARTY_COLUMNS = sa.select(
     t.parties,
     t.people.c.name,
@@ -49,7 +56,7 @@ PARTY_COLUMNS = sa.select(
     t.sensors.c.suspended_ms.label("sensor_suspended_ms"),
     t.person_keys.c.key.label("further"),
     t.person_keys.c.credential,
-    t.parties.c.thumbprint.in_(REVOKED_KEYS).label("first_ended"),
+    _ended(t.parties.c.thumbprint).label("first_ended"),
 ).select_from(
     t.parties.outerjoin(t.people, t.people.c.id == t.parties.c.id)
     .outerjoin(t.agents, t.agents.c.id == t.parties.c.id)
@@ -57,7 +64,7 @@ PARTY_COLUMNS = sa.select(
     .outerjoin(t.sensors, t.sensors.c.id == t.parties.c.id)
     .outerjoin(
         t.person_keys,
-        sa.and_(t.person_keys.c.person == t.parties.c.id, t.person_keys.c.thumbprint.not_in(REVOKED_KEYS)),
+        sa.and_(t.person_keys.c.person == t.parties.c.id, ~_ended(t.person_keys.c.thumbprint)),
     )
 )
 """Every party with the columns of its kind: one row, and of a person one for each living further key."""

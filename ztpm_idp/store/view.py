@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import groupby
 from typing import TYPE_CHECKING, Any, assert_never
 
 import sqlalchemy as sa
@@ -16,7 +17,6 @@ from ztpm_idp.domain.parties import (
     Party,
     RegisteredAgent,
     RegisteredPep,
-    RegisteredPerson,
     Standing,
 )
 from ztpm_idp.domain.state import NOTHING_USED, Journal, Nonce, State, Wanted
@@ -218,14 +218,10 @@ class View:
 
     async def parties_of_keys(self, keys: Sequence[bytes]) -> list[Party | None]:
         """Party that owns each key, ended or not."""
-        wanted = {"keys": sorted(set(keys))}
-        found = {
-            party.id: party for party in rows.parties(await self._connection.execute(prepared.PARTIES_OF_KEYS, wanted))
-        }
-        owners = {party.key: party for party in found.values()}
-        if any(isinstance(party, RegisteredPerson) for party in found.values()):
-            for key, person in await self._connection.execute(prepared.FORMER, wanted):
-                owners.setdefault(bytes(key), found[person])
+        found = await self._connection.execute(prepared.PARTIES_OF_KEYS, {"keys": sorted(set(keys))})
+        owners = dict[bytes, Party]()
+        for key, of_key in groupby(found, key=lambda row: bytes(row.shown)):
+            owners[key] = rows.parties(of_key)[0]
         return [owners.get(key) for key in keys]
 
     async def party(self, id_: str) -> Party | None:

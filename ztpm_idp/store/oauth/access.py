@@ -30,6 +30,7 @@ from ztpm_idp.domain.oauth.records import (
     TemplateRecord,
 )
 from ztpm_idp.store import schema
+from ztpm_idp.store.database.among import among
 from ztpm_idp.store.errors import OnceOnlyError
 from ztpm_idp.store.oauth import tables as t
 
@@ -60,7 +61,7 @@ _ACCESS: Final = sa.select(
     _A.jkt, _A.issued_at, _A.not_after, _A.capability,
 )  # fmt: skip
 """Access tokens, in the order of the fields of `AccessRecord`."""
-_ACCESSES: Final = _ACCESS.where(_A.jti.in_(sa.bindparam("jtis", expanding=True)))
+_ACCESSES: Final = _ACCESS.where(among(_A.jti, "jtis"))
 
 
 class OAuth:
