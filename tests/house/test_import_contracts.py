@@ -47,6 +47,8 @@ BREAKS = [
     ("physics-fence", "evaluation/cli.py", "import coal"),
     ("evaluation-rooms", "evaluation/harness/timing.py", "import evaluation.tokens.cell"),
     ("evaluation-rooms", "evaluation/conduct/agents.py", "import evaluation.tokens.cell"),
+    ("referee-alone", "evaluation/redteam/referee/body.py", "import pep.pit.scene.adult_body"),
+    ("referee-alone", "evaluation/harness/absent.py", "import capabilities.values.units"),
     ("core-is-light", "policies/evidence/model.py", "import fastapi"),
     ("core-is-light", "capabilities/values/units.py", "import numpy"),
     ("core-is-light", "capabilities/values/units.py", "import socket"),
