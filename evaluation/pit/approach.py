@@ -67,7 +67,7 @@ class Judged:
         return self.person or self.thing
 
 
-class Referee:
+class MotionReferee:
     """Robot, scene and cell, made ready for many motions."""
 
     def __init__(self, robot: Robot, scene: Scene, cell: CellParameters, *, more_m: float = 0.0) -> None:

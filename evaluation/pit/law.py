@@ -18,7 +18,7 @@ from msgspec import structs
 
 from evaluation.harness.machine import machine
 from evaluation.harness.tables import table
-from evaluation.pit.approach import AGE_S, Judged, Referee
+from evaluation.pit.approach import AGE_S, Judged, MotionReferee
 from evaluation.pit.workload import joints
 from pep.pit import Assessment, Capsule, CellParameters, MoveJ, Robot, Scene, Thing, adult_at_distance, assess, surveyed
 from pep.pit.base.tier import tier_of
@@ -161,7 +161,7 @@ def study(benign: int, *, seed: int, told: Callable[[str], None]) -> LawResult:
         scene, move = _scene(scene_kind, rng, cell), _move(way, rng)
         if any(robot.beyond_rad(move.start)) or any(robot.beyond_rad(move.target)):
             continue
-        referee = Referee(robot, scene, cell)
+        referee = MotionReferee(robot, scene, cell)
         if referee.touches_on_its_way(move):
             touching += 1
             continue
@@ -180,7 +180,7 @@ def embedded_cell() -> CellParameters:
     return surveyed(structs.replace(stated, zones=()), CellParameters())
 
 
-def calm_rad_s(referee: Referee, law: str) -> float:
+def calm_rad_s(referee: MotionReferee, law: str) -> float:
     """Highest speed at which the paper's sweep as one motion has index 1 by a law; at most `FASTEST_RAD_S`."""
     low, high = 0, round(FASTEST_RAD_S / GRID_RAD_S) + 1
     while high - low > 1:
@@ -203,7 +203,7 @@ def _paper(robot: Robot, cell: CellParameters) -> dict[str, dict[str, float]]:
     for name, scene in scenes.items():
         row = {}
         for words, more_m in (("", 0.0), ("_2mm", MORE_M)):
-            referee = Referee(robot, scene, cell, more_m=more_m)
+            referee = MotionReferee(robot, scene, cell, more_m=more_m)
             ten = [referee.judged(_swept(a, b)) for a, b in pairwise(ends)]
             once = referee.judged(_swept(ends[0], ends[-1]))
             for law in LAWS:
