@@ -148,6 +148,56 @@ def dojo(
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
+@app.command(epilog="Example: ztpm eval redteam --sample 5 --seed 1")
+def redteam(
+    *,
+    sample: Annotated[
+        int, typer.Option(min=0, help="Scenarios of each class, hazardous and benign, that are drawn; 0 for all.")
+    ] = 0,
+    seed: Annotated[int | None, typer.Option(min=0, help="Of the sample; a fresh one is drawn and told.")] = None,
+    only: Annotated[list[str] | None, typer.Option(help="This scenario alone, by its id; may be repeated.")] = None,
+    cells: Annotated[int, typer.Option(min=1, max=8, help="Cells beside each other; each wants a core.")] = 2,
+    meshes: Annotated[Path | None, typer.Option(help="Folder of the vendor's UR3e description.")] = None,
+    ledger: Annotated[
+        Path | None, typer.Option(help="File that keeps each run, to go on where this was ended.", dir_okay=False)
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Attacks of all five classes, forced on running cells, with and without enforcement (hours; see --sample).
+
+    The exit status is not 0 when a bar is missed.
+    """
+    from evaluation.harness.absent import AbsentError
+    from evaluation.redteam.campaign import Request, RequestError, campaign
+    from evaluation.redteam.ledger import LedgerError
+    from evaluation.redteam.picture import draw
+    from evaluation.redteam.result import last_line, tables
+    from evaluation.redteam.scenario import ScenarioError
+
+    for file in (out, ledger):
+        if file is not None:
+            _place(file)
+    seed = secrets.randbits(32) if seed is None else seed
+    try:
+        with _telling() as told:
+            result = campaign(Request(sample, seed, tuple(only or ()), cells, meshes, ledger), told)
+    except (RequestError, LedgerError, ScenarioError, AbsentError) as error:
+        fail("NOT_MEASURED", str(error))
+    if out is not None:
+        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
+    if plot is not None:
+        try:
+            draw(result, plot)
+        except AbsentError as error:
+            fail("NOT_PLOTTED", str(error))
+    if not as_json and sample:
+        console.print(f"seed {seed}")
+    _say(result, tables, last_line, as_json=as_json)
+    raise typer.Exit(0 if result.ok else FAILURE)
+
+
 @app.command(epilog="Example: ztpm eval law --benign 100")
 def law(
     *,

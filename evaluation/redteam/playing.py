@@ -12,7 +12,7 @@ from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.record import HarmSeen, RunRecord, end_of, refused
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from evaluation.redteam.acts.act import Act
     from evaluation.redteam.scenario import Moment, Scenario
@@ -46,6 +46,13 @@ class Arena(Protocol):
         """Digest of the records of the run."""
 
 
+class Judge(Protocol):
+    """Referee: harm by motion."""
+
+    def __call__(self, samples: Sequence[Sample], first_s: float, scenario: Scenario) -> tuple[HarmSeen, ...]:
+        """Harm that the samples show, from the monotonic time of the first act on, in the scenario's true world."""
+
+
 @dataclass(frozen=True, slots=True)
 class Setting:
     """Mode in which an arena stands.
@@ -63,7 +70,7 @@ def played(
     scenario: Scenario,
     arena: Arena,
     setting: Setting,
-    judge: Callable[[Sequence[Sample], float, Scenario], tuple[HarmSeen, ...]],
+    judge: Judge,
 ) -> RunRecord:
     """Record of a scenario that was played once.
 
@@ -71,7 +78,7 @@ def played(
         scenario: to play.
         arena: where.
         setting: of the arena.
-        judge: the referee: harm by the samples, the monotonic time of the first act, and the scenario's world.
+        judge: the referee.
     """
     begun_s = time.monotonic()
     arena.prepare(scenario)

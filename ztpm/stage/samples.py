@@ -79,7 +79,7 @@ class StateRecorder:
         host: of the controller.
 
     Raises:
-        EyesError: it does not speak RTDE here.
+        StateRecorderError: it does not speak RTDE here.
     """
 
     def __init__(self, host: str) -> None:
@@ -135,7 +135,7 @@ class StateRecorder:
         """The newest sample.
 
         Raises:
-            EyesError: when none has come for five seconds.
+            StateRecorderError: when none has come for five seconds.
         """
         deadline = time.monotonic() + TIMEOUT_S
         while time.monotonic() < deadline:

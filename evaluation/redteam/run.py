@@ -1,0 +1,152 @@
+"""One run of `ztpm eval redteam`: every scenario in every mode, on cells beside each other."""
+
+from __future__ import annotations
+
+import queue
+import threading
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Final
+
+from evaluation.redteam.bare import bare_arena
+from evaluation.redteam.composition import MODES, composed
+from evaluation.redteam.guarded import guarded_arena
+from evaluation.redteam.playing import Setting, played
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from evaluation.redteam.ledger import Ledger
+    from evaluation.redteam.playing import Arena, Judge
+    from evaluation.redteam.record import RunRecord
+    from evaluation.redteam.scenario import Scenario
+
+APPROVER: Final = "bob"
+SETTINGS: Final = (Setting("none", approver=False), *(Setting(mode, approver=True) for mode in MODES))
+"""Modes in the order in which they are begun; an absent approver is tried where the other one was asked."""
+ABSENT: Final = Setting("all", approver=False)
+TRIES: Final = 3
+"""Tries of a scenario: a loaded machine may refuse by itself, and a process of a cell may die."""
+MACHINE: Final = frozenset({"VERDICT_EXPIRED", "REVOCATION_VIEW_STALE", "BEHAVIOUR_OLD"})
+"""Refusals that a machine without time gives; in no scenario is one of these the right answer."""
+
+
+@dataclass(slots=True)
+class Played:
+    """Runs of a campaign.
+
+    Attributes:
+        runs: all of them, earlier ones too.
+        anew: number of runs that were played again since the machine refused.
+        unplayed: scenario, mode and cause of each run that did not come about.
+    """
+
+    runs: list[RunRecord] = field(default_factory=list)
+    anew: int = 0
+    unplayed: list[tuple[str, str, str]] = field(default_factory=list)
+
+
+def arena(setting: Setting) -> AbstractContextManager[Arena]:
+    """An arena in a setting, on processes of its own."""
+    if setting.mode == "none":
+        return bare_arena()
+    return guarded_arena(approver=APPROVER if setting.approver else None, begin=composed(MODES[setting.mode]))
+
+
+@dataclass
+class Red:
+    """Campaign that is played.
+
+    Attributes:
+        ledger: keeps each run.
+        judge: the referee.
+        told: hears how many runs are done.
+        arena: makes an arena in a setting.
+    """
+
+    ledger: Ledger
+    judge: Judge
+    told: Callable[[str], None]
+    arena: Callable[[Setting], AbstractContextManager[Arena]] = arena
+    _done: Played = field(default_factory=Played)
+    _of: int = 0
+    _count: int = 0
+    _lock: threading.Lock = field(default_factory=threading.Lock)
+
+    def play(self, scenarios: Sequence[Scenario], *, cells: int) -> Played:
+        """Runs of these scenarios in every mode; those that the ledger has are not played again.
+
+        Args:
+            scenarios: to play.
+            cells: number of arenas beside each other.
+        """
+        self._of = len(scenarios) * len(SETTINGS)
+        self._pass([(setting, list(scenarios)) for setting in SETTINGS], cells)
+        asked = [one for one in scenarios if self._was_asked(one)]
+        self._of += len(asked)
+        self._pass([(ABSENT, asked)], cells)
+        wanted = {(one.id, s.mode, s.approver) for s in SETTINGS for one in scenarios}
+        wanted |= {(one.id, ABSENT.mode, ABSENT.approver) for one in asked}
+        self._done.runs = [run for key, run in self.ledger.runs.items() if key in wanted]
+        return self._done
+
+    def _was_asked(self, scenario: Scenario) -> bool:
+        run = self.ledger.runs.get((scenario.id, ABSENT.mode, True))
+        return run is not None and any(one.asked for one in run.came)
+
+    def _pass(self, work: Sequence[tuple[Setting, list[Scenario]]], cells: int) -> None:
+        """Plays what the ledger has not, by so many workers; each takes one setting at a time."""
+        parts: queue.SimpleQueue[tuple[Setting, list[Scenario]]] = queue.SimpleQueue()
+        for setting, scenarios in work:
+            known = self.ledger.runs
+            left = [one for one in scenarios if (one.id, setting.mode, setting.approver) not in known]
+            with self._lock:
+                self._tell(len(scenarios) - len(left))
+            if left:
+                parts.put((setting, left))
+        with ThreadPoolExecutor(cells) as workers:
+            for done in [workers.submit(self._work, parts) for _ in range(cells)]:
+                done.result()
+
+    def _work(self, parts: queue.SimpleQueue[tuple[Setting, list[Scenario]]]) -> None:
+        while True:
+            try:
+                setting, left = parts.get_nowait()
+            except queue.Empty:
+                return
+            self._in_setting(setting, left)
+
+    def _in_setting(self, setting: Setting, left: Sequence[Scenario]) -> None:
+        """Plays the scenarios in one setting, on a fresh arena after each failure of one."""
+        with ExitStack() as place:
+            here: Arena | None = None
+            for scenario in left:
+                for attempt in range(TRIES):
+                    try:
+                        if here is None:
+                            here = place.enter_context(self.arena(setting))
+                        run = played(scenario, here, setting, self.judge)
+                    except Exception as error:  # noqa: BLE001 - a part of a cell that died: named, and the campaign goes on
+                        place.close()
+                        here = None
+                        if attempt == TRIES - 1:
+                            self._failed(scenario, setting, error)
+                        continue
+                    if attempt < TRIES - 1 and any(one.reason in MACHINE for one in run.came):
+                        with self._lock:
+                            self._done.anew += 1
+                        continue
+                    with self._lock:
+                        self.ledger.add(run)
+                        self._tell(1)
+                    break
+
+    def _failed(self, scenario: Scenario, setting: Setting, error: Exception) -> None:
+        first = (str(error).splitlines() or [""])[0]
+        with self._lock:
+            self._done.unplayed.append((scenario.id, setting.mode, f"{type(error).__name__}: {first}"))
+
+    def _tell(self, more: int) -> None:
+        self._count += more
+        self.told(f"{self._count} of {self._of} runs")
