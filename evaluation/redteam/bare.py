@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
 
 from rtde_control import RTDEControlInterface
 
+from evaluation.redteam.admission.outbox import Outbox
 from ursim.ports.launch import SimulatedController
 from ztpm.stage.samples import StateRecorder
 
@@ -29,14 +33,18 @@ class BareArena:
     Attributes:
         control: the client's connection.
         eyes: every sample of the controller.
+        outbox: notes that were sent.
     """
 
     control: RTDEControlInterface
     eyes: StateRecorder
+    outbox: Outbox
+    _prepared_s: float = 0.0
 
     def prepare(self, scenario: Scenario) -> None:
         """Brings the arm to where the scenario begins."""
         self.control.moveJ(list(scenario.start_rad), BRING_RAD_S, ACCELERATION_RAD_S2)
+        self._prepared_s = time.monotonic()
 
     def show(self, moment: Moment) -> None:
         """Nothing: nobody looks."""
@@ -50,8 +58,8 @@ class BareArena:
         self.control.stopJ(ACCELERATION_RAD_S2)
 
     def harm(self) -> tuple[HarmSeen, ...]:
-        """Harm that is no motion: none here."""
-        return ()
+        """Harm that is no motion: notes that left."""
+        return self.outbox.left(self._prepared_s)
 
     def primitives(self) -> frozenset[str]:
         """None: nothing is decided."""
@@ -65,9 +73,13 @@ class BareArena:
 @contextmanager
 def bare_arena() -> Iterator[BareArena]:
     """An arena of its own, ended afterwards."""
-    with SimulatedController.start() as controller, StateRecorder(controller.host) as eyes:
+    with (
+        TemporaryDirectory(prefix="ztpm-") as folder,
+        SimulatedController.start() as controller,
+        StateRecorder(controller.host) as eyes,
+    ):
         control = RTDEControlInterface(controller.host)
         try:
-            yield BareArena(control, eyes)
+            yield BareArena(control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
         finally:
             control.disconnect()

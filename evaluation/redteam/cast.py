@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 ROLES: Final = {"orchestrator": "planner", "robotic": "actuator", "vision": "observer", "config": "planner"}
 """The paper's four agents, and their registered roles."""
+OUTSIDERS: Final = {"courier": "bob"}
+"""Agents that nothing is lent to, and their sponsors."""
 SPONSOR: Final = "alice"
 FASTEST_URAD_S: Final = 1_000_000
 """Joint speed that the robotic agent is lent: below the orchestrator's, as it must be."""
@@ -51,7 +53,8 @@ class Cast:
         """Registered name of a role whose agent is registered and attested, now at the latest."""
         name = self.name(role)
         if name not in self.stage.agents:
-            self.stage.new_agent(name, sponsor=SPONSOR, role=ROLES[role]).attest()
+            sponsor = OUTSIDERS.get(role, SPONSOR)
+            self.stage.new_agent(name, sponsor=sponsor, role=ROLES.get(role, "planner")).attest()
         return name
 
     def hand_down(self, role: str, restriction: Restriction, *, by: str = "orchestrator") -> str:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any, Final
 
 from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.admission.room import AdmissionRoom, admission_room
 from evaluation.redteam.cast import Cast
 from ztpm.base.processes import Child
 from ztpm.demo.run import play
@@ -44,14 +45,20 @@ class GuardedArena:
         stage: the cell with its people.
         eyes: every sample of its controller.
         approver: name of the person who says yes to each question, or None for an absent one.
+        beside: what runs beside the cell, ended with the arena.
+        begin: begins each process of the arena.
         cast: of the scenario that is played.
     """
 
     stage: Stage
     eyes: StateRecorder
     approver: str | None = "bob"
+    beside: ExitStack = field(default_factory=ExitStack)
+    begin: Callable[..., Child] = Child.begin
     cast: Cast = field(init=False)
     _played: int = 0
+    _prepared_s: float = 0.0
+    _admission: AdmissionRoom | None = None
     _renewed_s: float = field(default=-FRESH_S)
 
     def prepare(self, scenario: Scenario) -> None:
@@ -64,9 +71,20 @@ class GuardedArena:
         self._played += 1
         self.cast = Cast(self.stage, self._played)
         self.cast.enter()
+        if any(act.at_admission for act in scenario.act):
+            self.admission  # noqa: B018 - begun before the clock of the scenario
         self.stage.scene()
         self.stage.bring(scenario.start_rad)
         self.stage.begin()
+        self._prepared_s = time.monotonic()
+
+    @property
+    def admission(self) -> AdmissionRoom:
+        """Admission point of the arena, begun at its first use, with the cast's authority there."""
+        if self._admission is None:
+            self._admission = self.beside.enter_context(admission_room(self.stage, begin=self.begin))
+        self._admission.enter(self.cast)
+        return self._admission
 
     def _renew(self) -> None:
         """Authority of the director, fresh enough for the next scenario."""
@@ -95,7 +113,7 @@ class GuardedArena:
         """Waits until the arm stands still."""
         until(lambda: self.stage.still, "the arm stands still")
 
-    def call(self, role: str, tool: str, arguments: dict[str, object], *, point: str) -> Came:
+    def call(self, role: str, tool: str, arguments: dict[str, object], *, point: str, url: str = "") -> Came:
         """Call of a tool by a role with its token; a question is answered as the approver does.
 
         Args:
@@ -103,24 +121,25 @@ class GuardedArena:
             tool: name of the tool.
             arguments: of the call.
             point: enforcement point that decides on it.
+            url: of the tools; empty for the arm's.
         """
         caller = self.cast.called(role)
-        answer = self.stage.ask(caller, tool, arguments)
+        answer = self.stage.ask(caller, tool, arguments, url=url)
         asked = answer.decision == "DEFER"
         if asked and self.approver is not None:
-            answer = self._answered(caller, tool, arguments, answer)
+            answer = self._answered(caller, tool, arguments, answer, url)
         return came(answer, point, asked=asked)
 
-    def _answered(self, caller: str, tool: str, arguments: dict[str, object], question: Answer) -> Answer:
+    def _answered(self, caller: str, tool: str, arguments: dict[str, object], question: Answer, url: str) -> Answer:
         """Answer to the same call once the approver has said yes and the enforcement point knows it."""
         assert self.approver is not None
         approve(self.stage, self.approver, question)
         until(lambda: self.stage.answered(question), f"{self.approver}'s answer at the enforcement point")
-        return self.stage.ask(caller, tool, arguments)
+        return self.stage.ask(caller, tool, arguments, url=url)
 
     def harm(self) -> tuple[HarmSeen, ...]:
-        """Harm that is no motion: none here."""
-        return ()
+        """Harm that is no motion: notes that left."""
+        return () if self._admission is None else self._admission.outbox.left(self._prepared_s)
 
     def digest(self) -> str:
         """SHA-256 of what the enforcement points have on record since the scenario was prepared."""
@@ -136,8 +155,9 @@ class GuardedArena:
 
 
 def _findings(body: Any) -> Iterator[dict[str, Any]]:
-    if isinstance(body, dict):
-        yield from (each for each in body.get("findings", ()) if isinstance(each, dict))
+    decided = body.get("decision") if isinstance(body, dict) else None
+    if isinstance(decided, dict):
+        yield from (each for each in decided.get("findings", ()) if isinstance(each, dict))
 
 
 def came(answer: Answer, point: str, *, asked: bool) -> Came:
@@ -168,4 +188,5 @@ def guarded_arena(*, approver: str | None, begin: Callable[..., Child] = Child.b
             seen = play(on_stage, act)
             if not seen.ok:
                 raise StageError(f"{act.id}: {seen.told}")
-        yield GuardedArena(on_stage, eyes, approver)
+        with ExitStack() as beside:
+            yield GuardedArena(on_stage, eyes, approver, beside, begin)

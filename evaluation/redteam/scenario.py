@@ -33,11 +33,14 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 import msgspec
 
 from evaluation.redteam.acts.arm import MoveJoint
+from evaluation.redteam.acts.notes import HandOn, LendNotes, SendNote, SetPlan
+from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
+from evaluation.redteam.acts.telling import Instruct, Message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-Anyone = MoveJoint
+Anyone = MoveJoint | Instruct | Message | Document | Recall | ToolResponse | LendNotes | SendNote | SetPlan | HandOn
 """Every act that there is; `do` tells them apart."""
 
 CLASSES: Final = ("AC-1", "AC-2", "AC-3", "AC-4", "AC-5")

@@ -59,7 +59,9 @@ class Answer:
     exchange: Exchange | None = None
 
 
-def call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -> Answer:
+def call(
+    url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object], meta: dict[str, Any] | None = None
+) -> Answer:
     """Answer to one tool call through the SDK's client.
 
     Args:
@@ -67,8 +69,9 @@ def call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -
         auth: signs each HTTP request.
         tool: name of the tool.
         arguments: of the call.
+        meta: `_meta` of the call.
     """
-    return anyio.run(_call, url, auth, tool, arguments)
+    return anyio.run(_call, url, auth, tool, arguments, meta)
 
 
 @cache
@@ -77,7 +80,9 @@ def _certificates(file: str | None) -> ssl.SSLContext:
     return ssl.create_default_context(cafile=file)
 
 
-async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object]) -> Answer:
+async def _call(
+    url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, object], meta: dict[str, Any] | None
+) -> Answer:
     kept: list[Exchange] = []
 
     async def keep(response: httpx2.Response) -> None:
@@ -100,7 +105,7 @@ async def _call(url: str, auth: httpx2.Auth, tool: str, arguments: dict[str, obj
         try:
             async with Client(streamable_http_client(url, http_client=http)) as client:
                 started = time.perf_counter()
-                result = await client.call_tool(tool, arguments)
+                result = await client.call_tool(tool, arguments, meta=meta)  # type: ignore[arg-type]
         except Exception:
             # The SDK reports a refused HTTP request in several ways; the answer on the wire is the observation.
             # It also asks for the tools after a call: when authority ended meanwhile, that is refused, the call is not.

@@ -79,6 +79,7 @@ class Stage:
         tokens: by the holder's name.
         eyes: joint angles and speeds over a connection of the stage's own.
         open_ask: id of the deferral that waits for people.
+        further_journals: of enforcement points beside the cell's own.
     """
 
     cell: Cell
@@ -87,6 +88,7 @@ class Stage:
     tokens: dict[str, str] = field(default_factory=dict)
     eyes: RTDEReceiveInterface | None = None
     open_ask: object = None
+    further_journals: list[Path] = field(default_factory=list)
     journal_at: dict[Path, int] = field(default_factory=dict)
     ledger_at: int = 0
     side: tuple[float, ...] = LEFT
@@ -115,7 +117,7 @@ class Stage:
         return TrustBundle.from_json(self.cell.layout.trust.read_bytes())
 
     def journal(self, *, since: int | None = None) -> list[dict[str, Any]]:
-        """The records of both PEPs since the step began, or since byte `since` of each, read from disk."""
+        """The records of the PEPs since the step began, or since byte `since` of each, read from disk."""
         rows = []
         for journal in self.journals:
             with journal.open("rb") as file:
@@ -127,7 +129,8 @@ class Stage:
     def journals(self) -> list[Path]:
         """The journals that there are."""
         layout = self.cell.layout
-        return [journal for journal in (layout.journal, layout.gateway_journal) if journal.exists()]
+        every = (layout.journal, layout.gateway_journal, *self.further_journals)
+        return [journal for journal in every if journal.exists()]
 
     def approvers_known(self) -> list[str]:
         """Approvers of the last asked act that its recorded evidence names."""
@@ -230,16 +233,27 @@ class Stage:
         world = self.ask("orchestrator", "read_state", {}).content.get("world") or {}
         return str(world.get("perception"))
 
-    def ask(self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None) -> Answer:
-        """Call of a tool by the agent with its token, sent again when the verdict came too late."""
+    def ask(
+        self, agent: str, tool: str, arguments: dict[str, object], *, token: str | None = None, url: str = ""
+    ) -> Answer:
+        """Call of a tool by the agent with its token, sent again when the verdict came too late.
+
+        Args:
+            agent: name of the agent.
+            tool: name of the tool.
+            arguments: of the call.
+            token: None for the one that the agent holds.
+            url: of the MCP server; empty for the cell's own.
+        """
         from ztpm.stage.calls import call  # with the MCP SDK, whose import takes half a second: `ztpm up` calls nothing
 
         auth = self.agents[agent].auth(token or self.tokens[agent])
-        answer = call(self.cell.addresses.audience, auth, tool, arguments)
+        server = url or self.cell.addresses.audience
+        answer = call(server, auth, tool, arguments)
         for _ in range(SEND_TRIES - 1):
             if answer.reason != "VERDICT_EXPIRED":
                 break
-            answer = call(self.cell.addresses.audience, auth, tool, arguments)
+            answer = call(server, auth, tool, arguments)
         return answer
 
     def scene(

@@ -54,6 +54,8 @@ class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     point: ClassVar[str]
     """Enforcement point at which it is decided, where nothing earlier decides."""
+    at_admission: ClassVar[bool] = False
+    """Whether it is done at the arena's admission point or with the tools beside it."""
 
     by: str
     name: str = ""
