@@ -11,6 +11,7 @@ from capabilities.values.caps import DEFAULT
 from msgspec import structs
 from tests.authenticators import ATTESTED, PRESENT, VERIFIED, Authenticator
 from tests.ztpm_idp.asks import PEP, Cell
+from tests.ztpm_idp.hostile.faults import commits
 from tests.ztpm_idp.world import AUDIENCE, World
 from ztpm_idp.provider import passkeys
 from ztpm_idp.provider.problems import Problem
@@ -221,6 +222,15 @@ def test_an_enrolment_is_of_its_person_once_and_for_ten_minutes(named):
         carol.confirm_change(change)
     assert raised.value.code == "NOT_PERMITTED"
     named.world.clock.at_s += 601
+    with pytest.raises(ClientError) as raised:
+        carol.propose_passkey(enrolment, key)
+    assert raised.value.code == "ENROLMENT_UNKNOWN"
+
+
+def test_an_enrolment_ends_in_the_commit_of_its_proposal(named):
+    carol, (held, enrolment, _) = named.world.people["carol"], enrolled(named, "carol")
+    key = keys.b64u(held.key)
+    assert commits(named.world, lambda: carol.propose_passkey(enrolment, key)) == 2  # the other one uses the proof up
     with pytest.raises(ClientError) as raised:
         carol.propose_passkey(enrolment, key)
     assert raised.value.code == "ENROLMENT_UNKNOWN"

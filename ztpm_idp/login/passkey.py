@@ -17,8 +17,10 @@ from ztpm_idp.domain.login.records import Authentication, Method
 from ztpm_idp.login import session
 from ztpm_idp.login.pages import PageProblem
 from ztpm_idp.provider import passkeys
+from ztpm_idp.provider.done import OneUse
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.provider.wire import AssertionBody
+from ztpm_idp.store import ProofUse
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -64,8 +66,8 @@ async def ask_passkey(request: Request) -> PasskeyAsked | None:
     return PasskeyAsked(b64u(login_challenge(provider.settings.issuer, nonce)), party.rp_id, sealed)
 
 
-async def logged_in(request: Request, form: Mapping[str, str]) -> tuple[str, Authentication]:
-    """The person whose passkey asserted the challenge of this browser, with the authentication; it counts once.
+async def logged_in(request: Request, form: Mapping[str, str]) -> tuple[str, Authentication, OneUse]:
+    """The person whose passkey asserted the challenge of this browser, the authentication, and its one use.
 
     Raises:
         PageProblem: `LOGIN_OVER`, `FORM_MALFORMED`, or as `passkeys.verified_login`.
@@ -89,10 +91,10 @@ async def logged_in(request: Request, form: Mapping[str, str]) -> tuple[str, Aut
         raise PageProblem(problem.code, problem.detail) from None
     async with provider.store.read() as view:
         known = await view.people.passkey(said.credential)
-    expires_ms = asked_ms + PASSKEY_S * 1_000
-    if known is None or not await provider.store.first_use(key=known[1], jti=nonce, expires_ms=expires_ms, at_ms=at_ms):
-        raise PageProblem(IdpCode.LOGIN_OVER, "the passkey was used for this page before")
-    return person.id, Authentication(Method.PASSKEY, at_ms, amr=_METHODS, key=thumbprint(known[1]))
+    if known is None:
+        raise PageProblem(IdpCode.PASSKEY_UNKNOWN)
+    use = ProofUse(known[1], nonce, expires_ms=asked_ms + PASSKEY_S * 1_000, at_ms=at_ms)
+    return person.id, Authentication(Method.PASSKEY, at_ms, amr=_METHODS, key=thumbprint(known[1])), OneUse(use)
 
 
 async def _secret(provider: Provider) -> bytes:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from ztpm_idp.domain.login.records import Authentication, Session
     from ztpm_idp.domain.parties import PersonRole
+    from ztpm_idp.provider.done import OneUse
     from ztpm_idp.provider.provider import Provider
 
 COOKIE: Final = "__Host-ztpm-session"
@@ -124,6 +125,7 @@ async def begin(
     how: Authentication | None = None,
     offer: bytes | None = None,
     roles: frozenset[PersonRole] | None = None,
+    once: OneUse | None = None,
 ) -> None:
     """Begins a session of this person in this browser, with a new id; the one before is over.
 
@@ -134,14 +136,15 @@ async def begin(
         how: the authentication; None: the offer says it.
         offer: digest of the login link that was opened, which is spent by this.
         roles: most that the session may have; None: the person's own.
+        once: use of what authenticated the person, in the commit that begins the session.
 
     Raises:
-        Problem: the person may not log in, or the link is over.
+        Problem: the person may not log in, the link is over, or `once` was used before (`REPLAYED`).
     """
     provider, fresh = _provider(request), secrets.token_urlsafe(32)
     before = await signed_in(request)
     former = None if before is None else before.session_id
-    await provider.run(LogIn(person, digest(fresh).hex(), how, offer, roles, former), actor=person)
+    await provider.run(LogIn(person, digest(fresh).hex(), how, offer, roles, former), actor=person, once=once)
     set_cookie(response, COOKIE, fresh, last_s=None)
 
 

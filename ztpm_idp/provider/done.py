@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from capabilities.proof.proof import Proof
     from ztpm_idp.domain.events import Event
+    from ztpm_idp.store import ProofUse
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,9 +36,9 @@ class OneUse:
     """The one use of a proof that came with a request.
 
     Attributes:
-        proof: valid for exactly this request.
+        proof: valid for exactly this request; of what is no proof of possession, how it is used.
         spent: True once that is durable.
     """
 
-    proof: Proof
+    proof: Proof | ProofUse
     spent: bool = False

@@ -227,7 +227,7 @@ class Provider:
             raise Problem(IdpCode.CALLER_INACTIVE)
         return party
 
-    async def use_up(self, proof: Proof) -> None:
+    async def use_up(self, proof: Proof | ProofUse) -> None:
         """The proof is used up.
 
         Raises:
@@ -237,7 +237,9 @@ class Provider:
         if not await self.store.first_use(key=use.key, jti=use.jti, expires_ms=use.expires_ms, at_ms=use.at_ms):
             raise Problem(FaultCode.REPLAYED)
 
-    def _use_of(self, proof: Proof) -> ProofUse:
+    def _use_of(self, proof: Proof | ProofUse) -> ProofUse:
+        if isinstance(proof, ProofUse):
+            return proof
         caps = self.rules.caps
         return ProofUse(
             proof.key, proof.jti, expires_ms=(proof.iat + caps.proof_age_s + caps.skew_s) * 1_000, at_ms=self.now_ms()

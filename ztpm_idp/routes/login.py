@@ -11,6 +11,7 @@ from fastapi import APIRouter, Depends, Request
 from fastapi.responses import HTMLResponse, RedirectResponse, Response
 
 from capabilities.keys.keys import thumbprint
+from capabilities.values.errors import FaultCode
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.login.commands import OfferLogin
 from ztpm_idp.domain.login.records import OFFER_MS
@@ -122,11 +123,13 @@ async def use_link(request: Request, secret: str) -> Response:
 async def use_passkey(request: Request) -> Response:
     """A session of the person begins whose passkey asserted the challenge of this browser's login page."""
     form = await form_of(request, "credential", "authenticator", "client", "signature")
-    person, how = await logged_in(request, form)
+    person, how, once = await logged_in(request, form)
     response = RedirectResponse(session.back_of(request), status_code=303, headers=NO_STORE)
     try:
-        await session.begin(request, response, person=person, how=how)
+        await session.begin(request, response, person=person, how=how, once=once)
     except Problem as problem:
+        if problem.code is FaultCode.REPLAYED:
+            raise PageProblem(IdpCode.LOGIN_OVER, "the passkey was used for this page before") from None
         raise PageProblem(problem.code, problem.detail) from None
     for spent in (session.BACK, PASSKEY):
         session.set_cookie(response, spent, "", last_s=0)

@@ -122,10 +122,7 @@ async def propose_passkey(request: Request, call: Caller) -> dict[str, str]:
         key=enrolment.key,
         credential=enrolment.credential,
     )
-    proposed = await propose(request, call, change)
-    async with provider_of(request).store.write() as transaction:
-        await transaction.enrolments.end(enrolment.enrolment_id)
-    return proposed
+    return await propose(request, call, change)
 
 
 @router.post("/approvals/{ask_id}/passkey-votes", status_code=201, openapi_extra=body_of(wire.PasskeyVoteBody))

@@ -88,6 +88,11 @@ class People:
                     .values(roles=sorted(role.value for role in roles))
                 )
             case ChangeProposed(change=change):
+                if change.credential:
+                    # The enrolment that made it is over.
+                    c = t.enrolments.c
+                    made = sa.and_(c.person == change.person, c.key == change.key)
+                    await self._connection.execute(sa.delete(t.enrolments).where(made))
                 statement = sa.insert(t.changes).values(
                     change_id=change.change_id,
                     kind=(ChangeKind.PERSON if change.kind is ChangeKind.ROLES else change.kind).value,

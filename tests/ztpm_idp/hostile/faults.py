@@ -17,6 +17,7 @@ from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
 
 import sqlalchemy as sa
 from tests.ztpm_idp.hostile.api import counted
@@ -27,6 +28,9 @@ from tests.ztpm_idp.world import World
 from ztpm_idp.store.schema import metadata
 
 from ztpm_idp.client import ClientError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 FAULTS = {
     "full or locked": lambda: sa.exc.OperationalError("", None, sqlite3.OperationalError("database or disk is full")),
@@ -84,6 +88,25 @@ def failing(engine: sa.Engine):
     finally:
         sa.event.remove(engine, "before_cursor_execute", before)
         engine.dialect.do_commit = commit
+
+
+@contextmanager
+def armed(fault: Fault | None):
+    """What is sent to a failing engine's provider meanwhile, by this thread, meets the fault."""
+    before = _ARMED.set(fault)
+    try:
+        yield
+    finally:
+        _ARMED.reset(before)
+
+
+def commits(world: World, send: Callable[[], object]) -> int:
+    """Number of commits that a request comes to."""
+    many = 1_000
+    uncounted = Fault(AFTER, many)
+    with failing(world.provider.store._engine.sync_engine), armed(uncounted):
+        send()
+    return many - uncounted.left
 
 
 @dataclass
@@ -167,22 +190,10 @@ class Sender:
 
     def send(self, fault: Fault | None) -> str:
         """The answer, with a fault armed for this request alone."""
-        plain = self.world.on_loop
-
-        def armed(coroutine):
-            async def go():
-                _ARMED.set(fault)
-                return await coroutine
-
-            return plain(go())
-
-        self.world.on_loop = armed
-        try:
+        with armed(fault):
             if self.page:
                 return self.trial.send(self.scene.browser.cookies, self.token)
             return self.trial.signed(self.trial.right)
-        finally:
-            del self.world.on_loop
 
 
 def whole(world: World) -> list[str]:

@@ -8,6 +8,7 @@ import pytest
 from capabilities.keys import keys
 from tests.authenticators import PRESENT
 from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.hostile.faults import commits
 from tests.ztpm_idp.login.browser import Browser
 from tests.ztpm_idp.login.test_session import as_list, code, rows
 from tests.ztpm_idp.test_passkeys import NAMED, passkey
@@ -69,6 +70,13 @@ def test_it_counts_once_in_its_own_browser_and_in_time(named, browser, held):
     assert code(use(late, held, asked)) == "LOGIN_OVER"
     late.cookies[PASSKEY] = "x.y"
     assert code(use(late, held, asked)) == "FORM_FORGED"  # the page that refuses has no form
+
+
+def test_an_assertion_is_used_in_the_commit_that_begins_its_session(named, browser, held):
+    """Where that fails, nobody is told afterwards that the passkey was used."""
+    asked = challenge(browser)
+    assert commits(named.world, lambda: use(browser, held, asked)) == 1
+    assert browser.who() == "carol"
 
 
 @pytest.mark.parametrize(

@@ -51,10 +51,6 @@ class Enrolments:
         )
         return True
 
-    async def end(self, enrolment_id: str) -> None:
-        """The enrolment is over."""
-        await self._connection.execute(sa.delete(t.enrolments).where(t.enrolments.c.enrolment_id == enrolment_id))
-
     async def found(self, enrolment_id: str, *, at_ms: int) -> Enrolment | None:
         """The enrolment, when there is one that is not over at `at_ms`."""
         c = t.enrolments.c
