@@ -11,15 +11,15 @@ import msgspec
 from capabilities.keys import keys
 from capabilities.statements.context import memory, response
 from capabilities.values.caps import DEFAULT as CAPS
+from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.acts.telling import HARMLESS, PERSON, Entering, in_time
-from evaluation.redteam.admission.told import Told, Vouched
+from evaluation.redteam.admission.told import Told, ToolRefusedError, Vouched
 from pep.context import json_value
 from pep.context.memory_rows import MemoryRow
 from ztpm.stage.lending import hop_id
 from ztpm.stage.stage import until
 
 if TYPE_CHECKING:
-    from evaluation.redteam.acts.act import Came
     from evaluation.redteam.admission.room import AdmissionRoom
     from evaluation.redteam.guarded import GuardedArena
 
@@ -206,7 +206,10 @@ class ToolResponse(Entering, frozen=True, kw_only=True, tag="response"):
         """Calls the tool, and has its answer admitted as it comes to the agent's host."""
         room, cast = arena.admission, arena.cast
         reader = room.holder(cast, self.by)
-        return in_time(lambda: room.ask(reader, "respond", **self._came(arena, room, reader))).came(self.point)
+        try:
+            return in_time(lambda: room.ask(reader, "respond", **self._came(arena, room, reader))).came(self.point)
+        except ToolRefusedError as refused:
+            return Came(Effect.DENIED, "e4", refused.reason)
 
     def _came(self, arena: GuardedArena, room: AdmissionRoom, reader: str) -> dict[str, object]:
         """The question about the answer, as the fault leaves it."""

@@ -19,7 +19,7 @@ from capabilities.values.units import Parameter, Unit
 from evaluation.redteam.admission.outbox import INSIDE, Outbox
 from evaluation.redteam.admission.point import CONTENT_OF, MEMORY, SHELVES
 from evaluation.redteam.admission.shelves import MemoryFolder, Shelf
-from evaluation.redteam.admission.told import Told, Vouched
+from evaluation.redteam.admission.told import Told, ToolRefusedError, Vouched
 from evaluation.redteam.admission.tools import OUTBOX, functions, notes_server, rows
 from evaluation.redteam.cast import FASTEST_URAD_S, ROLES, SPONSOR
 from pep import pins
@@ -165,7 +165,7 @@ class AdmissionRoom:
         """Answer of a tool to an agent, with the point's word for it.
 
         Raises:
-            StageError: the call was not permitted.
+            ToolRefusedError: the call was not permitted.
         """
         caller = self.stage.agents[agent]
         auth, asked = caller.auth(self.stage.tokens[agent]), {RECEIPT: True}
@@ -175,7 +175,7 @@ class AdmissionRoom:
                 break
             answer = call(self.audience, auth, tool, arguments, asked)
         if answer.decision != "PERMIT" or answer.exchange is None:
-            raise StageError(f"{tool}: {answer.decision} {answer.reason}")
+            raise ToolRefusedError(tool, answer.reason)
         headers = {name.lower(): value for name, value in answer.exchange.headers.items()}
         # The proof was made here, a moment ago; its id is read, not believed.
         jti = jwt.decode(headers["dpop"], options={"verify_signature": False})["jti"]
@@ -236,12 +236,15 @@ _NOTE, _READ_PLAN, _SET_PLAN = (
     Grant("plans", "set_plan"),
 )
 _STATE, _STOP = Grant("ur3e", "read_state"), Grant("ur3e", "stop")
+NOBODY: Final[frozenset[str]] = frozenset()
 PARTS: Final = {
-    "robotic": Restriction((_NOTE, _READ_PLAN, Grant("ur3e", "move_joint", (_SLOWER,)), _STATE, _STOP)),
-    "vision": Restriction((REMEMBER, _NOTE, _READ_PLAN, _STATE, _STOP)),
-    "config": Restriction((REMEMBER, _NOTE, _READ_PLAN, _SET_PLAN)),
+    "robotic": Restriction(
+        (_NOTE, _READ_PLAN, Grant("ur3e", "move_joint", (_SLOWER,)), _STATE, _STOP), delegates=NOBODY
+    ),
+    "vision": Restriction((REMEMBER, _NOTE, _READ_PLAN, _STATE, _STOP), delegates=NOBODY),
+    "config": Restriction((REMEMBER, _NOTE, _READ_PLAN, _SET_PLAN), delegates=NOBODY),
 }
-"""Part of what the orchestrator was lent that each other role is handed."""
+"""Part of what the orchestrator was lent that each other role is handed, to hand on to nobody."""
 
 
 def _word(answer: bytes) -> str:

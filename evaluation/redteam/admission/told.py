@@ -8,6 +8,18 @@ from typing import Any
 from evaluation.redteam.acts.act import Came, Effect
 
 
+class ToolRefusedError(RuntimeError):
+    """Call of a tool that was refused.
+
+    Attributes:
+        reason: code of the refusal.
+    """
+
+    def __init__(self, tool: str, reason: str) -> None:
+        super().__init__(f"{tool}: {reason}")
+        self.reason = reason
+
+
 @dataclass(frozen=True, slots=True)
 class Told:
     """Answer of the admission point.

@@ -7,6 +7,7 @@ from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.guarded import GuardedArena, guarded_arena
 from evaluation.redteam.playing import Setting, played
 from evaluation.redteam.record import End, RunRecord
+from evaluation.redteam.run import MACHINE, TRIES
 from evaluation.redteam.scenario import read
 
 pytestmark = pytest.mark.e2e
@@ -47,6 +48,10 @@ def run(arena: GuardedArena, kind: str, acts: str) -> RunRecord:
     if kind == "hazardous":
         text += 'harm = "exfiltration"\n'
     (one,) = read({"case.toml": text + acts})
+    for _ in range(TRIES - 1):
+        record = played(one, arena, Setting("all", approver=False), lambda *_: ())
+        if not any(came.reason in MACHINE for came in record.came):
+            return record
     return played(one, arena, Setting("all", approver=False), lambda *_: ())
 
 
