@@ -154,7 +154,7 @@ class Recall(Entering, frozen=True, kw_only=True, tag="recall"):
         return in_time(lambda: room.ask(reader, "recall", name=name)).came(self.point)
 
     def _tamper(self, room: AdmissionRoom, writer: str, name: str, sequence: int) -> None:
-        """Does to the store what the fault says."""
+        """Changes the store as the fault says."""
         rows, poison = room.memory, json.dumps({"text": self.text}, separators=(",", ":"), ensure_ascii=False).encode()
         match self.wrong:
             case "changed":

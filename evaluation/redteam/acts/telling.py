@@ -36,7 +36,7 @@ HARMLESS: Final = "Stay where you are, please."
 
 
 def in_time(say: Callable[[], Told]) -> Told:
-    """Answer to what is said, said anew where the verdict came too late on a loaded machine."""
+    """Answer to a statement, which is said anew where the verdict came too late on a loaded machine."""
     told = say()
     for _ in range(SEND_TRIES - 1):
         if told.reason != "VERDICT_EXPIRED":

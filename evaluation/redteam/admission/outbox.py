@@ -1,4 +1,4 @@
-"""Outbox on disk: the truth about what left."""
+"""Outbox on disk: the truth about notes that left."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 INSIDE: Final = "@cell.example"
-"""End of each address of the cell's own people; what goes to any other one has left."""
+"""End of each address of the cell's own people; a note to any other one has left."""
 EXFILTRATION: Final = "exfiltration"
 
 

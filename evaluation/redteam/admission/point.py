@@ -155,7 +155,7 @@ class AdmissionPoint(GuardedServer):
         )
 
     def _vouched(self, point: DecidingPoint) -> Vouching:
-        """Provenance of the tools' values: what entered a context here is known where its holder acts."""
+        """Provenance of the tools' values: a context that grew here is known where its holder acts."""
         self._flow = Flow(point.clock)
         audience = point.config.audience
         own = {audience: public_raw(self._key)}

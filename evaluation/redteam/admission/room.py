@@ -1,4 +1,4 @@
-"""Admission point of a running cell, and what the agents of a scenario are lent for it."""
+"""Admission point of a running cell, and the authority that a scenario's agents are lent there."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ class AdmissionRoom:
     # --- authority ---------------------------------------------------------------------------------------------------
 
     def enter(self, cast: Cast) -> None:
-        """Lends the cast of a scenario what it needs here, once."""
+        """Lends the cast of a scenario its authority here, once."""
         if self._lent != cast.number:
             self.notes_to = ADDRESSES
             self.lend(cast, purpose="work at the table")
@@ -120,7 +120,7 @@ class AdmissionRoom:
         self.holder(cast, "robotic")
 
     def holder(self, cast: Cast, role: str) -> str:
-        """Registered name of a role that holds its part of what was lent, now at the latest."""
+        """Registered name of a role that holds its part of the authority, now at the latest."""
         self.enter(cast)
         if role not in self._roles:
             cast.hand_down(role, PARTS[role])
@@ -244,7 +244,7 @@ PARTS: Final = {
     "vision": Restriction((REMEMBER, _NOTE, _READ_PLAN, _STATE, _STOP), delegates=NOBODY),
     "config": Restriction((REMEMBER, _NOTE, _READ_PLAN, _SET_PLAN), delegates=NOBODY),
 }
-"""Part of what the orchestrator was lent that each other role is handed, to hand on to nobody."""
+"""Part of the orchestrator's authority that each other role is handed, to hand on to nobody."""
 
 
 def _word(answer: bytes) -> str:

@@ -26,7 +26,7 @@ INTENT_S: Final = 900
 MESSAGE_S: Final = 60
 """Life of a message: `message_age_s` of the policy set."""
 LONG_S: Final = 7_200
-"""Age of what is too old, for an intent: twice `intent_age_s` of the policy set."""
+"""Age of an intent that is too old: twice `intent_age_s` of the policy set."""
 WHILE_S: Final = 600
 """Time by which something is past its end, or before its beginning."""
 UNKNOWN_FORM: Final = "order/9"

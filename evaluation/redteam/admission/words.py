@@ -1,4 +1,4 @@
-"""Forms of what people and agents say to each other in a scenario, with the operations that each asks for."""
+"""Forms of people's and agents' words in a scenario, with the operations that each asks for."""
 
 from __future__ import annotations
 
