@@ -14,7 +14,7 @@ DEFECTS = {}
 
 
 def begin(by, defect, child, module, *arguments, environment):
-    """A child of a cell with that defect, as `by` begins one without: `Child.begin` or `forked.begin`."""
+    """A child of a cell with that defect, as `by` begins one without: `Child.begin` or `evaluation.harness.copies.begin`."""
     path = os.pathsep.join([str(TOP), os.environ.get("PYTHONPATH", "")])
     return by(child, "tests.e2e.sabotage", defect, module, *arguments, environment={**environment, "PYTHONPATH": path})
 

@@ -4,14 +4,15 @@ Each case plays the step in a cell of which a process runs with one check undone
 sees that everything before it is as told, and that the attack then does exactly what the check had kept from happening.
 
 One case of each kind is always played. They share a cell, and only the process whose defect changes is begun anew, as a copy
-(tests/e2e/forked.py). The other cases are for `make campaign`, each in a cell of its own that has its defect from the beginning.
+(evaluation/harness/copies.py). The other cases are for `make campaign`, each in a cell of its own that has its defect from the beginning.
 """
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
-from tests.e2e import forked, sabotage
+from evaluation.harness import copies
+from tests.e2e import sabotage
 from ztpm.base.processes import Child
 from ztpm.cell.cell import Cell
 from ztpm.demo.run import StepReport, play
@@ -151,7 +152,7 @@ def theatre(
 
 @pytest.fixture(scope="module")
 def shared() -> Iterator[Theatre]:
-    with theatre(by=forked.begin) as opened:
+    with theatre(by=copies.begin) as opened:
         opened.delegate()
         yield opened
 

@@ -20,7 +20,8 @@ from opentelemetry.trace import NonRecordingSpan, SpanContext, TraceFlags
 from pep.base.operations import MOVE_LINEAR, SERVO_JOINT, SPEED_JOINT
 from pep.rtde.command.limits import widest
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY
-from tests.e2e import forked, sabotage
+from evaluation.harness import copies
+from tests.e2e import sabotage
 from tests.e2e.collector import collecting
 from tests.e2e.tls import TlsAddresses, reached_by_tls
 from ztpm.base.layout import OPERATORS, Layout, write_private
@@ -110,7 +111,7 @@ class House:
         self.broken = {}  # defects by name of the process that starts with one
 
         def begin(child, *command, environment):
-            one = partial(sabotage.begin, forked.begin, self.broken[child]) if child in self.broken else forked.begin
+            one = partial(sabotage.begin, copies.begin, self.broken[child]) if child in self.broken else copies.begin
             return one(child, *command, environment=environment | NO_WAY)
 
         self.cell = Cell.start(layout, addresses, passphrase=passphrase, joints=LEFT, begin=begin)
