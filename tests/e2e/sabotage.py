@@ -292,16 +292,10 @@ def pep_sees_no_age():
 @defect
 def pep_believes_any_frame():
     """Any key may sign a frame in a sensor's name."""
-    from capabilities.keys import jws
     from capabilities.statements import observation
-    from capabilities.values import strict_json
+    from evaluation.redteam.taken_out.world import UNSEALED
 
-    class Unsealed:
-        @staticmethod
-        def open(kind, text, keys, caps):
-            return strict_json.parse_object(jws.split(text, most_bytes=caps.statement_bytes).payload_raw)
-
-    observation.sealed = Unsealed
+    observation.statement_form = UNSEALED
 
 
 @defect
