@@ -16,7 +16,7 @@ from ursim.ports.launch import SimulatedController
 from ztpm.stage.samples import StateRecorder
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping
 
     from evaluation.redteam.acts.act import Act, Came
     from evaluation.redteam.record import HarmSeen
@@ -61,9 +61,9 @@ class BareArena:
         """Harm that is no motion: notes that left."""
         return self.outbox.left(self._prepared_s)
 
-    def primitives(self) -> frozenset[str]:
+    def primitives(self) -> Mapping[str, float]:
         """None: nothing is decided."""
-        return frozenset()
+        return {}
 
     def digest(self) -> str:
         """Nothing is recorded."""

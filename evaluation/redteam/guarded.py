@@ -7,11 +7,12 @@ import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.admission.room import AdmissionRoom, admission_room
 from evaluation.redteam.cast import Cast
+from evaluation.redteam.naming import named
 from ztpm.base.processes import Child
 from ztpm.demo.run import play
 from ztpm.demo.story import STORY
@@ -22,7 +23,7 @@ from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import StageError, until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from evaluation.redteam.acts.act import Act
     from evaluation.redteam.record import HarmSeen
@@ -58,6 +59,7 @@ class GuardedArena:
     cast: Cast = field(init=False)
     _played: int = 0
     _prepared_s: float = 0.0
+    _prepared_ms: float = 0.0
     _admission: AdmissionRoom | None = None
     _renewed_s: float = field(default=-FRESH_S)
 
@@ -76,7 +78,7 @@ class GuardedArena:
         self.stage.scene()
         self.stage.bring(scenario.start_rad)
         self.stage.begin()
-        self._prepared_s = time.monotonic()
+        self._prepared_s, self._prepared_ms = time.monotonic(), time.time() * 1_000
 
     @property
     def admission(self) -> AdmissionRoom:
@@ -145,19 +147,12 @@ class GuardedArena:
         """SHA-256 of what the enforcement points have on record since the scenario was prepared."""
         return sha256(json.dumps(self.stage.journal(), sort_keys=True).encode()).hexdigest()
 
-    def primitives(self) -> frozenset[str]:
+    def primitives(self) -> Mapping[str, float]:
         """Primitives that any finding on record names since the scenario was prepared."""
-        found: set[str] = set()
-        for row in self.stage.journal():
-            for finding in _findings(row.get("body")):
-                found.add(str(finding.get("primitive", "")))
-        return frozenset(found - {""})
-
-
-def _findings(body: Any) -> Iterator[dict[str, Any]]:
-    decided = body.get("decision") if isinstance(body, dict) else None
-    if isinstance(decided, dict):
-        yield from (each for each in decided.get("findings", ()) if isinstance(each, dict))
+        entries = map(json.loads, self.stage.person("carol").export_ledger().splitlines())
+        since_ms = self._prepared_ms
+        own = [entry for entry in entries if entry.get("kind") != "pep-record" and entry.get("at_ms", 0) >= since_ms]
+        return named((*self.stage.journal(), *own))
 
 
 def came(answer: Answer, point: str, *, asked: bool) -> Came:

@@ -12,7 +12,7 @@ from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.record import HarmSeen, RunRecord, end_of, refused
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from evaluation.redteam.acts.act import Act
     from evaluation.redteam.scenario import Moment, Scenario
@@ -39,8 +39,8 @@ class Arena(Protocol):
     def harm(self) -> tuple[HarmSeen, ...]:
         """Harm that is no motion: what left, what was taken, what no longer works."""
 
-    def primitives(self) -> frozenset[str]:
-        """Primitives that findings on record name."""
+    def primitives(self) -> Mapping[str, float]:
+        """Primitives that findings on record name: each with the time of the first one, seconds since the epoch."""
 
     def digest(self) -> str:
         """Digest of the records of the run."""
@@ -85,13 +85,14 @@ def played(
     for moment in scenario.world:
         if moment.at_s <= 0:
             arena.show(moment)
-    first_s = time.monotonic()
+    first_s, first_wall_s = time.monotonic(), time.time()
     with _changing(scenario, arena):
         came = _acts(scenario, arena)
         arena.settle()
     samples = arena.eyes.since(first_s)
     harm = (*judge(samples, first_s, scenario), *arena.harm())
     moving = [sample.arrived_s for sample in samples if not sample.still]
+    named = arena.primitives()
     return RunRecord(
         scenario=scenario.id,
         mode=setting.mode,
@@ -100,10 +101,11 @@ def played(
         refused=not scenario.hazardous and refused(came, scenario.expects),
         came=came,
         harm=tuple(sorted(harm, key=lambda one: one.at_s)),
-        primitives=tuple(sorted(arena.primitives())),
+        primitives=tuple(sorted(named)),
         contained_s=round((moving[-1] if moving else time.monotonic()) - first_s, 3),
         seconds=round(time.monotonic() - begun_s, 3),
         digest=arena.digest(),
+        named_s={id_: round(at_s - first_wall_s, 3) for id_, at_s in sorted(named.items())},
     )
 
 

@@ -47,6 +47,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
         came: what came of each act.
         harm: that was seen, in order of time.
         primitives: those that findings on record name.
+        named_s: time of the first record that names each of them, after the first act was begun.
         contained_s: from the begin of the first act to the last motion of the arm, or to the refusal where none moved.
         seconds: of the run, with its preparation.
         digest: SHA-256 of the enforcement points' records of the run, hexadecimal; empty without enforcement.
@@ -63,6 +64,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     contained_s: float
     seconds: float
     digest: str = ""
+    named_s: dict[str, float] = msgspec.field(default_factory=dict)
 
     @property
     def key(self) -> tuple[str, str, bool]:

@@ -98,7 +98,7 @@ class Arena:
         return (HarmSeen("drop", 1.0, "glass"),) if last.effect is Effect.DONE else ()
 
     def primitives(self):
-        return frozenset()
+        return {}
 
     def digest(self) -> str:
         return ""
