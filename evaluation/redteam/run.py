@@ -91,6 +91,17 @@ class Red:
         self._done.runs = [run for key, run in self.ledger.runs.items() if key in wanted]
         return self._done
 
+    def settings(self, work: Sequence[tuple[Setting, list[Scenario]]]) -> list[tuple[str, str, str]]:
+        """Plays these scenarios in these settings, one after the other; what did not come about, as `Played` says it.
+
+        Args:
+            work: settings in their order, each with its scenarios; those that the ledger has are not played again.
+        """
+        self._of += sum(len(several) for _, several in work)
+        self._pass(work, 1)
+        unplayed, self._done.unplayed = self._done.unplayed, []
+        return unplayed
+
     def _was_asked(self, scenario: Scenario) -> bool:
         run = self.ledger.runs.get((scenario.id, ABSENT.mode, True))
         return run is not None and any(one.asked for one in run.came)

@@ -94,6 +94,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         world: changes of the true world, in order of time.
         act: acts in their order.
         touching: ids of things that the gripper is meant to touch.
+        shows: cells of the coverage table that it is meant to show, each as primitive and defence: "CII-4 detection".
     """
 
     id: str
@@ -108,6 +109,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     world: tuple[Moment, ...] = ()
     act: tuple[Anyone, ...]
     touching: tuple[str, ...] = ()
+    shows: tuple[str, ...] = ()
 
     @property
     def attack(self) -> str:

@@ -1,0 +1,123 @@
+"""Verdict on each cell, by the runs of its scenarios in its four compositions."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from evaluation.coverage.cells import CONTAINMENT, DETECTION
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from evaluation.coverage.cells import CoverageCell
+    from evaluation.redteam.record import RunRecord
+
+APART_S: Final = 1.0
+"""Harms further apart than this are two effects; nearer ones are one contact that goes on."""
+
+
+def run_id(run: RunRecord) -> str:
+    """Id of a run: its scenario and its composition."""
+    return f"{run.scenario}/{run.mode.replace(' ', '-')}"
+
+
+def effects(run: RunRecord) -> int:
+    """Number of harmful effects: harms that follow each other closely are one."""
+    count, last = 0, float("-inf")
+    for harm in sorted(run.harm, key=lambda one: one.at_s):
+        count += harm.at_s - last > APART_S
+        last = harm.at_s
+    return count
+
+
+def executed(cell: CoverageCell, run: RunRecord) -> bool:
+    """True where the attack came to what the defence is about: its harm, or for containment a further harm."""
+    return effects(run) > (1 if cell.defence == CONTAINMENT else 0)
+
+
+def stopped(cell: CoverageCell, run: RunRecord) -> bool:
+    """True where the attack was stopped in the dimension of the cell.
+
+    Detection: the primitive is named on record before the first harm. Prevention: no harm. Containment: no harm
+    after the first harmful effect.
+    """
+    if cell.defence != DETECTION:
+        return not executed(cell, run)
+    named_s = run.named_s.get(cell.primitive)
+    return named_s is not None and all(named_s <= harm.at_s for harm in run.harm)
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """Verdict on one cell.
+
+    Attributes:
+        fires: with everything on, a finding of the primitive is on record.
+        sufficient: with identity alone the attack executes, and with this primitive beside it, it is stopped.
+        necessary: with everything on it does not execute, and with everything but this primitive it does.
+        runs: ids.
+        absent: sentence that says what was not seen, or None.
+    """
+
+    fires: bool
+    sufficient: bool
+    necessary: bool
+    runs: tuple[str, ...]
+    absent: str | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain JSON of it."""
+        return {
+            "fires": self.fires,
+            "sufficient": self.sufficient,
+            "necessary": self.necessary,
+            "runs": list(self.runs),
+            "absent": self.absent,
+        }
+
+
+def shown(cell: CoverageCell, scenarios: Sequence[str], runs: Mapping[tuple[str, str], RunRecord]) -> Shown:
+    """Verdict on a cell: each of its three parts is shown by one scenario at least.
+
+    Args:
+        cell: the claim.
+        scenarios: ids of those that may show it.
+        runs: by scenario and composition; one that was not played shows nothing.
+    """
+    whole, base, only, without = ([runs.get((id_, name)) for id_ in scenarios] for name in cell.compositions)
+    fires = any(run is not None and cell.primitive in run.primitives for run in whole)
+    alone = [(first, then) for first, then in zip(base, only, strict=True) if first and executed(cell, first)]
+    sufficient = any(then is not None and stopped(cell, then) for _, then in alone)
+    necessary = any(
+        run is not None and less is not None and not executed(cell, run) and executed(cell, less)
+        for run, less in zip(whole, without, strict=True)
+    )
+    played = tuple(run_id(run) for each in zip(whole, base, only, without, strict=True) for run in each if run)
+    return Shown(
+        fires=fires,
+        sufficient=sufficient,
+        necessary=necessary,
+        runs=played,
+        absent=_absent(cell, [run for run in whole if run], len(alone), fires=fires, sufficient=sufficient),
+    )
+
+
+def _absent(
+    cell: CoverageCell, whole: Sequence[RunRecord], executing: int, *, fires: bool, sufficient: bool
+) -> str | None:
+    """Sentences about the parts that were not seen, or None where the primitive fires and is sufficient."""
+    said = []
+    if not whole:
+        return f"No scenario of {cell.attack} was played with everything on."
+    if not fires:
+        found = sorted({primitive for run in whole for primitive in run.primitives})
+        elsewhere = f"; on record there were findings of {', '.join(found)}" if found else ""
+        said.append(f"With everything on no finding of {cell.primitive} was on record in {len(whole)} runs{elsewhere}.")
+    if not sufficient and not executing:
+        what = "did a further harm" if cell.defence == CONTAINMENT else "executed"
+        said.append(f"With identity alone none of the {len(whole)} scenarios {what}, so nothing was there to be shown.")
+    elif not sufficient:
+        how = "was not named before the harm" if cell.defence == DETECTION else "did not stop the attack"
+        said.append(f"Alone beside identity {cell.primitive} {how} in {executing} scenarios that execute without it.")
+    return " ".join(said) or None
