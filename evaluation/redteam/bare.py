@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import socket
 import time
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Final
@@ -12,11 +13,16 @@ from typing import TYPE_CHECKING, Final
 from rtde_control import RTDEControlInterface
 
 from evaluation.redteam.admission.outbox import Outbox
+from pep.pit import Robot
+from pep.rtde.robot.connections import DASHBOARD
+from pep.rtde.robot.gripper import DRIVEN
 from ursim.ports.launch import SimulatedController
+from ztpm.point.cell_config import ROBOT_MODEL
 from ztpm.stage.samples import StateRecorder
+from ztpm.stage.stage import until
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from evaluation.redteam.acts.act import Act, Came
     from evaluation.redteam.record import HarmSeen
@@ -24,6 +30,9 @@ if TYPE_CHECKING:
 
 BRING_RAD_S: Final = 1.5
 ACCELERATION_RAD_S2: Final = 3.0
+TIMEOUT_S: Final = 5.0
+ANSWER_BYTES: Final = 4_096
+UNLOCKED: Final = b"Protective stop releasing\n"
 
 
 @dataclass
@@ -31,20 +40,43 @@ class BareArena:
     """Controller and client of it.
 
     Attributes:
+        host: the controller's address.
         control: the client's connection.
         eyes: every sample of the controller.
         outbox: notes that were sent.
+        ends: ends of all that acts have begun, called once the arm stands.
     """
 
+    host: str
     control: RTDEControlInterface
     eyes: StateRecorder
     outbox: Outbox
+    ends: ExitStack = field(default_factory=ExitStack)
     _prepared_s: float = 0.0
 
     def prepare(self, scenario: Scenario) -> None:
-        """Brings the arm to where the scenario begins."""
-        self.control.moveJ(list(scenario.start_rad), BRING_RAD_S, ACCELERATION_RAD_S2)
+        """Brings the arm to where the scenario begins.
+
+        Raises:
+            StageError: the arm was not brought there.
+        """
+        until(lambda: self._brought(scenario.start_rad), "the arm at where the scenario begins")
         self._prepared_s = time.monotonic()
+
+    def _brought(self, start_rad: Sequence[float]) -> bool:
+        """True where the arm was brought there; an act may have left a stop, or another program."""
+        if not self.control.isProgramRunning():
+            if not self._unlocked():
+                return False
+            self.control.reuploadScript()
+        return bool(self.control.moveJ(list(start_rad), BRING_RAD_S, ACCELERATION_RAD_S2))
+
+    def _unlocked(self) -> bool:
+        """True where a protective stop was ended, as a person does at the pendant; seconds later at the earliest."""
+        with socket.create_connection((self.host, DASHBOARD), timeout=TIMEOUT_S) as link:
+            link.recv(ANSWER_BYTES)  # its greeting
+            link.sendall(b"unlock protective stop\n")
+            return link.recv(ANSWER_BYTES) == UNLOCKED
 
     def show(self, moment: Moment) -> None:
         """Nothing: nobody looks."""
@@ -55,7 +87,10 @@ class BareArena:
 
     def settle(self) -> None:
         """Ends what is still moving."""
-        self.control.stopJ(ACCELERATION_RAD_S2)
+        if self.control.isProgramRunning():
+            self.control.stopJ(ACCELERATION_RAD_S2)
+        until(lambda: self.eyes.now().still, "the arm stands still")
+        self.ends.close()
 
     def harm(self) -> tuple[HarmSeen, ...]:
         """Harm that is no motion: notes that left."""
@@ -73,13 +108,14 @@ class BareArena:
 @contextmanager
 def bare_arena() -> Iterator[BareArena]:
     """An arena of its own, ended afterwards."""
+    tool = Robot.load(ROBOT_MODEL, tool=DRIVEN).tool  # as a person installs it
     with (
         TemporaryDirectory(prefix="ztpm-") as folder,
-        SimulatedController.start() as controller,
+        SimulatedController.start(tcp_m=tool.tcp_m, payload=(tool.mass_kg, *tool.com_m)) as controller,
         StateRecorder(controller.host) as eyes,
     ):
         control = RTDEControlInterface(controller.host)
         try:
-            yield BareArena(control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
+            yield BareArena(controller.host, control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
         finally:
             control.disconnect()

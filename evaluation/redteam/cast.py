@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from ztpm.stage.lending import arm_only, lent
+from capabilities.values.scope import Grant, Limit, Scope, Tier
+from pep.base.operations import OPERATIONS, READ_STATE, STOP, TOUCH
+from ztpm.stage.lending import LIFETIME_S, arm_only, lent
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from capabilities.values.scope import Restriction
     from ztpm.stage.stage import Stage
 
@@ -67,3 +72,25 @@ class Cast:
         )
         self.stage.tokens[taker] = token
         return token
+
+    def free_hand(self, role: str, operations: Collection[str]) -> str:
+        """Token of a role for these operations on the robot at its own limits, and for touching the table.
+
+        It is what a sponsor lends at most: what then keeps harm from being done is not the token.
+        """
+        name, now = self.called(role), int(time.time())
+        rows = [row for row in OPERATIONS if row.name in operations or row in (READ_STATE, STOP)]
+        grants = (
+            Grant(row.object, row.name, tuple(Limit(each.parameter, each.bound) for each in row.limits)) for row in rows
+        )
+        scope = Scope(
+            grants=(*grants, Grant("table", TOUCH)),
+            ceiling=Tier.HIGH_CONSEQUENCE,
+            audiences=frozenset({self.stage.cell.addresses.audience}),
+            delegates=frozenset(),
+            depth=1,
+            not_before=now - 1,
+            not_after=now + LIFETIME_S,
+        )
+        issued = self.stage.person(SPONSOR).issue(self.stage.agents[name], scope, purpose="work at the table")
+        return issued.token

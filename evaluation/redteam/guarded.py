@@ -10,13 +10,13 @@ from hashlib import sha256
 from typing import TYPE_CHECKING, Final
 
 from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.acts.frame_tap import FrameTap
 from evaluation.redteam.admission.room import AdmissionRoom, admission_room
 from evaluation.redteam.cast import Cast
 from evaluation.redteam.naming import named
 from ztpm.base.processes import Child
 from ztpm.demo.run import play
 from ztpm.demo.story import STORY
-from ztpm.demo.story.answering import approve
 from ztpm.stage.lending import lent
 from ztpm.stage.live import stage
 from ztpm.stage.samples import StateRecorder
@@ -45,18 +45,22 @@ class GuardedArena:
     Attributes:
         stage: the cell with its people.
         eyes: every sample of its controller.
+        tap: eavesdropper on its sensor.
         approver: name of the person who says yes to each question, or None for an absent one.
         beside: what runs beside the cell, ended with the arena.
         begin: begins each process of the arena.
         cast: of the scenario that is played.
+        ends: ends of all that acts have begun, called once the arm stands.
     """
 
     stage: Stage
     eyes: StateRecorder
+    tap: FrameTap
     approver: str | None = "bob"
     beside: ExitStack = field(default_factory=ExitStack)
     begin: Callable[..., Child] = Child.begin
     cast: Cast = field(init=False)
+    ends: ExitStack = field(default_factory=ExitStack)
     _played: int = 0
     _prepared_s: float = 0.0
     _prepared_ms: float = 0.0
@@ -112,10 +116,20 @@ class GuardedArena:
         return act.guarded(self)
 
     def settle(self) -> None:
-        """Waits until the arm stands still."""
+        """Waits until the arm stands still, and ends what acts have begun."""
         until(lambda: self.stage.still, "the arm stands still")
+        self.ends.close()
 
-    def call(self, role: str, tool: str, arguments: dict[str, object], *, point: str, url: str = "") -> Came:
+    def call(
+        self,
+        role: str,
+        tool: str,
+        arguments: dict[str, object],
+        *,
+        point: str,
+        url: str = "",
+        token: str | None = None,
+    ) -> Came:
         """Call of a tool by a role with its token; a question is answered as the approver does.
 
         Args:
@@ -124,20 +138,31 @@ class GuardedArena:
             arguments: of the call.
             point: enforcement point that decides on it.
             url: of the tools; empty for the arm's.
+            token: another than the role's own.
         """
         caller = self.cast.called(role)
-        answer = self.stage.ask(caller, tool, arguments, url=url)
+
+        def ask() -> Answer:
+            return self.stage.ask(caller, tool, arguments, url=url, token=token)
+
+        answer = ask()
         asked = answer.decision == "DEFER"
         if asked and self.approver is not None:
-            answer = self._answered(caller, tool, arguments, answer, url)
+            answer = self._answered(ask, answer)
         return came(answer, point, asked=asked)
 
-    def _answered(self, caller: str, tool: str, arguments: dict[str, object], question: Answer, url: str) -> Answer:
+    def _answered(self, ask: Callable[[], Answer], question: Answer) -> Answer:
         """Answer to the same call once the approver has said yes and the enforcement point knows it."""
         assert self.approver is not None
-        approve(self.stage, self.approver, question)
+        self._approve(self.approver, str(question.content["ask_id"]))
         until(lambda: self.stage.answered(question), f"{self.approver}'s answer at the enforcement point")
-        return self.stage.ask(caller, tool, arguments, url=url)
+        return ask()
+
+    def _approve(self, name: str, ask_id: str) -> None:
+        """Says yes to a question, and whatever there is to attest with it: that the cell is seen to be clear."""
+        person = self.stage.person(name)
+        until(lambda: any(row["ask_id"] == ask_id for row in person.approvals()), "the question at the provider")
+        person.approve(ask_id, sees_clear=True)
 
     def harm(self) -> tuple[HarmSeen, ...]:
         """Harm that is no motion: notes that left."""
@@ -179,9 +204,13 @@ def guarded_arena(*, approver: str | None, begin: Callable[..., Child] = Child.b
         StageError: the cell did not come about.
     """
     with stage(begin=begin) as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes:
+        tap = FrameTap(on_stage.cell)
         for act in STORY.only(frozenset({"delegate"})):
             seen = play(on_stage, act)
             if not seen.ok:
                 raise StageError(f"{act.id}: {seen.told}")
-        with ExitStack() as beside:
-            yield GuardedArena(on_stage, eyes, approver, beside, begin)
+        try:
+            with ExitStack() as beside:
+                yield GuardedArena(on_stage, eyes, tap, approver, beside, begin)
+        finally:
+            tap.close()

@@ -32,15 +32,30 @@ from typing import TYPE_CHECKING, Any, Final, Literal
 
 import msgspec
 
-from evaluation.redteam.acts.arm import MoveJoint
+from evaluation.redteam.acts.arm import (
+    GripperMove,
+    MoveJoint,
+    MovePath,
+    QueueJoint,
+    SpeedJoint,
+    StepJoint,
+    SwingJoint,
+    Wait,
+)
 from evaluation.redteam.acts.notes import HandOn, LendNotes, SendNote, SetPlan
+from evaluation.redteam.acts.perception import Blinker, Frames, Restart, Silence
+from evaluation.redteam.acts.program import Program
+from evaluation.redteam.acts.raw import Send
 from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
 from evaluation.redteam.acts.telling import Instruct, Message
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-Anyone = MoveJoint | Instruct | Message | Document | Recall | ToolResponse | LendNotes | SendNote | SetPlan | HandOn
+Motion = MoveJoint | MovePath | SpeedJoint | StepJoint | SwingJoint | QueueJoint | GripperMove | Wait | Program | Send
+Perception = Frames | Silence | Blinker | Restart
+Text = Instruct | Message | Document | Recall | ToolResponse | LendNotes | SendNote | SetPlan | HandOn
+Anyone = Motion | Perception | Text
 """Every act that there is; `do` tells them apart."""
 
 CLASSES: Final = ("AC-1", "AC-2", "AC-3", "AC-4", "AC-5")
