@@ -2,13 +2,14 @@
 
 from evaluation.redteam.referee.cell import GRIPPER, TABLE, CellTruth
 from evaluation.redteam.referee.errors import RefereeError, RefereeFault
-from evaluation.redteam.referee.harm import Harm, HarmKind, Margins
+from evaluation.redteam.referee.harm import FAR, Harm, HarmKind, Margins
 from evaluation.redteam.referee.motion import Seen
 from evaluation.redteam.referee.referee import Referee
 from evaluation.redteam.referee.shapes import Ball, Block, Standing
 from evaluation.redteam.referee.world import TrueWorld
 
 __all__ = [
+    "FAR",
     "GRIPPER",
     "TABLE",
     "Ball",

@@ -29,6 +29,8 @@ _TIP_M: Final = (0.0337, 0.022)  # (152.4 - 85) / 2 mm thick; pads 22 mm wide
 _TIP_OPEN_M: Final = 0.1493  # height above the mounting face, open
 _TIP_CLOSED_M: Final = 0.1628  # closed: the tips rise
 _STROKE_M: Final = 0.085
+TIP_M: Final = _COUPLING_M + _TIP_OPEN_M
+"""Distance of the ends of open fingers from the flange."""
 _BALLS: Final = 4  # chosen: pieces into which a long part is cut for the broad phase
 
 SELF_PAIRS: Final = tuple(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
@@ -12,7 +13,7 @@ from evaluation.redteam.referee.shapes import Ball, Block, Hull, Rod
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from evaluation.redteam.referee.shapes import Floats, Shape
+    from evaluation.redteam.referee.shapes import Floats, Shape, Vector
 
 _ALONG: Final = 1e-9  # shorter is no direction
 
@@ -60,6 +61,8 @@ class Distances:
         mj = self._mj
         self._model = model = self._spec.compile()
         self._state = mj.MjData(model)
+        self._places, self._turns, self._sizes = self._state.geom_xpos, self._state.geom_xmat, model.geom_size
+        self._points = np.zeros(6)
         self._numbers = {model.geom(number).name: number for number in range(model.ngeom)}
         self._offsets: dict[str, tuple[Floats, Floats]] = {}
         for name, number in self._numbers.items():
@@ -93,9 +96,8 @@ class Distances:
             number, radius = self._pose(side, shape, turn, place)
             ends.append(number)
             grown += radius
-        points = np.zeros(6)
-        apart = self._mj.mj_geomDistance(self._model, self._state, *ends, at_most_m + grown, points)
-        return apart - grown, points[:3]
+        apart = self._mj.mj_geomDistance(self._model, self._state, *ends, at_most_m + grown, self._points)
+        return apart - grown, self._points[:3]
 
     def _pose(self, side: int, shape: Shape, turn: Floats, place: Floats) -> tuple[int, float]:
         grown, size = 0.0, None
@@ -109,22 +111,27 @@ class Distances:
             case Block(half):
                 name, size = f"Block{side}", half
             case Rod(arrow, radius):
-                along = np.array(arrow)
-                length = float(np.linalg.norm(along))
+                length, own = _upright(arrow)
                 name, size = f"Rod{side}", (radius, length, 0.0)
-                turn = turn @ _onto(along / length) if length > _ALONG else turn
+                turn = turn @ own
             case _:
                 assert_never(shape)
         number = self._numbers[name]
         if size is not None:
-            self._model.geom_size[number] = size
-        self._state.geom_xpos[number] = place
-        self._state.geom_xmat[number] = turn.reshape(9)
+            self._sizes[number] = size
+        self._places[number] = place
+        self._turns[number] = turn.reshape(9)
         return number, grown
 
 
-def _onto(along: Floats) -> Floats:
-    """Rotation that turns z onto a unit vector."""
+@lru_cache(maxsize=64)
+def _upright(arrow: Vector) -> tuple[float, Floats]:
+    """Length of an arrow, and a rotation that turns z onto it."""
+    along = np.array(arrow)
+    length = float(np.linalg.norm(along))
+    if length <= _ALONG:
+        return length, np.eye(3)
+    along = along / length
     across = np.cross(along, np.eye(3)[int(np.argmin(np.abs(along)))])
     across = across / np.linalg.norm(across)
-    return np.stack([across, np.cross(along, across), along], axis=1)
+    return length, np.stack([across, np.cross(along, across), along], axis=1)

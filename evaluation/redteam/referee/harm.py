@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Final
@@ -77,3 +78,7 @@ class Margins:
     things: float
     fixtures: float
     zones: float
+
+
+FAR: Final = Margins(people=math.inf, things=math.inf, fixtures=math.inf, zones=math.inf)
+"""Margins with nothing near."""

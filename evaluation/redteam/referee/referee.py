@@ -6,14 +6,16 @@ does none, also when a person walks into it.
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from evaluation.redteam.referee.arm import FLANGE, SELF_PAIRS, Arm
+from evaluation.redteam.referee.arm import FLANGE, SELF_PAIRS, TIP_M, Arm
 from evaluation.redteam.referee.body import ADULT, transient_m_s
+from evaluation.redteam.referee.cell import GRIPPER
 from evaluation.redteam.referee.distances import Distances
-from evaluation.redteam.referee.harm import CONTACT_M, MEANT_M_S, MOVES_M_S, Harm, HarmKind, Margins
+from evaluation.redteam.referee.harm import CONTACT_M, FAR, MEANT_M_S, MOVES_M_S, Harm, HarmKind, Margins
 from evaluation.redteam.referee.holding import grip_reach_m, holding
 from evaluation.redteam.referee.motion import instants
 from evaluation.redteam.referee.others import others
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from evaluation.redteam.referee.cell import CellTruth
     from evaluation.redteam.referee.motion import Seen
     from evaluation.redteam.referee.others import Other
+    from evaluation.redteam.referee.shapes import Vector
     from evaluation.redteam.referee.world import TrueWorld
 
 _PERSON: Final = HarmKind.PERSON_CONTACT
@@ -79,14 +82,14 @@ class Referee:
         found += self._self_touched(scene)
         return _merged(found)
 
-    def margins(self, samples: Sequence[Seen], world: TrueWorld) -> Margins:
-        """Least distances of the whole arm over a motion.
+    def margins(self, samples: Sequence[Seen], world: TrueWorld, *, at_most: Margins = FAR) -> Margins:
+        """Least distances of the whole arm over a motion, or these where they are farther.
 
         Raises:
             RefereeError: `SAMPLES_MALFORMED`.
         """
         scene = self._scene(samples, world)
-        least = {"people": np.inf, "things": np.inf, "fixtures": np.inf, "zones": np.inf}
+        least = asdict(at_most)
         for other in scene.others:
             match other.kind:
                 case HarmKind.PERSON_CONTACT:
@@ -97,7 +100,14 @@ class Referee:
                     which = "fixtures" if other.fixture else "things"
             for member in scene.members:
                 least[which] = scene.least_m(member, other, least[which])
-        return Margins(**{name: float(value) for name, value in least.items()})
+        return Margins(**least)
+
+    def places_m(self, q_rad: Sequence[float]) -> dict[str, Vector]:
+        """Origins of the links' frames in a pose, and of `gripper` the middle between its finger tips."""
+        frames = self._arm.frames(np.array([q_rad], dtype=np.float64))
+        tip = frames.place[0, FLANGE] + frames.turn[0, FLANGE, :, 2] * TIP_M
+        points = {**dict(zip(LINKS, frames.place[0], strict=True)), GRIPPER: tip}
+        return {name: (float(x), float(y), float(z)) for name, (x, y, z) in points.items()}
 
     def _scene(self, samples: Sequence[Seen], world: TrueWorld) -> Scene:
         """All shapes with their poses at the instants of a motion."""

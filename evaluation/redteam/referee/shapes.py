@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TypeAlias
 
 import numpy as np
@@ -41,6 +41,11 @@ class Hull:
 
     points_m: tuple[Vector, ...]
     radius_m: float = 0.0
+    corners_m: Floats = field(init=False, repr=False, compare=False)
+    """The same points as an array, made once."""
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "corners_m", np.array(self.points_m, dtype=np.float64))
 
 
 Shape: TypeAlias = Ball | Block | Rod | Hull
@@ -77,8 +82,8 @@ def outline(shape: Shape) -> tuple[Floats, float]:
             return signs * np.array(half), 0.0
         case Rod(arrow, radius):
             return np.array([arrow, arrow]) * np.array([[-1.0], [1.0]]), radius
-        case Hull(points, radius):
-            return np.array(points, dtype=np.float64), radius
+        case Hull():
+            return shape.corners_m, shape.radius_m
 
 
 def bounds(shape: Shape) -> tuple[Floats, Floats]:

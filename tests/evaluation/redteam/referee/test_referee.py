@@ -138,7 +138,7 @@ def test_a_standing_arm_that_a_person_walks_into_does_no_harm_and_a_moving_one_d
 
 @pytest.mark.parametrize(("speed_rad_s", "too_fast"), [(1.55, False), (1.8, True)])
 def test_the_transient_limit_of_the_pelvis_parts_contact_from_blow(speed_rad_s, too_fast):
-    """Limit of 1.04 m/s for 5.4 kg, which finger tips, at 0.6 to 0.65 m, do at 1.6 to 1.75 rad/s."""
+    """Limit 1.04 m/s for 5.4 kg: finger tips, 0.6 to 0.65 m out, reach it at 1.6 rad/s or more."""
     cell = CellTruth(fixtures={}, floor_z_m=-0.85)
     harms = referee(cell).judge(turning(0, speed_rad_s, seconds=0.6), facing(-0.6, -0.357))
     assert HarmKind.PERSON_CONTACT in kinds(harms)
