@@ -64,6 +64,7 @@ class GuardedArena:
     _played: int = 0
     _prepared_s: float = 0.0
     _prepared_ms: float = 0.0
+    _entries: int = 0
     _admission: AdmissionRoom | None = None
     _renewed_s: float = field(default=-FRESH_S)
 
@@ -174,9 +175,11 @@ class GuardedArena:
 
     def primitives(self) -> Mapping[str, float]:
         """Primitives that any finding on record names since the scenario was prepared."""
-        entries = map(json.loads, self.stage.person("carol").export_ledger().splitlines())
+        pages = b"".join(self.stage.person("carol").ledger_pages(first=self._entries + 1))
+        entries = [entry for entry in map(json.loads, pages.splitlines()) if "kind" in entry]
+        self._entries = max((entry["seq"] for entry in entries), default=self._entries)
         since_ms = self._prepared_ms
-        own = [entry for entry in entries if entry.get("kind") != "pep-record" and entry.get("at_ms", 0) >= since_ms]
+        own = [entry for entry in entries if entry["kind"] != "pep-record" and entry["at_ms"] >= since_ms]
         return named((*self.stage.journal(), *own))
 
 
