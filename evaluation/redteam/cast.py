@@ -80,11 +80,12 @@ class Cast:
         """
         name, now = self.called(role), int(time.time())
         rows = [row for row in OPERATIONS if row.name in operations or row in (READ_STATE, STOP)]
-        grants = (
+        grants = [
             Grant(row.object, row.name, tuple(Limit(each.parameter, each.bound) for each in row.limits)) for row in rows
-        )
+        ]
+        grants.append(Grant("table", TOUCH))
         scope = Scope(
-            grants=(*grants, Grant("table", TOUCH)),
+            grants=tuple(sorted(grants, key=lambda grant: (grant.object, grant.operation))),
             ceiling=Tier.HIGH_CONSEQUENCE,
             audiences=frozenset({self.stage.cell.addresses.audience}),
             delegates=frozenset(),

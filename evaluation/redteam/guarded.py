@@ -6,6 +6,7 @@ import json
 import time
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final
 
@@ -21,6 +22,7 @@ from ztpm.stage.lending import lent
 from ztpm.stage.live import stage
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import StageError, until
+from ztpm_idp.client import ClientError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -36,6 +38,9 @@ DIRECTOR: Final = "orchestrator"
 FRESH_S: Final = 600.0
 """Age from which on its authority is renewed."""
 REACHED: Final = "reached"
+ASKS: Final = 3
+"""Times that a question is asked anew which was over before it was read."""
+OVER: Final = "ASK_OVER"
 
 
 @dataclass
@@ -81,7 +86,11 @@ class GuardedArena:
         if any(act.at_admission for act in scenario.act):
             self.admission  # noqa: B018 - begun before the clock of the scenario
         self.stage.scene()
-        self.stage.bring(scenario.start_rad)
+        try:
+            self.stage.bring(scenario.start_rad)
+        except StageError:
+            self._restore()
+            self.stage.bring(scenario.start_rad)
         self.stage.begin()
         self._prepared_s, self._prepared_ms = time.monotonic(), time.time() * 1_000
 
@@ -92,6 +101,12 @@ class GuardedArena:
             self._admission = self.beside.enter_context(admission_room(self.stage, begin=self.begin))
         self._admission.enter(self.cast)
         return self._admission
+
+    def _restore(self) -> None:
+        """Restores the director: after many scenarios it deviates from a planner's baseline."""
+        self.stage.person("carol").restore_agent(DIRECTOR, "it sets the stage", relearn=True)
+        self._renewed_s = -FRESH_S
+        self._renew()
 
     def _renew(self) -> None:
         """Authority of the director, fresh enough for the next scenario."""
@@ -149,21 +164,37 @@ class GuardedArena:
         answer = ask()
         asked = answer.decision == "DEFER"
         if asked and self.approver is not None:
-            answer = self._answered(ask, answer)
+            answer = self._answered(self.approver, answer, ask)
         return came(answer, point, asked=asked)
 
-    def _answered(self, ask: Callable[[], Answer], question: Answer) -> Answer:
-        """Answer to the same call once the approver has said yes and the enforcement point knows it."""
-        assert self.approver is not None
-        self._approve(self.approver, str(question.content["ask_id"]))
-        until(lambda: self.stage.answered(question), f"{self.approver}'s answer at the enforcement point")
-        return ask()
+    def _answered(self, approver: str, question: Answer, ask: Callable[[], Answer]) -> Answer:
+        """Answer to the same call once the approver has said yes and the enforcement point knows it.
 
-    def _approve(self, name: str, ask_id: str) -> None:
-        """Says yes to a question, and whatever there is to attest with it: that the cell is seen to be clear."""
+        On a loaded machine a question may be over before anybody has read it: then it is asked anew.
+        """
+        for _ in range(ASKS):
+            if self._approved(approver, str(question.content["ask_id"])):
+                until(partial(self.stage.answered, question), f"{approver}'s answer at the enforcement point")
+                return ask()
+            question = ask()
+            if question.decision != "DEFER":
+                break
+        return question
+
+    def _approved(self, name: str, ask_id: str) -> bool:
+        """Says yes to a question, and whatever there is to attest with it: that the cell is seen to be clear.
+
+        False where the question is over.
+        """
         person = self.stage.person(name)
         until(lambda: any(row["ask_id"] == ask_id for row in person.approvals()), "the question at the provider")
-        person.approve(ask_id, sees_clear=True)
+        try:
+            person.approve(ask_id, sees_clear=True)
+        except ClientError as error:
+            if error.code != OVER:
+                raise
+            return False
+        return True
 
     def harm(self) -> tuple[HarmSeen, ...]:
         """Harm that is no motion: notes that left."""

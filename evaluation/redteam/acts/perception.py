@@ -57,11 +57,11 @@ class Frames(Act, frozen=True, kw_only=True, tag="frames"):
 
     def guarded(self, arena: GuardedArena) -> Came:
         """Sends them beside the sensor's own; it is done where the view is what they claim."""
+        arena.ends.callback(lambda: until(lambda: arena.stage.perception() == "fresh", "a fresh view"))
         if self.silenced:
             silence(arena)
         forger = _Forger(arena, _maker(self, arena), self.hz)
         forger.start()
-        arena.ends.callback(lambda: until(lambda: arena.stage.perception() == "fresh", "a fresh view"))
         if self.wrong is Wrong.NOTHING:  # its own start is an earlier one now: a person begins the sensor anew
             arena.ends.callback(arena.tap.begin_sensor)
         arena.ends.callback(forger.end)
@@ -86,6 +86,7 @@ class Silence(Act, frozen=True, kw_only=True, tag="silence"):
 
     def guarded(self, arena: GuardedArena) -> Came:
         """Stops the sensor's stream."""
+        arena.ends.callback(lambda: until(lambda: arena.stage.perception() == "fresh", "a fresh view"))
         silence(arena)
         if self.for_s is not None:
             time.sleep(self.for_s)
@@ -137,20 +138,21 @@ class Restart(Act, frozen=True, kw_only=True, tag="restart_sensor"):
 
 def silence(arena: GuardedArena) -> None:
     """Keeps the sensor from sending until the arm stands at the end."""
-    sensor = arena.stage.cell.sensor
-    sensor.tell({"pause": True})
-    arena.ends.callback(lambda: until(lambda: arena.stage.perception() == "fresh", "a fresh view"))
-    arena.ends.callback(sensor.tell, {"pause": False})
+    arena.stage.cell.sensor.tell({"pause": True})
+    arena.ends.callback(lambda: arena.stage.cell.sensor.tell({"pause": False}))  # it may be another process by then
 
 
 def _believed(arena: GuardedArena, frames: Frames) -> Came:
-    """What came of the frames, by the view that the enforcement points then have."""
+    """What came of the frames, by what is on record about them, and by the view that there is then."""
+    noted = (row.get("body") for row in arena.stage.journal())
+    faults = [body["fault"] for body in noted if isinstance(body, dict) and body.get("what") == "perception"]
+    if faults:
+        return Came(Effect.DENIED, frames.point, str(faults[0]))
     world = arena.stage.ask("orchestrator", "read_state", {}).content.get("world") or {}
-    perception = str(world.get("perception"))
     claimed = (len(frames.people), len(frames.objects))
-    if perception == "fresh" and (world.get("people"), world.get("objects")) == claimed:
+    if world.get("perception") == "fresh" and (world.get("people"), world.get("objects")) == claimed:
         return Came(Effect.DONE)
-    return Came(Effect.DENIED, frames.point, "PERCEPTION_INVALID" if perception == "invalid" else NOT_BELIEVED)
+    return Came(Effect.DENIED, frames.point, NOT_BELIEVED)
 
 
 class _Forger:

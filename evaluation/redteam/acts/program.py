@@ -13,7 +13,7 @@ import ztpm
 from evaluation.redteam.acts.act import Act, Came, Effect
 from evaluation.redteam.acts.arm import driven, worst
 from evaluation.redteam.acts.steps import AnyStep  # noqa: TC001 - read by msgspec
-from ztpm_idp.client import Denied
+from ztpm_idp.client import ClientError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -117,7 +117,7 @@ def _answers(arena: GuardedArena) -> Iterator[None]:
         while not over.wait(LOOKS_S):
             for ask_id in {str(row["ask_id"]) for row in person.approvals()} - answered:
                 answered.add(ask_id)
-                with suppress(Denied):  # one that has ended meanwhile
+                with suppress(ClientError):  # one that has ended meanwhile
                     person.approve(ask_id, sees_clear=True)
 
     thread = threading.Thread(target=answer, name="approver")
