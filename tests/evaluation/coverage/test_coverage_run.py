@@ -12,7 +12,7 @@ from evaluation.coverage.result import last_line, tables
 from evaluation.coverage.run import CoverageRequest, coverage
 from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.record import HarmSeen
-from evaluation.redteam.scenario import read
+from evaluation.redteam.scenario import read, scenarios
 
 TEXT = """
 [[scenario]]
@@ -127,3 +127,11 @@ def test_a_run_that_did_not_come_about_is_named(theatre: Theatre, monkeypatch: p
     assert not result.ok
     assert {cause for _, _, cause in result.unplayed} == {"RuntimeError: no cell"}
     assert result.to_json()["cells"]["AC-5"]["prevention"]["TEA-4"]["absent"]
+
+
+def test_what_a_shipped_scenario_says_that_it_shows_is_a_cell_of_its_attack() -> None:
+    known = {(cell.attack, cell.name) for cell in CELLS}
+    said = {(one.attack, name) for one in scenarios() for name in one.shows}
+    assert said
+    assert said <= known
+    assert all(one.hazardous for one in scenarios() if one.shows)
