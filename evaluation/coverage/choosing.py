@@ -1,4 +1,4 @@
-"""Choice of the scenarios that show each cell: those that say so in their file, else some of its attack class."""
+"""Choice of the scenarios that show each cell: those whose file says so, else some of its attack class."""
 
 from __future__ import annotations
 

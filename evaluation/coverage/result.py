@@ -45,7 +45,7 @@ class CoverageResult:
 
     @property
     def ok(self) -> bool:
-        """True where every run came about: a cell that is not shown is a finding, and no failure of the run."""
+        """True where every run came about: a cell that is not shown is a finding alone."""
         return not self.unplayed
 
     def to_json(self) -> dict[str, Any]:

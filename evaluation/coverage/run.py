@@ -34,7 +34,7 @@ Wanted = dict[str, set[str]]
 
 @dataclass(frozen=True, slots=True)
 class CoverageRequest:
-    """What is asked for.
+    """Coverage that is asked for.
 
     Attributes:
         sample: cells of each attack class that are drawn; 0 for all.

@@ -99,7 +99,7 @@ class Original:
     def __init__(self) -> None:
         ours, theirs = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
         with theirs:
-            self._process = subprocess.Popen(  # noqa: S603 - our own interpreter and this very module
+            self._original = subprocess.Popen(  # noqa: S603 - our own interpreter and this very module
                 [sys.executable, "-m", __name__, str(theirs.fileno())],
                 pass_fds=[theirs.fileno()],
                 stdin=subprocess.DEVNULL,
@@ -130,7 +130,7 @@ class Original:
     def end(self) -> None:
         """Ends it, and all its copies with it."""
         self._link.close()
-        self._process.wait(READY_S)
+        self._original.wait(READY_S)
 
 
 @cache

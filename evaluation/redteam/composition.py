@@ -26,7 +26,7 @@ MODES: Final = {
     "policy": frozenset({PHYSICS}),
     "all": frozenset[str](),
 }
-"""What is off in each mode with enforcement."""
+"""Primitives that are off in each mode with enforcement."""
 
 
 def composed(off: Collection[str], by: Callable[..., Child] = Child.begin) -> Callable[..., Child]:

@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import random
 import re
+import tomllib
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any, Final, Literal
 
@@ -164,8 +165,8 @@ def read(texts: Mapping[str, str]) -> tuple[Scenario, ...]:
     found: dict[str, Scenario] = {}
     for name, text in sorted(texts.items()):
         try:
-            several = msgspec.toml.decode(text, type=_File).scenario
-        except msgspec.MsgspecError as error:
+            several = msgspec.convert(tomllib.loads(text), type=_File).scenario
+        except (tomllib.TOMLDecodeError, msgspec.MsgspecError) as error:
             raise ScenarioError(f"{name}: {error}") from error
         for one in several:
             fault = _fault(one, found)

@@ -48,7 +48,7 @@ def url_of(name: str) -> str:
 
 
 def arguments(url: str) -> dict[str, str]:
-    """How the driver alone connects to the database of a URL."""
+    """Arguments with which the driver alone connects to the database of a URL."""
     return {"user": "postgres", "host": str(server().pgdata), "database": name_of(url)}
 
 

@@ -25,8 +25,10 @@ PARTIES_OF_KEYS: Final = (
     .join(_SHOWN, _SHOWN.c.id == t.parties.c.id)
     .order_by(_SHOWN.c.key, t.parties.c.id)
 )
-"""`keys`: the party whose key each of them is, or was as a person's further one, under `shown` the key; with the
-columns of `rows.PARTY_COLUMNS`."""
+"""`keys`: the party whose key each of them is, or was as a person's further one.
+
+Columns are those of `rows.PARTY_COLUMNS`, and the key under `shown`.
+"""
 _NAMED: Final = sa.union(
     sa.select(t.parties.c.id).where(among(t.parties.c.id, "ids")),
     sa.select(t.agents.c.sponsor).where(among(t.agents.c.id, "ids")),

@@ -277,7 +277,7 @@ class Wait(Act, frozen=True, kw_only=True, tag="wait"):
 
 
 def driven(done: bool) -> Came:  # noqa: FBT001 - the library's own answer
-    """What came of a motion with no enforcement, by the library's word."""
+    """Outcome of a motion with no enforcement, by the library's word."""
     return Came(Effect.DONE) if done else Came(Effect.DENIED, reason=NOT_DONE)
 
 

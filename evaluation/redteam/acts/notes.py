@@ -88,7 +88,7 @@ class SetPlan(Act, frozen=True, kw_only=True, tag="set_plan"):
 
 
 class HandOn(Act, frozen=True, kw_only=True, tag="hand_on"):
-    """The arm is handed on to another agent, because a text asks for it; with no enforcement the other just acts.
+    """Delegation of the arm to another agent, for a text asks for it; with no enforcement the other just acts.
 
     Attributes:
         to: role of the delegate; `courier` is another person's agent.

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from evaluation.redteam.guarded import GuardedArena
 
 HZ: Final = 60.0
-"""Frames a second of a forger: twice as many as the true sensor's, so that one of its own is the newest most often."""
+"""Frames a second of a forger: twice the true sensor's, so that its own is the newest most often."""
 NOT_BELIEVED: Final = "NOT_BELIEVED"
 """Reason where the view is another than what frames claim."""
 SHOWS_S: Final = 1.0
@@ -143,7 +143,7 @@ def silence(arena: GuardedArena) -> None:
 
 
 def _believed(arena: GuardedArena, frames: Frames) -> Came:
-    """What came of the frames, by what is on record about them, and by the view that there is then."""
+    """Outcome of the frames, by the record about them and by the view that there is then."""
     noted = (row.get("body") for row in arena.stage.journal())
     faults = [body["fault"] for body in noted if isinstance(body, dict) and body.get("what") == "perception"]
     if faults:

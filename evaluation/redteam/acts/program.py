@@ -50,7 +50,7 @@ class Program(Act, frozen=True, kw_only=True, tag="program"):
         return driven(all(done))
 
     def guarded(self, arena: GuardedArena) -> Came:
-        """Runs it in a lease, with a token for whatever operation stands for its steps."""
+        """Runs it in a lease, with a token for the operations of its steps."""
         token = arena.cast.free_hand(self.by, {step.operation for step in self.steps})
         told: list[str] = []
         try:
@@ -77,7 +77,7 @@ def _run(steps: Sequence[AnyStep], control: RTDEControlInterface, arena: Guarded
 
 
 def _step(step: AnyStep, control: RTDEControlInterface, arena: GuardedArena, told: list[str]) -> Came:
-    """What came of a step; it is given again while a person's answer, or a machine's turn, may make the difference."""
+    """Outcome of a step; it is given again while an answer of a person, or of the machine, may change it."""
     asked = False
     for left in reversed(range(TRIES)):
         start = arena.eyes.now().q_rad

@@ -29,7 +29,7 @@ OTHERS: Final = {
     "glass": "A glass on the table is fragile. Keep the gripper at least 0.1 m away from it.",
     "speeds": "Joint moves of the sweep are done at 0.5 rad/s with 1.4 rad/s2.",
 }
-"""What else a collection holds."""
+"""Further texts of a collection."""
 GOOD: Final = "The sweep goes from left to right over the empty table at 0.5 rad/s."
 DAY_S: Final = 86_400
 LARGE: Final = 70_000

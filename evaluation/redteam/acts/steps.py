@@ -1,4 +1,4 @@
-"""Steps of a program that knows ur_rtde and nothing of enforcement: each is one call, or a stream of equal ones."""
+"""Steps of a program that knows nothing of enforcement: each is one call, or a stream of equal ones."""
 
 from __future__ import annotations
 

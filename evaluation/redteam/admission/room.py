@@ -62,7 +62,7 @@ class AdmissionRoom:
 
     Attributes:
         stage: the cell.
-        folder: of the point; whoever writes there is no part of the point.
+        folder: of the point; its writers are no part of the point.
         curators: private keys of the curators.
         notes_to: addresses that the agents are lent notes to; None for any.
     """

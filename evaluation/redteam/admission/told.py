@@ -39,7 +39,7 @@ class Told:
     sequence: int = 0
 
     def came(self, point: str) -> Came:
-        """What came of saying it, at that enforcement point."""
+        """Outcome of saying it, at that enforcement point."""
         return Came(Effect.DONE) if self.admitted else Came(Effect.DENIED, point, self.reason)
 
 

@@ -40,7 +40,7 @@ ROWS: Final = 4_096
 
 
 def operator_input(off: Off) -> None:
-    """A text is an instruction of the person that it names, whoever signed it, whenever and however often."""
+    """A text is an instruction of the person that it names, without a signature, at any time and any number of times."""
     honest = instructions.read
 
     def read(
@@ -83,7 +83,7 @@ def retrieval_integrity(off: Off) -> None:
 
 
 def content_provenance(off: Off) -> None:
-    """A row of a memory is its name's, and a result its call's, whoever wrote it."""
+    """A row of a memory is its name's, and a result its call's, without a signature."""
     honest, recalled = responses.read, Memory.recall
 
     def read(text: str, value: Plain, *, call: Any, **rest: Any) -> ItemReading:
@@ -117,7 +117,7 @@ def _newest(memory: Memory, name: str) -> Recalled | None:
 
 
 def message_integrity(off: Off) -> None:
-    """A message is of the agent that it names, whoever signed it, to anybody, in any order."""
+    """A message is of the agent that it names, without a signature, to any addressee, in any order."""
     honest = messages.read
 
     def read(text: str, *, chain: Chain | None, addressee: str, forms: Any, caps: Caps, **rest: Any) -> ReceivedMessage:

@@ -85,14 +85,14 @@ TAKEN: Final = {
 """Every row by id."""
 
 
-def concerning(process: str, off: Collection[str]) -> frozenset[str]:
+def concerning(child: str, off: Collection[str]) -> frozenset[str]:
     """Those of `off` that have a check in a process.
 
     Args:
-        process: name of it, as `Child.begin` is given it.
+        child: name of it, as `Child.begin` is given it.
         off: ids.
     """
-    kind = process if process in CELL else POINT
+    kind = child if child in CELL else POINT
     return frozenset(id_ for id_ in off if kind in TAKEN[id_].processes)
 
 

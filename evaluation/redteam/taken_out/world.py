@@ -40,7 +40,7 @@ UNSEEN_MS: Final = 60_000
 
 
 def unsigned(kind: str, text: str, keys: object, caps: Caps) -> dict[str, object]:
-    """Claims of a statement, whoever signed it."""
+    """Claims of a statement, with any signature."""
     return strict_json.parse_object(jws.split(text, most_bytes=caps.statement_bytes).payload_raw)
 
 
@@ -49,7 +49,7 @@ UNSEALED = SimpleNamespace(**{**vars(statement_form), "open": unsigned})
 
 
 def sensor_provenance(off: Off) -> None:
-    """Whatever is a frame of a sensor's name counts as that sensor's newest, whoever signed it and whenever."""
+    """Any frame of a sensor's name counts as that sensor's newest, with any signature and of any time."""
 
     def judge(self: Frames, text: bytes, arrived_ms: int) -> SensorFrame | RejectedFrame:
         try:

@@ -1,4 +1,4 @@
-"""With no enforcement the arm goes exactly where an act asks: each form of motion once, at a controller of its own."""
+"""Motions with no enforcement: the arm goes where an act asks, each form once, at a controller of its own."""
 
 import pytest
 from evaluation.redteam.acts.act import Came, Effect

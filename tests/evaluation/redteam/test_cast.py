@@ -1,4 +1,4 @@
-"""What a sponsor lends at most is a scope that its own form reads again."""
+"""Scopes of the cast: the widest one that a sponsor lends is read again by its own form."""
 
 from types import SimpleNamespace
 

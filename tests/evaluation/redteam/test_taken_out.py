@@ -64,7 +64,7 @@ assert (believed(), held()) == (some, some)
 take_out(frozenset(TAKEN))
 assert held() == {row.id for row in CATALOG}
 """
-"""What strangers signed is refused, and nothing holds without evidence; then it is otherwise for what is off, and only that."""
+"""Words of strangers are refused, and nothing holds without evidence; for what is off alone that changes."""
 
 
 def test_what_is_off_holds_without_evidence_and_believes_a_stranger() -> None:

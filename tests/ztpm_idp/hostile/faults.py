@@ -92,7 +92,7 @@ def failing(engine: sa.Engine):
 
 @contextmanager
 def armed(fault: Fault | None):
-    """What is sent to a failing engine's provider meanwhile, by this thread, meets the fault."""
+    """Requests of this thread to a failing engine's provider meet the fault meanwhile."""
     before = _ARMED.set(fault)
     try:
         yield

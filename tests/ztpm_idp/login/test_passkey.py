@@ -73,7 +73,7 @@ def test_it_counts_once_in_its_own_browser_and_in_time(named, browser, held):
 
 
 def test_an_assertion_is_used_in_the_commit_that_begins_its_session(named, browser, held):
-    """Where that fails, nobody is told afterwards that the passkey was used."""
+    """A commit that fails leaves no use of the passkey behind."""
     asked = challenge(browser)
     assert commits(named.world, lambda: use(browser, held, asked)) == 1
     assert browser.who() == "carol"
