@@ -5,10 +5,11 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import IO, TYPE_CHECKING, Self
+from typing import IO, TYPE_CHECKING, Final, Self
 
 import msgspec
 
+from capabilities.values import strict_json
 from evaluation.redteam.record import RunRecord
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 
     from evaluation.redteam.scenario import Scenario
 
+LINE_BYTES: Final = 1 << 20
+"""Most bytes of a line; a run has some thousand."""
 Key = tuple[str, str, bool]
 """Scenario, mode and whether the approver says yes."""
 
@@ -27,7 +30,7 @@ class LedgerError(Exception):
 
 
 class Campaign(msgspec.Struct, frozen=True):
-    """What a ledger is of: runs of another code or of other scenarios do not count for this one.
+    """Code and scenarios of a ledger: runs of other ones do not count for it.
 
     Attributes:
         commit: of the project; empty where that is not known.
@@ -46,6 +49,10 @@ def campaign(of: Sequence[Scenario], commit: str) -> Campaign:
 def digest(run: RunRecord) -> str:
     """SHA-256 of the record of a run, hexadecimal."""
     return sha256(msgspec.json.encode(run)).hexdigest()
+
+
+def _line(raw: bytes) -> object:
+    return strict_json.read(raw, limit_bytes=LINE_BYTES, limit_depth=strict_json.DEPTH_LIMIT)
 
 
 @dataclass
@@ -74,9 +81,9 @@ class Ledger:
         head, *lines = whole.splitlines() or [b""]
         if head:
             try:
-                earlier = msgspec.json.decode(head, type=Campaign)
-                read = [msgspec.json.decode(line, type=RunRecord) for line in lines]
-            except msgspec.MsgspecError as error:
+                earlier = msgspec.convert(_line(head), type=Campaign)
+                read = [msgspec.convert(_line(line), type=RunRecord) for line in lines]
+            except (strict_json.JsonError, msgspec.ValidationError) as error:
                 raise LedgerError(f"{file} is no ledger of runs ({error}); name another file") from error
             if earlier != of:
                 what = "commit" if earlier.scenarios == of.scenarios else "scenarios"

@@ -110,7 +110,7 @@ def played(
 
 
 def _acts(scenario: Scenario, arena: Arena) -> tuple[Came, ...]:
-    """What came of each act; one whose need did not get through is left out."""
+    """Outcome of each act; one whose need did not get through is left out."""
     came: list[Came] = []
     through: set[str] = set()
     for act in scenario.act:

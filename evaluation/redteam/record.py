@@ -68,7 +68,7 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
 
     @property
     def key(self) -> tuple[str, str, bool]:
-        """What tells a run from any other."""
+        """Scenario, mode and approver: no two runs of a ledger have the same."""
         return self.scenario, self.mode, self.approver
 
     @property

@@ -40,7 +40,7 @@ ROWS: Final = 4_096
 
 
 def operator_input(off: Off) -> None:
-    """A text is an instruction of the person that it names, without a signature, at any time and any number of times."""
+    """A text is an instruction of the person that it names, unsigned, at any time and any number of times."""
     honest = instructions.read
 
     def read(
