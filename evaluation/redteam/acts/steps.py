@@ -16,6 +16,8 @@ CYCLE_S: Final = 0.008
 LOOKAHEAD_S: Final = 0.1
 GAIN: Final = 300.0
 """ur_rtde's own examples of servoJ."""
+SETTLES_S: Final = 0.5
+"""Time for which the last target of a servo stream is repeated: the arm follows behind it."""
 LONGEST_S: Final = 20.0
 """Longest wait for an asynchronous motion to end."""
 
@@ -120,14 +122,13 @@ class ServoJ(Step, frozen=True, kw_only=True, tag="servoJ"):
     def run(self, control: RTDEControlInterface) -> bool:
         """See `Step`."""
         cycles = round(self.over_s / CYCLE_S)
-        for number in range(1, cycles + 1):
+        for number in range(1, cycles + round(SETTLES_S / CYCLE_S) + 1):
             begun = control.initPeriod()
-            share = number / cycles
+            share = min(1.0, number / cycles)
             target = [a + share * (b - a) for a, b in zip(self.from_rad, self.to_rad, strict=True)]
             if not control.servoJ(target, 0.0, 0.0, CYCLE_S, LOOKAHEAD_S, GAIN):
                 return False
             _wait(control, begun)
-        time.sleep(LOOKAHEAD_S)
         return bool(control.servoStop())
 
 

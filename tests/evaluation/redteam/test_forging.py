@@ -24,7 +24,8 @@ FAULTS = {
     Wrong.AHEAD: FrameFault.OUT_OF_TIME,
     Wrong.SEQUENCE: FrameFault.NOT_NEWER,
 }
-STOLEN = {Wrong.CALIBRATION, Wrong.STALE, Wrong.AHEAD, Wrong.SEQUENCE, Wrong.NOTHING}
+OTHER_KEY = {Wrong.KEY, Wrong.AGENT, Wrong.ENFORCEMENT}
+"""All others are signed by the sensor here, so that nothing but the one thing is wrong."""
 PERSON = {"id": "person-1", "x_m": -0.5, "y_m": 0.2}
 
 
@@ -42,7 +43,7 @@ class Place:
         return frame
 
     def forged(self, wrong, true):
-        forgery = Forgery(wrong, self.key if wrong in STOLEN else keys.generate(), Seen.nothing(), boot_id="f" * 32)
+        forgery = Forgery(wrong, keys.generate() if wrong in OTHER_KEY else self.key, Seen.nothing(), boot_id="f" * 32)
         self.clock.wall += 0.01
         return forgery.frame(captured_s=self.clock.wall_s(), complete=True, true=true)
 
