@@ -12,7 +12,10 @@ from typing import TYPE_CHECKING, Final
 
 from rtde_control import RTDEControlInterface
 
+from evaluation.redteam.acts.lending import restored
 from evaluation.redteam.admission.outbox import Outbox
+from evaluation.redteam.attempts import Attempts
+from evaluation.redteam.desk.desk import bare_desk
 from pep.pit import Robot
 from pep.rtde.robot.connections import DASHBOARD
 from pep.rtde.robot.gripper import DRIVEN
@@ -25,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from evaluation.redteam.acts.act import Act, Came
+    from evaluation.redteam.desk.desk import Desk
     from evaluation.redteam.record import HarmSeen
     from evaluation.redteam.scenario import Moment, Scenario
 
@@ -45,6 +49,7 @@ class BareArena:
         eyes: every sample of the controller.
         outbox: notes that were sent.
         ends: ends of all that acts have begun, called once the arm stands.
+        attempts: the acts of the scenario.
     """
 
     host: str
@@ -53,6 +58,24 @@ class BareArena:
     outbox: Outbox
     ends: ExitStack = field(default_factory=ExitStack)
     _prepared_s: float = 0.0
+    attempts: Attempts = field(default_factory=Attempts)
+    _open: ExitStack = field(default_factory=ExitStack)
+    _desk: Desk | None = None
+
+    @property
+    def desk(self) -> Desk:
+        """The desk, which is started when it is first needed."""
+        if self._desk is None:
+            self._desk = self._open.enter_context(bare_desk())
+        return self._desk
+
+    def close(self) -> None:
+        """Ends the desk."""
+        self._open.close()
+
+    def works(self, role: str) -> bool:
+        """True unless somebody has shut the role out."""
+        return not self.desk.papers.times("bar_agent", {"name": role})
 
     def prepare(self, scenario: Scenario) -> None:
         """Brings the arm to where the scenario begins.
@@ -60,6 +83,10 @@ class BareArena:
         Raises:
             StageError: the arm was not brought there.
         """
+        restored(self, None)
+        if self._desk is not None:
+            self._desk.papers.lay_out()
+        self.attempts = Attempts()
         until(lambda: self._brought(scenario.start_rad), "the arm at where the scenario begins")
         self._prepared_s = time.monotonic()
 
@@ -83,18 +110,21 @@ class BareArena:
 
     def perform(self, act: Act) -> Came:
         """Does an act with no enforcement."""
-        return act.bare(self)
+        with self.attempts.noted(act):
+            return act.bare(self)
 
     def settle(self) -> None:
         """Ends what is still moving."""
-        if self.control.isProgramRunning():
-            self.control.stopJ(ACCELERATION_RAD_S2)
+        self.attempts.end()
+        if not self.control.isProgramRunning():
+            self.control.reuploadScript()
+        self.control.stopJ(ACCELERATION_RAD_S2)
         until(lambda: self.eyes.now().still, "the arm stands still")
         self.ends.close()
 
     def harm(self) -> tuple[HarmSeen, ...]:
-        """Harm that is no motion: notes that left."""
-        return self.outbox.left(self._prepared_s)
+        """Harm that is no motion: what left, what was taken, what no longer works."""
+        return (*self.outbox.left(self._prepared_s), *self.attempts.harm(self))
 
     def primitives(self) -> Mapping[str, float]:
         """None: nothing is decided."""
@@ -115,7 +145,9 @@ def bare_arena() -> Iterator[BareArena]:
         StateRecorder(controller.host) as eyes,
     ):
         control = RTDEControlInterface(controller.host)
+        arena = BareArena(controller.host, control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
         try:
-            yield BareArena(controller.host, control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
+            yield arena
         finally:
-            control.disconnect()
+            arena.close()
+            arena.control.disconnect()

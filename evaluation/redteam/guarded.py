@@ -12,12 +12,17 @@ from typing import TYPE_CHECKING, Final
 
 from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.acts.frame_tap import FrameTap
+from evaluation.redteam.acts.lending import restored
 from evaluation.redteam.admission.room import AdmissionRoom, admission_room
+from evaluation.redteam.attempts import Attempts
 from evaluation.redteam.cast import Cast
+from evaluation.redteam.desk.desk import guarded_desk
 from evaluation.redteam.naming import named
 from ztpm.base.processes import Child
+from ztpm.cell.setup import GATEWAY_ID
 from ztpm.demo.run import play
 from ztpm.demo.story import STORY
+from ztpm.stage.calls import call
 from ztpm.stage.lending import lent
 from ztpm.stage.live import stage
 from ztpm.stage.samples import StateRecorder
@@ -28,10 +33,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
     from evaluation.redteam.acts.act import Act
+    from evaluation.redteam.acts.presenting import Place
+    from evaluation.redteam.desk.desk import Desk
     from evaluation.redteam.record import HarmSeen
     from evaluation.redteam.scenario import Moment, Scenario
     from ztpm.stage.calls import Answer
     from ztpm.stage.stage import Stage
+    from ztpm_idp.client import Agent
 
 DIRECTOR: Final = "orchestrator"
 """Agent that sets the stage; no scenario attacks with it."""
@@ -56,6 +64,7 @@ class GuardedArena:
         begin: begins each process of the arena.
         cast: of the scenario that is played.
         ends: ends of all that acts have begun, called once the arm stands.
+        attempts: the acts of that scenario.
     """
 
     stage: Stage
@@ -66,12 +75,21 @@ class GuardedArena:
     begin: Callable[..., Child] = Child.begin
     cast: Cast = field(init=False)
     ends: ExitStack = field(default_factory=ExitStack)
+    attempts: Attempts = field(default_factory=Attempts)
     _played: int = 0
     _prepared_s: float = 0.0
     _prepared_ms: float = 0.0
     _entries: int = 0
     _admission: AdmissionRoom | None = None
     _renewed_s: float = field(default=-FRESH_S)
+    _desk: Desk | None = None
+
+    @property
+    def desk(self) -> Desk:
+        """The desk, which is started when it is first needed."""
+        if self._desk is None:
+            self._desk = self.beside.enter_context(guarded_desk(self.stage))
+        return self._desk
 
     def prepare(self, scenario: Scenario) -> None:
         """Enters a fresh cast and brings the arm to where the scenario begins, in an empty scene.
@@ -80,11 +98,16 @@ class GuardedArena:
             StageError: the arm was not brought there.
         """
         self._renew()
+        if self._played:
+            restored(self, self.stage)
+            self.cast.leave()
         self._played += 1
         self.cast = Cast(self.stage, self._played)
         self.cast.enter()
         if any(act.at_admission for act in scenario.act):
             self.admission  # noqa: B018 - begun before the clock of the scenario
+        if any(getattr(act, "place", "") == "desk" for act in scenario.act):
+            self._await_desk()
         self.stage.scene()
         try:
             self.stage.bring(scenario.start_rad)
@@ -92,7 +115,18 @@ class GuardedArena:
             self._restore()
             self.stage.bring(scenario.start_rad)
         self.stage.begin()
+        if self._desk is not None:
+            self._desk.papers.lay_out()
+        self.attempts = Attempts()
         self._prepared_s, self._prepared_ms = time.monotonic(), time.time() * 1_000
+
+    def _await_desk(self) -> None:
+        """Waits until the desk, which may have been started just now, knows what is revoked."""
+        seen: dict[str, object] = {"path": "/desk/public/map.txt"}
+        until(
+            lambda: self.sent("orchestrator", "desk", "read_file", seen).reason != "REVOCATION_VIEW_STALE",
+            "a fresh view of revocations at the desk",
+        )
 
     @property
     def admission(self) -> AdmissionRoom:
@@ -129,10 +163,12 @@ class GuardedArena:
 
     def perform(self, act: Act) -> Came:
         """Does an act before the enforcement points."""
-        return act.guarded(self)
+        with self.attempts.noted(act):
+            return act.guarded(self)
 
     def settle(self) -> None:
         """Waits until the arm stands still, and ends what acts have begun."""
+        self.attempts.end()
         until(lambda: self.stage.still, "the arm stands still")
         self.ends.close()
 
@@ -157,35 +193,40 @@ class GuardedArena:
             token: another than the role's own.
         """
         caller = self.cast.called(role)
+        return self._with_people(lambda: self.stage.ask(caller, tool, arguments, url=url, token=token), point)[0]
 
-        def ask() -> Answer:
-            return self.stage.ask(caller, tool, arguments, url=url, token=token)
+    def asked(
+        self, role: str, place: Place, tool: str, arguments: dict[str, object], *, point: str
+    ) -> tuple[Came, Answer]:
+        """Outcome of a call as of `call`, at any place, and the last answer to it."""
+        return self._with_people(lambda: self.sent(role, place, tool, arguments), point)
 
+    def _with_people(self, ask: Callable[[], Answer], point: str) -> tuple[Came, Answer]:
+        """Outcome of a call, and the last answer to it: the approver answers a question, and it is made again."""
         answer = ask()
         asked = answer.decision == "DEFER"
         if asked and self.approver is not None:
             answer = self._answered(self.approver, answer, ask)
-        return came(answer, point, asked=asked)
+        return came(answer, point, asked=asked), answer
 
     def _answered(self, approver: str, question: Answer, ask: Callable[[], Answer]) -> Answer:
         """Answer to the same call once the approver has said yes and the enforcement point knows it.
 
-        On a loaded machine a question may be over before anybody has read it: then it is asked anew.
+        On a loaded machine a question may be over before it was read: then it is asked anew.
         """
         for _ in range(ASKS):
-            if self._approved(approver, str(question.content["ask_id"])):
-                until(partial(self.stage.answered, question), f"{approver}'s answer at the enforcement point")
-                return ask()
+            ask_id = str(question.content["ask_id"])
+            if self._approved(approver, ask_id):
+                found: list[Answer] = []
+                until(partial(_another, ask, ask_id, found), f"{approver}'s answer at the enforcement point")
+                return found[-1]
             question = ask()
             if question.decision != "DEFER":
                 break
         return question
 
     def _approved(self, name: str, ask_id: str) -> bool:
-        """Says yes to a question, and whatever there is to attest with it: that the cell is seen to be clear.
-
-        False where the question is over.
-        """
+        """Says yes to a question, and attests that the cell is seen to be clear; False where the question is over."""
         person = self.stage.person(name)
         until(lambda: any(row["ask_id"] == ask_id for row in person.approvals()), "the question at the provider")
         try:
@@ -196,9 +237,41 @@ class GuardedArena:
             return False
         return True
 
+    def sent(self, role: str, place: Place, tool: str, arguments: dict[str, object]) -> Answer:
+        """Answer to a call by a role with its own token, or with none where it has none."""
+        agent, token = self.agent(role), self.token(role, place)
+        if not token:
+            return call(self.url(place), agent.auth(), tool, arguments)
+        return self.stage.ask(agent.id, tool, arguments, token=token, url=self.url(place))
+
+    def agent(self, role: str) -> Agent:
+        """The agent of a role."""
+        return self.cast.agent(role)
+
+    def token(self, role: str, place: Place) -> str:
+        """Token of a role for a place; empty where it was lent nothing."""
+        return self.cast.token(role, self.desk if place == "desk" else None)
+
+    def url(self, place: str) -> str:
+        """Canonical URL of a place."""
+        return self.desk.url if place == "desk" else self.stage.cell.addresses.audience
+
+    def point_key(self, place: Place) -> bytes:
+        """Public key of the enforcement point that asks people about acts at a place."""
+        return self.desk.point_key if place == "desk" else self.stage.cell.peps[GATEWAY_ID]
+
+    def came_of(self, answer: Answer, point: str) -> Came:
+        """Outcome of a call that no person answered for."""
+        return came(answer, point, asked=False)
+
     def harm(self) -> tuple[HarmSeen, ...]:
-        """Harm that is no motion: notes that left."""
-        return () if self._admission is None else self._admission.outbox.left(self._prepared_s)
+        """Harm that is no motion: what left, what was taken, what no longer works."""
+        left = () if self._admission is None else self._admission.outbox.left(self._prepared_s)
+        return (*left, *self.attempts.harm(self))
+
+    def works(self, role: str) -> bool:
+        """True where the role can still read the state of the arm."""
+        return self.sent(role, "arm", "read_state", {}).decision == "PERMIT"
 
     def digest(self) -> str:
         """SHA-256 of what the enforcement points have on record since the scenario was prepared."""
@@ -214,8 +287,14 @@ class GuardedArena:
         return named((*self.stage.journal(), *own))
 
 
+def _another(ask: Callable[[], Answer], ask_id: str, found: list[Answer]) -> bool:
+    """True once the same call is no longer answered by that question; its answers are added to `found`."""
+    found.append(ask())
+    return found[-1].content.get("ask_id") != ask_id or found[-1].decision != "DEFER"
+
+
 def came(answer: Answer, point: str, *, asked: bool) -> Came:
-    """What came of a call, by its answer."""
+    """Outcome of a call, by its answer."""
     if answer.decision == "DEFER":
         return Came(Effect.DEFERRED, point, answer.reason, asked=True)
     if answer.decision != "PERMIT":

@@ -43,11 +43,14 @@ from evaluation.redteam.acts.arm import (
     SwingJoint,
     Wait,
 )
+from evaluation.redteam.acts.calling import Call
+from evaluation.redteam.acts.lending import ChangeTool, Delegate, Register, Vote, Withdraw
 from evaluation.redteam.acts.notes import HandOn, LendNotes, SendNote, SetPlan
 from evaluation.redteam.acts.perception import Blinker, Frames, Restart, Silence
 from evaluation.redteam.acts.program import Program
 from evaluation.redteam.acts.raw import Send
 from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
+from evaluation.redteam.acts.stopping import Halt, Persist, Storm
 from evaluation.redteam.acts.telling import Instruct, Message
 
 if TYPE_CHECKING:
@@ -56,7 +59,8 @@ if TYPE_CHECKING:
 Motion = MoveJoint | MovePath | SpeedJoint | StepJoint | SwingJoint | QueueJoint | GripperMove | Wait | Program | Send
 Perception = Frames | Silence | Blinker | Restart
 Text = Instruct | Message | Document | Recall | ToolResponse | LendNotes | SendNote | SetPlan | HandOn
-Anyone = Motion | Perception | Text
+Authority = Call | ChangeTool | Delegate | Register | Vote | Withdraw | Storm | Persist | Halt
+Anyone = Motion | Perception | Text | Authority
 """Every act that there is; `do` tells them apart."""
 
 CLASSES: Final = ("AC-1", "AC-2", "AC-3", "AC-4", "AC-5")

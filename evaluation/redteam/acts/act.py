@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, ClassVar, Literal
 
 import msgspec
 
 if TYPE_CHECKING:
+    from evaluation.redteam.attempts import Begun
     from evaluation.redteam.bare import BareArena
     from evaluation.redteam.guarded import GuardedArena
 
@@ -50,6 +51,8 @@ class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         by: role of the agent (`orchestrator`, `robotic`, `vision`, `config`), or `stranger`.
         name: by which a later act may need it.
         needs: name of an earlier act; this one is done where that one got through, and left out otherwise.
+        harms: harm without motion that it is if it happens: `exfiltration`, `availability` or `authority`; empty
+            otherwise.
     """
 
     point: ClassVar[str]
@@ -60,6 +63,16 @@ class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     by: str
     name: str = ""
     needs: str = ""
+    harms: Literal["", "exfiltration", "availability", "authority"] = ""
+
+    def did(self, arena: BareArena | GuardedArena, begun: Begun) -> str:  # noqa: ARG002 - for acts that harm
+        """What this act has truly brought about that is the harm which it names, or nothing.
+
+        Args:
+            arena: where the scenario was played; it is asked what happened there, never what a gate said.
+            begun: times of the act.
+        """
+        return ""
 
     def bare(self, arena: BareArena) -> Came:
         """Does it with no enforcement."""
