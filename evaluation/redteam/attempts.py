@@ -13,7 +13,7 @@ from evaluation.redteam.record import HarmSeen
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from evaluation.redteam.acts.act import Act
+    from evaluation.redteam.parts import Deed
     from ztpm.stage.calls import Exchange
 
 
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 class Begun:
     """Act that was begun, and its times by the monotonic clock."""
 
-    act: Act
+    act: Deed
     from_s: float
     to_s: float
 
@@ -35,12 +35,14 @@ class Attempts:
         sent: requests that went over the wire, by the name of their act.
         since_s: monotonic time of the beginning.
         halted_s: monotonic time of a person's stop.
+        desk_changed: an act has replaced the desk's process.
     """
 
     begun: list[Begun] = field(default_factory=list)
     sent: dict[str, Exchange] = field(default_factory=dict)
     since_s: float = field(default_factory=time.monotonic)
     halted_s: float = 0.0
+    desk_changed: bool = False
     _over: threading.Event = field(default_factory=threading.Event)
     _going_on: list[threading.Thread] = field(default_factory=list)
 
@@ -62,7 +64,7 @@ class Attempts:
             each.join()
 
     @contextmanager
-    def noted(self, act: Act) -> Iterator[None]:
+    def noted(self, act: Deed) -> Iterator[None]:
         """Keeps the times of an act that is done within."""
         began_s = time.monotonic()
         try:

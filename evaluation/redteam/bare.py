@@ -12,10 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 from rtde_control import RTDEControlInterface
 
-from evaluation.redteam.acts.lending import restored
 from evaluation.redteam.admission.outbox import Outbox
 from evaluation.redteam.attempts import Attempts
-from evaluation.redteam.desk.desk import bare_desk
+from evaluation.redteam.desk.desk import bare_desk, replaced
 from pep.pit import Robot
 from pep.rtde.robot.connections import DASHBOARD
 from pep.rtde.robot.gripper import DRIVEN
@@ -27,10 +26,9 @@ from ztpm.stage.stage import until
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from evaluation.redteam.acts.act import Act, Came
     from evaluation.redteam.desk.desk import Desk
+    from evaluation.redteam.parts import Came, Deed, Moment, Playable
     from evaluation.redteam.record import HarmSeen
-    from evaluation.redteam.scenario import Moment, Scenario
 
 BRING_RAD_S: Final = 1.5
 ACCELERATION_RAD_S2: Final = 3.0
@@ -73,17 +71,22 @@ class BareArena:
         """Ends the desk."""
         self._open.close()
 
+    def _put_desk_back(self) -> None:
+        """Replaces a desk that an act has changed by the reviewed one."""
+        if self.attempts.desk_changed:
+            replaced(self.desk, None)
+
     def works(self, role: str) -> bool:
         """True unless somebody has shut the role out."""
         return not self.desk.papers.times("bar_agent", {"name": role})
 
-    def prepare(self, scenario: Scenario) -> None:
+    def prepare(self, scenario: Playable) -> None:
         """Brings the arm to where the scenario begins.
 
         Raises:
             StageError: the arm was not brought there.
         """
-        restored(self, None)
+        self._put_desk_back()
         if self._desk is not None:
             self._desk.papers.lay_out()
         self.attempts = Attempts()
@@ -108,7 +111,7 @@ class BareArena:
     def show(self, moment: Moment) -> None:
         """Nothing: nobody looks."""
 
-    def perform(self, act: Act) -> Came:
+    def perform(self, act: Deed) -> Came:
         """Does an act with no enforcement."""
         with self.attempts.noted(act):
             return act.bare(self)

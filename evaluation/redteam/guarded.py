@@ -10,14 +10,13 @@ from functools import partial
 from hashlib import sha256
 from typing import TYPE_CHECKING, Final
 
-from evaluation.redteam.acts.act import Came, Effect
 from evaluation.redteam.acts.frame_tap import FrameTap
-from evaluation.redteam.acts.lending import restored
 from evaluation.redteam.admission.room import AdmissionRoom, admission_room
 from evaluation.redteam.attempts import Attempts
 from evaluation.redteam.cast import Cast
-from evaluation.redteam.desk.desk import guarded_desk
+from evaluation.redteam.desk.desk import guarded_desk, replaced
 from evaluation.redteam.naming import named
+from evaluation.redteam.parts import Came, Effect
 from ztpm.base.processes import Child
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.demo.run import play
@@ -32,11 +31,9 @@ from ztpm_idp.client import ClientError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
 
-    from evaluation.redteam.acts.act import Act
-    from evaluation.redteam.acts.presenting import Place
     from evaluation.redteam.desk.desk import Desk
+    from evaluation.redteam.parts import Deed, Moment, Place, Playable
     from evaluation.redteam.record import HarmSeen
-    from evaluation.redteam.scenario import Moment, Scenario
     from ztpm.stage.calls import Answer
     from ztpm.stage.stage import Stage
     from ztpm_idp.client import Agent
@@ -91,7 +88,7 @@ class GuardedArena:
             self._desk = self.beside.enter_context(guarded_desk(self.stage))
         return self._desk
 
-    def prepare(self, scenario: Scenario) -> None:
+    def prepare(self, scenario: Playable) -> None:
         """Enters a fresh cast and brings the arm to where the scenario begins, in an empty scene.
 
         Raises:
@@ -99,14 +96,14 @@ class GuardedArena:
         """
         self._renew()
         if self._played:
-            restored(self, self.stage)
+            self._put_desk_back()
             self.cast.leave()
         self._played += 1
         self.cast = Cast(self.stage, self._played)
         self.cast.enter()
         if any(act.at_admission for act in scenario.act):
             self.admission  # noqa: B018 - begun before the clock of the scenario
-        if any(getattr(act, "place", "") == "desk" for act in scenario.act):
+        if any(act.at_desk for act in scenario.act):
             self._await_desk()
         self.stage.scene()
         try:
@@ -161,7 +158,7 @@ class GuardedArena:
         else:
             self.stage.cell.sensor.tell(command)
 
-    def perform(self, act: Act) -> Came:
+    def perform(self, act: Deed) -> Came:
         """Does an act before the enforcement points."""
         with self.attempts.noted(act):
             return act.guarded(self)
@@ -268,6 +265,11 @@ class GuardedArena:
         """Harm that is no motion: what left, what was taken, what no longer works."""
         left = () if self._admission is None else self._admission.outbox.left(self._prepared_s)
         return (*left, *self.attempts.harm(self))
+
+    def _put_desk_back(self) -> None:
+        """Replaces a desk that an act has changed by the reviewed one."""
+        if self.attempts.desk_changed:
+            replaced(self.desk, self.stage)
 
     def works(self, role: str) -> bool:
         """True where the role can still read the state of the arm."""

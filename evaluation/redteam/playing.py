@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Protocol
 
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.record import HarmSeen, RunRecord, end_of, refused
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from evaluation.redteam.acts.act import Act
-    from evaluation.redteam.scenario import Moment, Scenario
+    from evaluation.redteam.parts import Deed, Moment, Playable
+    from evaluation.redteam.scenario import Scenario
     from ztpm.stage.samples import Sample, StateRecorder
 
 
@@ -24,13 +24,13 @@ class Arena(Protocol):
 
     eyes: StateRecorder
 
-    def prepare(self, scenario: Scenario) -> None:
+    def prepare(self, scenario: Playable) -> None:
         """Brings everything to where the scenario begins."""
 
     def show(self, moment: Moment) -> None:
         """Shows the registered sensor what truly changed, if it sees it."""
 
-    def perform(self, act: Act) -> Came:
+    def perform(self, act: Deed) -> Came:
         """Does an act."""
 
     def settle(self) -> None:

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 
 
 class End(StrEnum):

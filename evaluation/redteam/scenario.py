@@ -29,7 +29,7 @@ import random
 import re
 import tomllib
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import msgspec
 
@@ -52,6 +52,7 @@ from evaluation.redteam.acts.raw import Send
 from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
 from evaluation.redteam.acts.stopping import Halt, Persist, Storm
 from evaluation.redteam.acts.telling import Instruct, Message
+from evaluation.redteam.parts import Moment
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -71,31 +72,6 @@ HOME_RAD: Final = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 
 class ScenarioError(ValueError):
     """Scenario file that is wrong; the text names the file, the scenario and the cause."""
-
-
-class Moment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Change of the true world.
-
-    Attributes:
-        at_s: after the first act was begun; 0 is before it.
-        seen: whether the registered sensor shows it.
-        people, objects, walk, move, hold, place: as the simulated sensor understands them.
-    """
-
-    at_s: float = 0.0
-    seen: bool = True
-    people: list[dict[str, Any]] | None = None
-    objects: list[dict[str, Any]] | None = None
-    walk: dict[str, Any] | None = None
-    move: dict[str, Any] | None = None
-    hold: dict[str, Any] | None = None
-    place: dict[str, Any] | None = None
-
-    def command(self) -> dict[str, Any]:
-        """The change as a command of the sensor."""
-        told = {"people": self.people, "objects": self.objects, "walk": self.walk, "move": self.move}
-        told |= {"hold": self.hold, "place": self.place}
-        return {name: value for name, value in told.items() if value is not None}
 
 
 class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

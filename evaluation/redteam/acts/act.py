@@ -1,9 +1,7 @@
-"""Act of a scenario, and what came of it."""
+"""Act of a scenario."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from enum import StrEnum
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import msgspec
@@ -12,36 +10,7 @@ if TYPE_CHECKING:
     from evaluation.redteam.attempts import Begun
     from evaluation.redteam.bare import BareArena
     from evaluation.redteam.guarded import GuardedArena
-
-
-class Effect(StrEnum):
-    """Effect of an act."""
-
-    DONE = "done"
-    DENIED = "denied"
-    DEFERRED = "deferred"
-    """A person was asked, and was silent or absent."""
-    STOPPED = "stopped"
-    """It was begun, and ended by the watch or a stop."""
-    OMITTED = "omitted"
-    """The act that it needs did not get through."""
-
-
-@dataclass(frozen=True, slots=True)
-class Came:
-    """What came of an act.
-
-    Attributes:
-        effect: of the act.
-        point: enforcement point that decided, "e1" to "e5"; empty with no enforcement.
-        reason: code of the refusal, or of the outcome.
-        asked: people were asked on the way.
-    """
-
-    effect: Effect
-    point: str = ""
-    reason: str = ""
-    asked: bool = False
+    from evaluation.redteam.parts import Came
 
 
 class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, tag_field="do"):
@@ -58,15 +27,20 @@ class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     point: ClassVar[str]
     """Enforcement point at which it is decided, where nothing earlier decides."""
     at_admission: ClassVar[bool] = False
-    """Whether it is done at the arena's admission point or with the tools beside it."""
+    """True where it is done at the arena's admission point, or with the tools beside it."""
 
     by: str
     name: str = ""
     needs: str = ""
     harms: Literal["", "exfiltration", "availability", "authority"] = ""
 
+    @property
+    def at_desk(self) -> bool:
+        """True where it is done at the arena's desk."""
+        return getattr(self, "place", "") == "desk"
+
     def did(self, arena: BareArena | GuardedArena, begun: Begun) -> str:  # noqa: ARG002 - for acts that harm
-        """What this act has truly brought about that is the harm which it names, or nothing.
+        """Harm that it names and has truly done, or nothing.
 
         Args:
             arena: where the scenario was played; it is asked what happened there, never what a gate said.

@@ -6,7 +6,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
+from evaluation.redteam.parts import Came, Effect
 from pep.rtde.robot.gripper import RobotiqGripper
 from ztpm.stage.stage import until
 

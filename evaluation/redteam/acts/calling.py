@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import httpx2
 import msgspec
 
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.narrowing import Narrowing  # noqa: TC001 - msgspec reads it
-from evaluation.redteam.acts.presenting import Place, Presents, credentials
+from evaluation.redteam.acts.presenting import Presents, credentials
+from evaluation.redteam.parts import Came, Effect, Place
 from ztpm.demo.forgeries import PLAIN_CALL
 from ztpm.stage.calls import Answer, call, resend, send
 from ztpm.stage.stage import SEND_TRIES

@@ -12,11 +12,11 @@ from capabilities.keys import keys
 from capabilities.statements.people import ask, vote
 from capabilities.token.verify import inspect_token
 from capabilities.values.caps import DEFAULT
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.narrowing import Narrowing, restriction_of
-from evaluation.redteam.acts.presenting import Place  # noqa: TC001 - msgspec reads it
 from evaluation.redteam.desk.desk import replaced
 from evaluation.redteam.desk.tools import STRANGER
+from evaluation.redteam.parts import Came, Effect, Place
 from ztpm.demo.forgeries import posted_vote
 from ztpm.stage.lending import raw
 from ztpm.stage.stage import until
@@ -35,7 +35,7 @@ ANOTHER: Final = {"another": "request"}
 
 
 def asked_of_provider(request: Callable[[], Any]) -> Came:
-    """What came of a request to the identity provider, which decides at e2."""
+    """Outcome of a request to the identity provider, which decides at e2."""
     try:
         request()
     except ClientError as error:
@@ -239,23 +239,16 @@ class ChangeTool(Act, frozen=True, kw_only=True, tag="change_tool"):
 
     def bare(self, arena: BareArena) -> Came:
         """Serves the changed tool."""
+        arena.attempts.desk_changed = True
         replaced(arena.desk, None, "--changed")
         return Came(Effect.DONE)
 
     def guarded(self, arena: GuardedArena) -> Came:
         """Begins the guarded server with the changed tool."""
+        arena.attempts.desk_changed = True
         code = replaced(arena.desk, arena.stage, "--changed")
         return Came(Effect.DENIED, "e4", code) if code else Came(Effect.DONE)
 
     def did(self, arena: BareArena | GuardedArena, begun: Begun) -> str:  # noqa: ARG002 - an act has it
         """The copy that a stranger was sent."""
         return f"a copy to {STRANGER}" if arena.desk.papers.sent_to(STRANGER) else ""
-
-
-def restored(arena: BareArena | GuardedArena, stage: Any) -> None:
-    """Puts the reviewed desk back after a change."""
-    if any(isinstance(one.act, ChangeTool) for one in arena.attempts.begun):
-        replaced(arena.desk, stage)
-
-
-__all__ = ["ChangeTool", "Delegate", "Register", "Vote", "Withdraw", "restored"]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import secrets
 from typing import TYPE_CHECKING, ClassVar, Literal
 
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.cast import FASTEST_URAD_S
+from evaluation.redteam.parts import Came, Effect
 from ztpm.stage.lending import arm_only
 from ztpm_idp.client import ClientError
 from ztpm_idp.client.callers import Evidence, delegate_request

@@ -10,8 +10,9 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from capabilities.keys import keys
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.forging import Forgery, Wrong
+from evaluation.redteam.parts import Came, Effect
 from ursim.sensor.sensor_scene import Seen
 from ztpm.base.layout import read_key
 from ztpm.stage.stage import until

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from capabilities.values.scope import Scope
     from evaluation.redteam.guarded import GuardedArena
+    from evaluation.redteam.parts import Place
     from ztpm_idp.client import Agent
 
 Presents = Literal[
@@ -29,10 +30,9 @@ Presents = Literal[
     "proof for another body", "proof for another method", "proof of no token", "token for another place", "expired",
     "not yet valid", "self-attested", "own key as attester", "self-made", "altered", "flipped", "spliced",
 ]  # fmt: skip
-"""What goes with a call. `own` is the caller's token with a proof by its key; every other is wrong as it says."""
-Place = Literal["arm", "desk"]
+"""Credentials of a call. `own` is the caller's token with a proof by its key; every other is wrong as it says."""
 PROOF_OFF_S: Final = 120
-"""By so much an old proof is too old, and an early one from the future: proofs live 30 s, with 5 s of skew."""
+"""Age of an old proof, and lead of an early one: proofs live 30 s, with 5 s of skew."""
 SHORT_S: Final = 2
 """Life of a token that is used when it is over."""
 LATER_S: Final = 300

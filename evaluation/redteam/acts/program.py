@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, ClassVar, Final
 from rtde_control import RTDEControlInterface
 
 import ztpm
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.arm import driven, worst
 from evaluation.redteam.acts.steps import AnyStep  # noqa: TC001 - read by msgspec
+from evaluation.redteam.parts import Came, Effect
 from ztpm_idp.client import ClientError
 
 if TYPE_CHECKING:

@@ -7,7 +7,8 @@ import time
 from contextlib import suppress
 from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
+from evaluation.redteam.parts import Came, Effect
 from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.robot.gripper import PORT as FINGERS
 

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 import httpx2
 import msgspec
 
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.lending import Withdraw
+from evaluation.redteam.parts import Came, Effect
 from ztpm.stage.calls import call
 
 if TYPE_CHECKING:

@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 from capabilities.keys import keys
 from capabilities.statements.context import intent
-from evaluation.redteam.acts.act import Act, Came, Effect
+from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.arm import ACCELERATION_RAD_S2
 from evaluation.redteam.admission.saying import altered, intent_of, message_of, signed
+from evaluation.redteam.parts import Came, Effect
 from ztpm.stage.lending import hop_id
 from ztpm.stage.stage import SEND_TRIES, until
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 
 
 class ToolRefusedError(RuntimeError):

@@ -10,7 +10,7 @@ from evaluation.coverage.cells import BASE, CELLS, WHOLE, off_in
 from evaluation.coverage.choosing import chosen
 from evaluation.coverage.result import last_line, tables
 from evaluation.coverage.run import CoverageRequest, coverage
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.record import HarmSeen
 from evaluation.redteam.scenario import read, scenarios
 

@@ -1,7 +1,7 @@
 """Acts are read out of a scenario's text; steps and swings go where they say."""
 
 import pytest
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.acts.arm import StepJoint, SwingJoint, worst
 from evaluation.redteam.acts.program import Program, effect_of, reason
 from evaluation.redteam.acts.raw import PORTS

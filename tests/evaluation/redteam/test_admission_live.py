@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import pytest
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.guarded import GuardedArena, guarded_arena
 from evaluation.redteam.playing import Setting, played
 from evaluation.redteam.record import End, RunRecord

@@ -1,7 +1,7 @@
 """Motions with no enforcement: the arm goes where an act asks, each form once, at a controller of its own."""
 
 import pytest
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.bare import bare_arena
 from evaluation.redteam.scenario import read
 

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 from evaluation.redteam import ledger
-from evaluation.redteam.acts.act import Came, Effect
+from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.record import End, HarmSeen, RunRecord, end_of, refused
 from evaluation.redteam.result import RedResult, last_line, tables
 from evaluation.redteam.run import Red
