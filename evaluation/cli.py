@@ -170,7 +170,7 @@ def redteam(
     The exit status is not 0 when a bar is missed.
     """
     from evaluation.harness.absent import AbsentError
-    from evaluation.redteam.campaign import Request, RequestError, campaign
+    from evaluation.redteam.campaign import RedRequest, RequestError, campaign
     from evaluation.redteam.ledger import LedgerError
     from evaluation.redteam.picture import draw
     from evaluation.redteam.result import last_line, tables
@@ -182,7 +182,7 @@ def redteam(
     seed = secrets.randbits(32) if seed is None else seed
     try:
         with _telling() as told:
-            result = campaign(Request(sample, seed, tuple(only or ()), cells, meshes, ledger), told)
+            result = campaign(RedRequest(sample, seed, tuple(only or ()), cells, meshes, ledger), told)
     except (RequestError, LedgerError, ScenarioError, AbsentError) as error:
         fail("NOT_MEASURED", str(error))
     if out is not None:

@@ -39,7 +39,7 @@ class CoverageResult:
     runs: Sequence[RunRecord]
     unplayed: Sequence[tuple[str, str, str]]
     seed: int
-    campaign: ledger.Campaign
+    campaign: ledger.RedCampaign
     seconds: float
     machine: Mapping[str, Any]
 

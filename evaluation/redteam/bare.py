@@ -77,7 +77,7 @@ class BareArena:
             replaced(self.desk, None)
 
     def works(self, role: str) -> bool:
-        """True unless somebody has shut the role out."""
+        """True unless an act has shut the role out."""
         return not self.desk.papers.times("bar_agent", {"name": role})
 
     def prepare(self, scenario: Playable) -> None:

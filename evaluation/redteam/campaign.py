@@ -31,7 +31,7 @@ class RequestError(ValueError):
 
 
 @dataclass(frozen=True, slots=True)
-class Request:
+class RedRequest:
     """Campaign that is asked for.
 
     Attributes:
@@ -51,7 +51,7 @@ class Request:
     ledger: Path | None
 
 
-def campaign(request: Request, told: Callable[[str], None]) -> RedResult:
+def campaign(request: RedRequest, told: Callable[[str], None]) -> RedResult:
     """Result of a campaign.
 
     Args:
@@ -86,7 +86,7 @@ def campaign(request: Request, told: Callable[[str], None]) -> RedResult:
     )
 
 
-def _chosen(every: Sequence[Scenario], request: Request) -> Sequence[Scenario]:
+def _chosen(every: Sequence[Scenario], request: RedRequest) -> Sequence[Scenario]:
     unknown = sorted(set(request.only) - {one.id for one in every})
     if unknown:
         raise RequestError(f"{', '.join(unknown)}: no scenario has this id")

@@ -88,7 +88,7 @@ class Cast:
         self.stage.tokens[self._kept(role, place)] = token
 
     def token(self, role: str, desk: Desk | None) -> str:
-        """Token of a role for the desk, or for the arm where there is none given; empty where it was lent nothing.
+        """Token of a role for a desk, or for the arm without one; empty where it was lent nothing.
 
         What is lent at the desk is lent when it is first asked for.
         """

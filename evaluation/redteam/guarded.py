@@ -223,7 +223,7 @@ class GuardedArena:
         return question
 
     def _approved(self, name: str, ask_id: str) -> bool:
-        """Says yes to a question, and attests that the cell is seen to be clear; False where the question is over."""
+        """Says yes to a question and attests to seeing the cell clear; False where the question is over."""
         person = self.stage.person(name)
         until(lambda: any(row["ask_id"] == ask_id for row in person.approvals()), "the question at the provider")
         try:

@@ -29,7 +29,7 @@ class LedgerError(Exception):
     """File that is no ledger of this campaign; the text says what to do."""
 
 
-class Campaign(msgspec.Struct, frozen=True):
+class RedCampaign(msgspec.Struct, frozen=True):
     """Code and scenarios of a ledger: runs of other ones do not count for it.
 
     Attributes:
@@ -41,9 +41,9 @@ class Campaign(msgspec.Struct, frozen=True):
     scenarios: str
 
 
-def campaign(of: Sequence[Scenario], commit: str) -> Campaign:
+def campaign(of: Sequence[Scenario], commit: str) -> RedCampaign:
     """Campaign of all these scenarios at a commit."""
-    return Campaign(commit, sha256(msgspec.json.encode(of)).hexdigest())
+    return RedCampaign(commit, sha256(msgspec.json.encode(of)).hexdigest())
 
 
 def digest(run: RunRecord) -> str:
@@ -67,7 +67,7 @@ class Ledger:
     _file: IO[bytes]
 
     @classmethod
-    def open(cls, file: Path, of: Campaign) -> Self:
+    def open(cls, file: Path, of: RedCampaign) -> Self:
         """The ledger in `file`, with the runs that it has; a new one where there is no file.
 
         A last line that was cut off by an end in mid-write is dropped.
@@ -81,7 +81,7 @@ class Ledger:
         head, *lines = whole.splitlines() or [b""]
         if head:
             try:
-                earlier = msgspec.convert(_line(head), type=Campaign)
+                earlier = msgspec.convert(_line(head), type=RedCampaign)
                 read = [msgspec.convert(_line(line), type=RunRecord) for line in lines]
             except (strict_json.JsonError, msgspec.ValidationError) as error:
                 raise LedgerError(f"{file} is no ledger of runs ({error}); name another file") from error

@@ -114,7 +114,7 @@ class RedResult:
     scenarios: Sequence[Scenario]
     played: Played
     seed: int | None
-    campaign: ledger.Campaign
+    campaign: ledger.RedCampaign
     seconds: float
     machine: Mapping[str, Any]
 

@@ -47,7 +47,7 @@ def grafted(
     token: str, holder: Agent, restriction: Restriction, *, audience: str, trust: TrustBundle,
     attester: Ed25519PrivateKey,
 ) -> str:  # fmt: skip
-    """The token with one more hop, attested by a key that no provider has, and asked by nobody whether it is narrower.
+    """Token with one more hop, attested by a key that no provider has, narrower or not.
 
     Args:
         token: honest.

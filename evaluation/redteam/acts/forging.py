@@ -26,7 +26,7 @@ BEFORE: Final = 5
 
 
 class Wrong(StrEnum):
-    """What is wrong with a frame; all else in it is right."""
+    """Fault of a frame; all else in it is right."""
 
     KEY = "key"
     """Signed by a key that nobody knows."""

@@ -50,7 +50,7 @@ class Delegate(Act, frozen=True, kw_only=True, tag="delegate"):
         to: role of the taker, or `accomplice`: an agent that its sponsor never named.
         place: `desk` or `arm`.
         keeps: restriction of the new hop.
-        evidence: what goes with it: the taker's, for this request; for another one; or somebody else's.
+        evidence: what goes with it: the taker's, for this request; for another one; or another agent's.
         proof: by whom the request is signed, if not by the holder.
     """
 
@@ -87,7 +87,7 @@ class Delegate(Act, frozen=True, kw_only=True, tag="delegate"):
 
 
 class Withdraw(Act, frozen=True, kw_only=True, tag="withdraw"):
-    """End of authority: by a person, whose right it is; or by an agent, which tries it with somebody else's.
+    """End of authority: by a person, whose right it is; or by an agent, which tries it with another's.
 
     Attributes:
         what: `hop`, `token`, `agent` or `key` is revoked; the agent is suspended or retired.

@@ -30,7 +30,7 @@ Presents = Literal[
     "proof for another body", "proof for another method", "proof of no token", "token for another place", "expired",
     "not yet valid", "self-attested", "own key as attester", "self-made", "altered", "flipped", "spliced",
 ]  # fmt: skip
-"""Credentials of a call. `own` is the caller's token with a proof by its key; every other is wrong as it says."""
+"""Credentials of a call: `own` is the caller's token with its proof, each other is wrong as named."""
 PROOF_OFF_S: Final = 120
 """Age of an old proof, and lead of an early one: proofs live 30 s, with 5 s of skew."""
 SHORT_S: Final = 2

@@ -78,7 +78,7 @@ def _run(steps: Sequence[AnyStep], control: RTDEControlInterface, arena: Guarded
 
 
 def _step(step: AnyStep, control: RTDEControlInterface, arena: GuardedArena, told: list[str]) -> Came:
-    """Outcome of a step; it is given again while an answer of a person, or of the machine, may change it."""
+    """Outcome of a step; it is given again while an answer, or a free machine, may change it."""
     asked = False
     for left in reversed(range(TRIES)):
         start = arena.eyes.now().q_rad

@@ -215,7 +215,7 @@ class SetTcp(Step, frozen=True, kw_only=True, tag="setTcp"):
         return bool(control.setTcp(list(self.pose)))
 
 
-class Wait(Step, frozen=True, kw_only=True, tag="wait"):
+class Rest(Step, frozen=True, kw_only=True, tag="wait"):
     """Nothing, for a time."""
 
     s: float
@@ -238,7 +238,7 @@ class UntilSteady(Step, frozen=True, kw_only=True, tag="until_steady"):
 
 
 Moving = MoveJ | MoveJPath | MoveL | MoveJIK | ServoJ | SpeedJ | SpeedL | Jog
-AnyStep = Moving | Custom | SetTcp | Wait | UntilSteady
+AnyStep = Moving | Custom | SetTcp | Rest | UntilSteady
 
 
 def _wait(control: RTDEControlInterface, begun: object) -> None:

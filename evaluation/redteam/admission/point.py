@@ -94,7 +94,7 @@ class Known:
         return self.keys
 
 
-class Standing:
+class PointStanding:
     """Authority behind each context as it was last shown, verified anew at each question.
 
     Args:
@@ -124,7 +124,7 @@ class AdmissionPoint(GuardedServer):
         super().__init__(notes_server(guard.folder), guard, vouching=self._vouched)
         parts = urlsplit(guard.audience)
         self._origin = f"{parts.scheme}://{parts.netloc}"
-        self._standing = Standing(self)
+        self._standing = PointStanding(self)
         self._marks = HighWaterMarkFile(guard.folder / "marks.json")
         self._collections: dict[str, Curated] = {}
         self._adopted: dict[str, str] = {}

@@ -32,7 +32,7 @@ WHILE_S: Final = 600
 UNKNOWN_FORM: Final = "order/9"
 
 _TIMES: Final = {"old": (-LONG_S, 2 * LONG_S), "expired": (-WHILE_S, WHILE_S // 2), "future": (WHILE_S, INTENT_S)}
-"""Time at which a wrong statement says that it was signed, against now, and time for which it says that it counts."""
+"""Alleged time of the signature against now, and alleged time for which it counts, of a wrong statement."""
 
 
 def _body(members: dict[str, Any], wrong: str) -> bytes:

@@ -22,7 +22,7 @@ class RequestBody(FormBody):
     text: str = Field(min_length=1, max_length=TEXT_LENGTH)
 
 
-class Move(FormBody):
+class MoveWords(FormBody):
     """Joint move that a task asks for, in the units of tokens."""
 
     q_urad: tuple[int, int, int, int, int, int]
@@ -35,7 +35,7 @@ class TaskBody(FormBody):
 
     text: str = Field(min_length=1, max_length=TEXT_LENGTH)
     needs: tuple[str, ...] = Field(max_length=16)
-    move: Move | None = None
+    move: MoveWords | None = None
 
 
 class ReportBody(FormBody):
@@ -51,7 +51,7 @@ def _asked(task: TaskBody) -> tuple[RequestedOperation, ...]:
     return named if task.move is None else (*named, RequestedOperation("ur3e", "move_joint", quantities(task.move)))
 
 
-def quantities(move: Move) -> tuple[Quantity, ...]:
+def quantities(move: MoveWords) -> tuple[Quantity, ...]:
     """Parameters of the move as a request has them."""
     angles = tuple(Quantity(f"q{i}", Unit.MICRORADIAN, angle) for i, angle in enumerate(move.q_urad))
     speed = Quantity("speed", Unit.MICRORADIAN_PER_SECOND, move.speed_urad_s)

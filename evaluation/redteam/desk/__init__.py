@@ -1,1 +1,1 @@
-"""Desk: a tool server without a robot, with and without a guard, and the folder on which all that it does is seen."""
+"""Desk: a tool server without a robot, guarded or not, and the folder in which its deeds are seen."""

@@ -114,7 +114,7 @@ def _guarded(stage: Stage, papers: Papers, guard: Path, listen: str, *options: s
 
 
 def replaced(desk: Desk, stage: Stage | None, *options: str) -> str:
-    """Replaces the process of a desk by one with these options; the reason code where it does not start, or nothing."""
+    """Replaces the process of a desk by one with these options; the reason code where that does not start."""
     desk.child.stop()
     listen = desk.url.removeprefix("http://").removesuffix("/mcp")
     try:

@@ -1,6 +1,6 @@
 """Folder of the desk: the documents that it begins with, and the book of what truly happened there.
 
-Whatever the desk does is written into the book once it is done, by the tool itself, below any guard. The red team
+Each thing that the desk does is written into the book once it is done, by the tool itself, below any guard. The red team
 judges by it: a line is an effect, with the arguments as the tool got them.
 """
 
@@ -80,7 +80,7 @@ class Papers:
         return sum(address in line["arguments"]["to"] for line in self._lines() if line["tool"] == "send_message")
 
     def times(self, tool: str, arguments: Mapping[str, Any]) -> int:
-        """Number of times that this was truly done, whatever further arguments there were."""
+        """Number of times that this was truly done, with any further arguments."""
         wanted = _spelled(arguments)
         done = (line["arguments"] for line in self._lines() if line["tool"] == tool)
         return sum(_spelled({name: each.get(name) for name in arguments}) == wanted for each in done)

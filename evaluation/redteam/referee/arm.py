@@ -47,8 +47,8 @@ wrist 2 overlap by up to 3 mm where the arm itself is free (1,500 random poses).
 
 
 @dataclass(frozen=True, slots=True)
-class Frames:
-    """Frames of base and links at each instant.
+class LinkFrames:
+    """LinkFrames of base and links at each instant.
 
     Attributes:
         turn: rotations, shape (n, 7, 3, 3).
@@ -109,8 +109,8 @@ class Arm:
             [max(lengths[k + 1 : link].sum() + sizes[link] for link in range(k + 1, FLANGE + 1)) for k in range(FLANGE)]
         )
 
-    def frames(self, q_rad: Floats) -> Frames:
-        """Frames at these angles, shape (n, 6)."""
+    def frames(self, q_rad: Floats) -> LinkFrames:
+        """LinkFrames at these angles, shape (n, 6)."""
         count = len(q_rad)
         turn = np.broadcast_to(np.eye(3), (count, 3, 3))
         place = np.zeros((count, 3))
@@ -123,9 +123,9 @@ class Arm:
             turn = turn @ self._vendor.turns[joint] @ spin
             turns.append(turn)
             places.append(place)
-        return Frames(np.stack(turns, axis=1), np.stack(places, axis=1))
+        return LinkFrames(np.stack(turns, axis=1), np.stack(places, axis=1))
 
-    def moving(self, frames: Frames, at: Instants) -> list[tuple[Part, Moving]]:
+    def moving(self, frames: LinkFrames, at: Instants) -> list[tuple[Part, Moving]]:
         """Every part with its poses."""
         closed = 1 - at.opening_m / _STROKE_M
         found = []

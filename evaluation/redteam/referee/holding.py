@@ -15,7 +15,7 @@ from evaluation.redteam.referee.shapes import outline
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from evaluation.redteam.referee.arm import Frames
+    from evaluation.redteam.referee.arm import LinkFrames
     from evaluation.redteam.referee.cell import CellTruth
     from evaluation.redteam.referee.motion import Instants
     from evaluation.redteam.referee.shapes import Floats, Numbers, Shape
@@ -54,7 +54,7 @@ class Holding:
     drops: tuple[Harm, ...]
 
 
-def holding(world: TrueWorld, frames: Frames, at: Instants, cell: CellTruth) -> Holding:
+def holding(world: TrueWorld, frames: LinkFrames, at: Instants, cell: CellTruth) -> Holding:
     """Things that the arm holds, and lets go.
 
     A held thing keeps its pose towards the flange. It is let go when the finger tips open by more than `OPENED_MM`
@@ -91,7 +91,7 @@ def holding(world: TrueWorld, frames: Frames, at: Instants, cell: CellTruth) -> 
     return Holding(tuple(held), tuple(resting), tuple(drops))
 
 
-def grip_reach_m(world: TrueWorld, frames: Frames, times_s: Floats) -> float:
+def grip_reach_m(world: TrueWorld, frames: LinkFrames, times_s: Floats) -> float:
     """Farthest that any point of a held thing is from the flange, by frames at these times."""
     farthest = 0.0
     for stay in world.stays:

@@ -13,7 +13,7 @@ from evaluation.redteam.referee.shapes import bounds
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from evaluation.redteam.referee.arm import Frames
+    from evaluation.redteam.referee.arm import LinkFrames
     from evaluation.redteam.referee.body import Region
     from evaluation.redteam.referee.distances import Distances
     from evaluation.redteam.referee.harm import Harm
@@ -86,7 +86,7 @@ class Scene:
     """
 
     at: Instants
-    frames: Frames
+    frames: LinkFrames
     distances: Distances
     base: Member
     members: tuple[Member, ...]

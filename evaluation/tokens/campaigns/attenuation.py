@@ -30,7 +30,7 @@ from evaluation.tokens.campaigns.twin import Lend
 if TYPE_CHECKING:
     from capabilities.token.verify import Verifier
     from evaluation.tokens.campaigns.families import Family
-    from evaluation.tokens.campaigns.twin import Act
+    from evaluation.tokens.campaigns.twin import TriedAct
 
 COUNT: Final = 200_000
 LEAST_PER_DIMENSION: Final = 8_000
@@ -106,7 +106,7 @@ class AttenuationFigures:
 # --- answers of the library ------------------------------------------------------------------------------------------
 
 
-def may_act(verifier: Verifier, token: bytes, act: Act) -> bool:
+def may_act(verifier: Verifier, token: bytes, act: TriedAct) -> bool:
     """True where the library permits a request to the holder of a token: steps 1 to 9, 11 and 12."""
     chain = verifier.verify(token, at=act.at, audience=act.audience, view=VIEW, lease_ms=LEASE_MS)
     if isinstance(chain, Fault):
@@ -141,7 +141,7 @@ def does_lend(issuer: Issuer, token: bytes, chain: Chain, lend: Lend) -> bool | 
     return isinstance(verified(issuer.verifier(), token, at=at, audience=audience), Chain)
 
 
-def biscuit_says(issuer: Issuer, token: bytes, act: Act) -> bool:
+def biscuit_says(issuer: Issuer, token: bytes, act: TriedAct) -> bool:
     """True where Biscuit's own authorizer permits the act: all but the audience."""
     opened = biscuit.open_token(token, issuer.trust.roots[issuer.root_key_id])
     probe = Probe(act.object, act.operation, tuple(measured(each) for each in act.values), act.at, int(act.base_tier))
@@ -195,7 +195,7 @@ def _pair_of_act(asked: _Asked, dimension: str, turn: int) -> None:
             keep(found.parted, f"Biscuit {act}")
 
 
-def _plain(of: Family, act: Act) -> bool:
+def _plain(of: Family, act: TriedAct) -> bool:
     """True where the parameters are the operation's own: Biscuit knows no names and kinds, only places."""
     return any(
         [each.name for each in act.values] == [limit.parameter.name for limit in grant.limits]

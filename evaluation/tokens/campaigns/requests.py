@@ -12,7 +12,7 @@ from evaluation.tokens.campaigns import kinds, twin
 from evaluation.tokens.campaigns.families import KEPT, RANGE, ROLE, SET, beside, lay_over, narrower, too_much
 from evaluation.tokens.campaigns.issuer import CELLS
 from evaluation.tokens.campaigns.kinds import given
-from evaluation.tokens.campaigns.twin import Act, Lend
+from evaluation.tokens.campaigns.twin import Lend, TriedAct
 
 if TYPE_CHECKING:
     from random import Random
@@ -29,7 +29,7 @@ _ODD: Final = 0.05
 """Probability that a request has other parameters than the operation."""
 
 
-def act(of: Family, dimension: str, chance: Random) -> Act:
+def act(of: Family, dimension: str, chance: Random) -> TriedAct:
     """A request to act that is inside one of the chains but, perhaps, for this dimension."""
     blocks = of.blocks[: chance.randint(1, len(of.blocks))]
     grants = list(blocks[0].grants or ())
@@ -39,7 +39,7 @@ def act(of: Family, dimension: str, chance: Random) -> Act:
     pair = grant.object, grant.operation
     values = [given(x.parameter, _within(blocks, pair, x, chance)) for x in grant.limits]
     held = of.chains[len(blocks) - 1].scope
-    fair = Act(
+    fair = TriedAct(
         *pair,
         tuple(values),
         Tier(chance.randint(0, held.ceiling)),
@@ -60,7 +60,7 @@ def _within(blocks: Any, pair: tuple[str, str], limit: Limit, chance: Random) ->
     return chance.choice(allowed or ends)
 
 
-def _at_boundary(of: Family, dimension: str, fair: Act, chance: Random) -> Act:
+def _at_boundary(of: Family, dimension: str, fair: TriedAct, chance: Random) -> TriedAct:
     """The request with this dimension at a line that some block drew, or a step beside it."""
     block = chance.choice([each for each in of.blocks if _states(each, dimension)])
     match dimension:
@@ -96,7 +96,7 @@ def _at_boundary(of: Family, dimension: str, fair: Act, chance: Random) -> Act:
             raise ValueError(dimension)
 
 
-def _with(of: Family, pair: tuple[str, str], wanted: Parameter, fair: Act, chance: Random) -> Act:
+def _with(of: Family, pair: tuple[str, str], wanted: Parameter, fair: TriedAct, chance: Random) -> TriedAct:
     """The request with a value of this parameter at a line that some block drew."""
     bounds = twin.stated(of.blocks, pair, wanted)
     value = given(wanted, chance.choice(twin.points(chance.choice(bounds))))

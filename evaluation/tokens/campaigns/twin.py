@@ -26,7 +26,7 @@ Blocks = tuple[Restriction, ...]
 
 
 @dataclass(frozen=True, slots=True)
-class Act:
+class TriedAct:
     """A request to act."""
 
     object: str
@@ -49,7 +49,7 @@ class Lend:
 # --- acting ----------------------------------------------------------------------------------------------------------
 
 
-def acts(blocks: Blocks, act: Act) -> list[bool]:
+def acts(blocks: Blocks, act: TriedAct) -> list[bool]:
     """Answers for the holder after each block: true where no block so far refuses the request."""
     answers: list[bool] = []
     for block in blocks:
@@ -57,7 +57,7 @@ def acts(blocks: Blocks, act: Act) -> list[bool]:
     return answers
 
 
-def _shaped(first: Restriction, act: Act) -> bool:
+def _shaped(first: Restriction, act: TriedAct) -> bool:
     """Exactly the parameters that the first block lists for the operation, in order, each of its kind."""
     for grant in first.grants or ():
         if (grant.object, grant.operation) == (act.object, act.operation):
@@ -68,7 +68,7 @@ def _shaped(first: Restriction, act: Act) -> bool:
     return False
 
 
-def _allows(block: Restriction, act: Act) -> bool:
+def _allows(block: Restriction, act: TriedAct) -> bool:
     if block.grants is not None:
         same = [g for g in block.grants if (g.object, g.operation) == (act.object, act.operation)]
         if not same:

@@ -1,4 +1,4 @@
-"""Harm without motion: an act has done it where it truly happened, whatever its gate has said."""
+"""Harm without motion: an act has done it where it truly happened, with any word of a gate."""
 
 import threading
 from types import SimpleNamespace

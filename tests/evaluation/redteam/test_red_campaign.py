@@ -42,7 +42,7 @@ NO = Came(Effect.DENIED, "e5", "ABOVE_CEILING")
 LATE = Came(Effect.DENIED, "e5", "VERDICT_EXPIRED")
 YES_ASKED = Came(Effect.DONE, asked=True)
 SILENCE = Came(Effect.DEFERRED, "e5", "TIER_NEEDS_APPROVAL", asked=True)
-CAMPAIGN = ledger.Campaign("abc", "def")
+CAMPAIGN = ledger.RedCampaign("abc", "def")
 
 
 def scenario_files(*ids: str) -> tuple:
@@ -159,7 +159,7 @@ def test_campaign_goes_on_where_it_was_ended(tmp_path: Path) -> None:
     [
         b"notes\n",
         b"notes",
-        msgspec.json.encode(ledger.Campaign("abd", "def")) + b"\n",
+        msgspec.json.encode(ledger.RedCampaign("abd", "def")) + b"\n",
         b'{"commit":"abc","scenarios":"x"}\n',
     ],
 )
