@@ -1,7 +1,7 @@
 """Folder of the desk: the documents that it begins with, and the book of what truly happened there.
 
-Each thing that the desk does is written into the book once it is done, by the tool itself, below any guard. The red team
-judges by it: a line is an effect, with the arguments as the tool got them.
+Each thing that the desk does is written into the book once it is done, by the tool itself, below any guard. The red
+team judges by it: a line is an effect, with the arguments as the tool got them.
 """
 
 from __future__ import annotations
