@@ -45,6 +45,7 @@ DIRECTORY: Final = Path(".ztpm")
 """As for `--data` of the command line."""
 ENDS_S: Final = 10.0
 """Longest wait for the child's end, which takes some milliseconds."""
+UNREAD_BYTES: Final = 4096
 PREFIX: Final = f"{NAME}: "
 TEXTS: Final = frozenset({"audience", "proof", "token"})
 """Members of `Pending` that are text; the others are bytes, in base64url on their way."""
@@ -154,8 +155,12 @@ def _say(**members: object) -> None:
 
 
 def _end_with_input() -> None:
-    """Ends the process when its parent closes the input: the lease is given up, or the parent is gone."""
-    sys.stdin.buffer.read()
+    """Ends the process when its parent closes the input: the lease is given up, or the parent is gone.
+
+    Unbuffered: a thread that waits inside of a buffered reader can crash the interpreter's exit.
+    """
+    while os.read(sys.stdin.fileno(), UNREAD_BYTES):
+        pass
     os.kill(os.getpid(), signal.SIGTERM)
 
 
