@@ -10,6 +10,7 @@ import os
 import secrets
 import time
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -254,16 +255,28 @@ def law(
 ) -> None:
     """The law of the impact index beside one by the speed of approach: whom each asks, and what each misses."""
     from evaluation.pit.law import last_line, study, tables
+    from evaluation.redteam.laws import laws_table, tally
+    from evaluation.redteam.scenario import ScenarioError, scenarios
 
     if out is not None:
         _place(out)
-    with _telling() as told:
-        result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
+    try:
+        with _telling() as told:
+            result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
+            told("joint moves of the red team")
+            tallied = tally(scenarios())
+    except ScenarioError as error:
+        fail("NOT_MEASURED", str(error))
+    report = {**result.to_json(), "redteam": {law: asdict(one) for law, one in tallied.items()}}
     if out is not None:
-        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    if not as_json:
-        console.print(f"seed {result.seed}")
-    _say(result, tables, last_line, as_json=as_json)
+        out.write_text(json.dumps(report, indent=1), encoding="utf-8")
+    if as_json:
+        say_json(report)
+        return
+    console.print(f"seed {result.seed}")
+    console.print(laws_table(tallied))
+    console.print()
+    _say(result, tables, last_line, as_json=False)
 
 
 @bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
