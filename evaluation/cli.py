@@ -9,31 +9,29 @@ import json
 import os
 import secrets
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from ztpm.cli.output import FAILURE, console, fail, fail_at, say_json
-from ztpm.preparing import SHOWN, waiting
+from evaluation import attacks
+from evaluation.saying import AsJson, Plot, place, say, telling
+from ztpm.cli.output import FAILURE, console, fail, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterator, Sequence
-
-    from rich.table import Table
+    from collections.abc import Collection, Sequence
 
     from evaluation.harness.bench import Bench
     from evaluation.harness.campaign import Campaign, Outcome, Skipped
 
 Quick = Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")]
-Plot = Annotated[Path | None, typer.Option(help="A PNG file for the picture; needs matplotlib.")]
-AsJson = Annotated[bool, typer.Option("--json", help="One JSON object instead of tables.")]
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
 app.add_typer(bench, name="bench")
+app.add_typer(attacks.app)
 
 
 @app.command(epilog="Example: ztpm eval stops --count 20")
@@ -53,10 +51,10 @@ def stops(
     from evaluation.stops.report import plot, rows, table
 
     if out is not None:
-        _place(out / "stops.json")
+        place(out / "stops.json")
     seed = secrets.randbits(32) if seed is None else seed
     try:
-        with _telling(f"a cell, seed {seed}") as told:
+        with telling(f"a cell, seed {seed}") as told:
             progress = lambda kind, n: told(f"{kind}: {n}")  # noqa: E731
             reports = list(measure(count=count, walk_in=walk_in, seed=seed, progress=progress))
     except (MeasureError, StageError) as error:
@@ -98,9 +96,9 @@ def paper(
     from evaluation.paper.sweep import PhysicsError
 
     if out is not None:
-        _place(out / "paper.json")
+        place(out / "paper.json")
     try:
-        with _telling() as told:
+        with telling() as told:
             result = run(each=each, told=told)
     except (ReplayError, PhysicsError) as error:
         fail("NOT_MEASURED", str(error))
@@ -108,7 +106,7 @@ def paper(
         (out / "paper.json").write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
         with suppress(AbsentError):
             draw(result, out / "paper.png")
-    _say(result, tables, last_line, as_json=as_json)
+    say(result, tables, last_line, as_json=as_json)
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
@@ -136,112 +134,16 @@ def dojo(
     from ztpm_idp.client import ClientError
 
     if out is not None:
-        _place(out)
+        place(out)
     try:
-        with _telling() as told:
+        with telling() as told:
             python = prepared(environment or usual_folder(os.environ), told)
             result = run(python, tasks=tasks, only=suite or (), told=told)
     except (NoEnvironmentError, SuiteError, ScopeFileError, ChildError, ClientError) as error:
         fail("NOT_MEASURED", str(error))
     if out is not None:
         out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    _say(result, tables, last_line, as_json=as_json)
-    raise typer.Exit(0 if result.ok else FAILURE)
-
-
-@app.command(epilog="Example: ztpm eval redteam --sample 5 --seed 1")
-def redteam(
-    *,
-    sample: Annotated[
-        int, typer.Option(min=0, help="Scenarios of each class, hazardous and benign, that are drawn; 0 for all.")
-    ] = 0,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of the sample; a fresh one is drawn and told.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="This scenario alone, by its id; may be repeated.")] = None,
-    cells: Annotated[int, typer.Option(min=1, max=8, help="Cells beside each other; each wants a core.")] = 2,
-    meshes: Annotated[Path | None, typer.Option(help="Folder of the vendor's UR3e description.")] = None,
-    ledger: Annotated[
-        Path | None, typer.Option(help="File that keeps each run, to go on where this was ended.", dir_okay=False)
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
-    plot: Plot = None,
-    as_json: AsJson = False,
-) -> None:
-    """Attacks of all five classes, forced on running cells, with and without enforcement (hours; see --sample).
-
-    The exit status is not 0 when a bar is missed.
-    """
-    from evaluation.harness.absent import AbsentError
-    from evaluation.redteam.campaign import RedRequest, RequestError, campaign
-    from evaluation.redteam.ledger import LedgerError
-    from evaluation.redteam.picture import draw
-    from evaluation.redteam.result import last_line, tables
-    from evaluation.redteam.scenario import ScenarioError
-
-    for file in (out, ledger):
-        if file is not None:
-            _place(file)
-    seed = secrets.randbits(32) if seed is None else seed
-    try:
-        with _telling() as told:
-            result = campaign(RedRequest(sample, seed, tuple(only or ()), cells, meshes, ledger), told)
-    except (RequestError, LedgerError, ScenarioError, AbsentError) as error:
-        fail("NOT_MEASURED", str(error))
-    if out is not None:
-        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    if plot is not None:
-        try:
-            draw(result, plot)
-        except AbsentError as error:
-            fail("NOT_PLOTTED", str(error))
-    if not as_json and sample:
-        console.print(f"seed {seed}")
-    _say(result, tables, last_line, as_json=as_json)
-    raise typer.Exit(0 if result.ok else FAILURE)
-
-
-@app.command(epilog="Example: ztpm eval coverage --sample 1 --seed 1")
-def coverage(
-    *,
-    sample: Annotated[
-        int, typer.Option(min=0, help="Cells of each attack class that are drawn, with one scenario each; 0 for all.")
-    ] = 0,
-    seed: Annotated[int | None, typer.Option(min=0, help="Of every draw; a fresh one is drawn and told.")] = None,
-    only: Annotated[list[str] | None, typer.Option(help="This primitive alone, by its id; may be repeated.")] = None,
-    meshes: Annotated[Path | None, typer.Option(help="Folder of the vendor's UR3e description.")] = None,
-    ledger: Annotated[
-        Path | None, typer.Option(help="File that keeps each run, to go on where this was ended.", dir_okay=False)
-    ] = None,
-    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
-    as_json: AsJson = False,
-) -> None:
-    """The paper's coverage table, each cell by taking primitives out of a running cell (an hour; see --sample).
-
-    A cell that is not shown says so. The exit status is not 0 when a run did not come about.
-    """
-    from evaluation.coverage.result import last_line, tables
-    from evaluation.coverage.run import CoverageRequest, coverage
-    from evaluation.harness.absent import AbsentError
-    from evaluation.redteam.campaign import MESHES
-    from evaluation.redteam.judging import judge_of
-    from evaluation.redteam.ledger import LedgerError
-    from evaluation.redteam.referee import RefereeError
-    from evaluation.redteam.scenario import ScenarioError
-
-    for file in (out, ledger):
-        if file is not None:
-            _place(file)
-    seed = secrets.randbits(32) if seed is None else seed
-    try:
-        judge = judge_of(meshes or MESHES)
-        with _telling() as told:
-            result = coverage(CoverageRequest(sample, seed, tuple(only or ()), ledger), judge, told)
-    except (RefereeError, LedgerError, ScenarioError, AbsentError) as error:
-        fail("NOT_MEASURED", str(error))
-    if out is not None:
-        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
-    if not as_json:
-        console.print(f"seed {seed}")
-    _say(result, tables, last_line, as_json=as_json)
+    say(result, tables, last_line, as_json=as_json)
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
@@ -259,9 +161,9 @@ def law(
     from evaluation.redteam.scenario import ScenarioError, scenarios
 
     if out is not None:
-        _place(out)
+        place(out)
     try:
-        with _telling() as told:
+        with telling() as told:
             result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
             told("joint moves of the red team")
             tallied = tally(scenarios())
@@ -276,7 +178,7 @@ def law(
     console.print(f"seed {result.seed}")
     console.print(laws_table(tallied))
     console.print()
-    _say(result, tables, last_line, as_json=False)
+    say(result, tables, last_line, as_json=False)
 
 
 @bench.command("capabilities", epilog="Example: ztpm eval bench capabilities --quick")
@@ -326,11 +228,11 @@ def bench_idp(
 
     sizes: dict[str, Any] = {"batch": 20, "rounds": 1, "workers": (1,)} if quick else {}
     try:
-        with _telling() as told:
+        with telling() as told:
             result = run(database or KINDS, agents=agents, told=told, **sizes)
     except (WrongAnswerError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
-    _say(result, tables, last_line, as_json=as_json)
+    say(result, tables, last_line, as_json=as_json)
 
 
 @bench.command("pit", epilog="Example: ztpm eval bench pit --quick")
@@ -358,7 +260,7 @@ def bench_rtde(
     from evaluation.rtde.run import run
 
     try:
-        with _telling() as told:
+        with telling() as told:
             result = run(seconds, told=told)
     except StreamBrokenError as error:
         fail("NOT_MEASURED", str(error))
@@ -384,11 +286,11 @@ def bench_tools(
     from ztpm_idp.client import ClientError
 
     try:
-        with _telling() as told:
+        with telling() as told:
             result = run(calls, seed=seed, told=told)
     except (NotMeasuredError, ClientError, ChildError) as error:
         fail("NOT_MEASURED", str(error))
-    _say(result, tables, last_line, as_json=as_json)
+    say(result, tables, last_line, as_json=as_json)
 
 
 def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:
@@ -399,7 +301,7 @@ def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_jso
 
     plan, few = (bench.quick, bench.few) if quick else (bench.full, {})
     try:
-        with _telling() as told:
+        with telling() as told:
             result = bench.run(plan, seed=seed, told=told, **few)
         if plot is not None:
             bench.picture(result, plot)
@@ -497,42 +399,9 @@ def _campaigns(
     if not as_json:
         console.print(f"seed {seed}")
     found: list[tuple[Campaign, Outcome | Skipped]] = []
-    with _telling() as told:
+    with telling() as told:
         for campaign in chosen:
             tell = lambda what, of=campaign.id: told(f"{of}: {what}")  # noqa: E731
             settings = Settings(quick=quick, seed=seed, vectors=vectors, clock_ns=time.perf_counter_ns, told=tell)
             found.append((campaign, campaign.run(settings)))
     return found, report(found, quick=quick, seed=seed)
-
-
-def _place(file: Path) -> None:
-    """Makes the file of a result, empty, before what takes long is begun.
-
-    Ends the command with `UNWRITABLE` where that cannot be.
-    """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
-    except OSError as error:
-        fail_at(file, error, "UNWRITABLE")
-
-
-def _say(
-    result: Any, tables: Callable[[Any], Sequence[Table]], last_line: Callable[[Any], str], *, as_json: bool
-) -> None:
-    """Prints a result: one JSON object, or its tables, the machine, and the figures that count last."""
-    if as_json:
-        say_json(result.to_json())
-        return
-    for table in tables(result):
-        console.print(table)
-        console.print()
-    console.print(f"{result.seconds:.0f} s on {result.machine['processor']}; load {result.machine['load'][0]}")
-    console.print(last_line(result))
-
-
-@contextmanager
-def _telling(what: str = "measuring") -> Iterator[Callable[[str], None]]:
-    """Shows on standard error what is told, and how long it takes where nothing is."""
-    with waiting(what):
-        yield SHOWN.tell

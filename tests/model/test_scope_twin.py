@@ -105,7 +105,7 @@ def test_a_request_is_permitted_when_counting_finds_it(scope, data):
     tier, second = data.draw(st.integers(0, 4)), data.draw(st.integers(0, 7))
     audience = data.draw(st.sampled_from(URLS))
     given_values = tuple(Quantity(p.name, p.unit, value) for p, value in zip(PARAMETERS, point, strict=False))
-    act = twin.Act("arm", operation, given_values, Tier(tier), second, audience)
+    act = twin.TriedAct("arm", operation, given_values, Tier(tier), second, audience)
     expected = (operation, point, tier, audience, second) in everything(scope)
     assert twin.acts((whole(scope),), act) == [expected]
     assert twin.acts((whole(scope), Restriction()), act) == [expected] * 2
