@@ -55,7 +55,7 @@ from evaluation.redteam.acts.telling import Instruct, Message
 from evaluation.redteam.parts import Moment
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
 Motion = MoveJoint | MovePath | SpeedJoint | StepJoint | SwingJoint | QueueJoint | GripperMove | Wait | Program | Send
 Perception = Frames | Silence | Blinker | Restart
@@ -186,8 +186,3 @@ def sampled(of: Sequence[Scenario], number: int, seed: int) -> tuple[Scenario, .
             these = [one for one in of if (one.attack, one.kind) == (attack, kind)]
             chosen += draw.sample(these, min(number, len(these)))
     return tuple(sorted(chosen, key=lambda one: one.id))
-
-
-def known_ids(of: Iterable[Scenario]) -> frozenset[str]:
-    """Ids of these scenarios."""
-    return frozenset(one.id for one in of)
