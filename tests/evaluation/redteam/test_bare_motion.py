@@ -41,6 +41,7 @@ by = "robotic"
 """
 
 
+@pytest.mark.campaign
 def test_arm_goes_where_each_act_asks():
     acts = [f'do = "{name}"\n{rest}' for name, rest in MOTIONS.items()]
     acts += [f'do = "program"\nsteps = [{step}]' for step in STEPS.values()]

@@ -1,4 +1,4 @@
-"""Motions of the red team by the laws of the index: contacts are missed by none, and what no law is about is left out."""
+"""Motions of the red team by the laws of the index: contacts, ways past them, and other hazards."""
 
 import pytest
 from evaluation.pit.law import LAWS
