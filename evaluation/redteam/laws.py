@@ -1,4 +1,4 @@
-"""Motions of the red team by each law of the index: hazards that it misses, and work about which it asks.
+"""Motions of the red team by each law of the index: hazards that it misses, and work that it questions.
 
 Only joint moves in a scene that stands still are looked at, with everything in view that is truly there; what a law
 makes of a deceived sensor is no question of the law.
