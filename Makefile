@@ -56,7 +56,7 @@ campaign:  ## every claim about tokens, decisions, trust and behaviour, tried in
 redteam:  ## every attack of evaluation/scenarios in every mode on running cells (hours); goes on where it was ended; the figures last
 	uv run --extra all --extra bench --group dev ztpm eval redteam --ledger .redteam --out evaluation/results/redteam.json
 
-coverage:  ## each cell of the paper's coverage table by taking primitives out of a running cell (an hour); goes on where it was ended; the figures last
+coverage:  ## each cell of the paper's coverage table by taking primitives out of a running cell (long); goes on where it was ended; the figures last
 	uv run --extra all --extra bench --group dev ztpm eval coverage --ledger .coverage-runs --out evaluation/results/coverage.json
 
 soundness:  ## 20,000 motions, half of them lines, paths and streams, against MuJoCo, their certificates and corrupted ones; goes on where it was ended

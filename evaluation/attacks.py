@@ -80,7 +80,7 @@ def coverage(
     out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
     as_json: AsJson = False,
 ) -> None:
-    """The paper's coverage table, each cell by taking primitives out of a running cell (an hour; see --sample).
+    """The paper's coverage table, each cell by taking primitives out of a running cell (long; see --sample).
 
     A cell that is not shown says so. The exit status is not 0 when a run did not come about.
     """

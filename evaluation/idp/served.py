@@ -2,28 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
-from typing import TYPE_CHECKING
 
 import uvicorn
 
 from capabilities.keys import keys
+from evaluation.harness.announcing import Announcing
 from evaluation.idp.bare import bare_app
-
-if TYPE_CHECKING:
-    import socket
-
-
-class BareServer(uvicorn.Server):
-    """Server that says on standard output, in one JSON line, that it listens."""
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listens, and says so."""
-        await super().startup(sockets)
-        sys.stdout.write(json.dumps({"ready": True}) + "\n")
-        sys.stdout.flush()
 
 
 def main() -> None:
@@ -33,7 +19,7 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
     app = bare_app(database, issuer, keys.generate())
     # Loop and parser of the provider, which has no other in any environment.
-    BareServer(
+    Announcing(
         uvicorn.Config(
             app, host=host, port=int(port), log_level="warning", access_log=False, loop="asyncio", http="h11"
         )

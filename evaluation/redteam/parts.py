@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import msgspec
 
@@ -13,6 +14,16 @@ if TYPE_CHECKING:
 
 Place = Literal["arm", "desk"]
 """Servers whose tools an agent calls."""
+
+
+SCENARIO_ID: Final = re.compile(r"(AC-[1-5])-(B?)\d{3}")
+"""`AC-4-017` is a hazardous scenario, `AC-4-B017` a benign one."""
+
+
+def is_benign(scenario: str) -> bool:
+    """True for the id of a benign scenario."""
+    parts = SCENARIO_ID.fullmatch(scenario)
+    return parts is not None and bool(parts[2])
 
 
 class Effect(StrEnum):

@@ -88,6 +88,7 @@ def played(
     first_s, first_wall_s = time.monotonic(), time.time()
     with _changing(scenario, arena):
         came = _acts(scenario, arena)
+        acted_s = time.monotonic()
         arena.settle()
     samples = arena.eyes.since(first_s)
     harm = (*judge(samples, first_s, scenario), *arena.harm())
@@ -101,8 +102,7 @@ def played(
         refused=not scenario.hazardous and refused(came, scenario.expects),
         came=came,
         harm=tuple(sorted(harm, key=lambda one: one.at_s)),
-        primitives=tuple(sorted(named)),
-        contained_s=round((moving[-1] if moving else time.monotonic()) - first_s, 3),
+        contained_s=round((moving[-1] if moving else acted_s) - first_s, 3),
         seconds=round(time.monotonic() - begun_s, 3),
         digest=arena.digest(),
         named_s={id_: round(at_s - first_wall_s, 3) for id_, at_s in sorted(named.items())},

@@ -6,7 +6,7 @@ from enum import StrEnum
 
 import msgspec
 
-from evaluation.redteam.parts import Came, Effect
+from evaluation.redteam.parts import Came, Effect, is_benign
 
 
 class End(StrEnum):
@@ -46,7 +46,6 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
         refused: a benign scenario was kept from its work.
         came: what came of each act.
         harm: that was seen, in order of time.
-        primitives: those that findings on record name.
         named_s: time of the first record that names each of them, after the first act was begun.
         contained_s: from the begin of the first act to the last motion of the arm, or to the refusal where none moved.
         seconds: of the run, with its preparation.
@@ -60,11 +59,20 @@ class RunRecord(msgspec.Struct, frozen=True, kw_only=True):
     refused: bool
     came: tuple[Came, ...]
     harm: tuple[HarmSeen, ...]
-    primitives: tuple[str, ...]
     contained_s: float
     seconds: float
     digest: str = ""
     named_s: dict[str, float] = msgspec.field(default_factory=dict)
+
+    @property
+    def hazardous(self) -> bool:
+        """True where its scenario does harm, by the scenario's id."""
+        return not is_benign(self.scenario)
+
+    @property
+    def primitives(self) -> tuple[str, ...]:
+        """Primitives that findings on record name."""
+        return tuple(self.named_s)
 
     @property
     def key(self) -> tuple[str, str, bool]:

@@ -49,7 +49,7 @@ class Rows:
     def of(self, attack: str, *, hazardous: bool) -> list[RunRecord]:
         """Runs of the hazardous or benign scenarios of an attack class, or of all with `TOTAL`."""
         wanted = [run for id_, run in self.runs.items() if attack in (TOTAL, id_[:4])]
-        return [run for run in wanted if ("-B" in run.scenario) is not hazardous]
+        return [run for run in wanted if run.hazardous is hazardous]
 
     def executed(self, attack: str) -> int:
         """Number of hazardous scenarios that did their harm."""
@@ -141,7 +141,7 @@ class RedResult:
         real, of = bare.executed(TOTAL), len(bare.of(TOTAL, hazardous=True))
         if real < REAL_LEAST * of:
             yield f"with no enforcement {real} of {of} hazardous scenarios executed: this is no red team"
-        spoilt = sorted({run.scenario for run in self.played.runs if run.harm and "-B" in run.scenario})
+        spoilt = sorted({run.scenario for run in self.played.runs if run.harm and not run.hazardous})
         if spoilt:
             yield f"benign scenarios did harm: {', '.join(spoilt)}"
         for words, absent in (("an approver who says yes", False), ("an absent approver", True)):

@@ -26,7 +26,6 @@ world and its acts:
 from __future__ import annotations
 
 import random
-import re
 import tomllib
 from importlib.resources import files
 from typing import TYPE_CHECKING, Final, Literal
@@ -52,7 +51,7 @@ from evaluation.redteam.acts.raw import Send
 from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
 from evaluation.redteam.acts.stopping import Halt, Persist, Storm
 from evaluation.redteam.acts.telling import Instruct, Message
-from evaluation.redteam.parts import Moment
+from evaluation.redteam.parts import SCENARIO_ID, Moment
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -65,8 +64,6 @@ Anyone = Motion | Perception | Text | Authority
 """Every act that there is; `do` tells them apart."""
 
 CLASSES: Final = ("AC-1", "AC-2", "AC-3", "AC-4", "AC-5")
-_ID: Final = re.compile(r"(AC-[1-5])-(B?)\d{3}")
-"""`AC-4-017` is a hazardous scenario, `AC-4-B017` a benign one."""
 HOME_RAD: Final = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
 
 
@@ -158,7 +155,7 @@ def read(texts: Mapping[str, str]) -> tuple[Scenario, ...]:
 
 def _fault(one: Scenario, earlier: Mapping[str, Scenario]) -> str:
     """Fault of a scenario that its types do not tell, or nothing."""
-    parts = _ID.fullmatch(one.id)
+    parts = SCENARIO_ID.fullmatch(one.id)
     if parts is None or (parts[2] == "B") is one.hazardous:
         return "an id is AC-1-001 where it is hazardous, and AC-1-B001 where it is benign"
     if one.id in earlier:

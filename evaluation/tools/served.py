@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import signal
 import sys
 from typing import TYPE_CHECKING, Final
@@ -11,25 +10,14 @@ from urllib.parse import urlsplit
 import uvicorn
 from mcp.server.transport_security import TransportSecuritySettings
 
+from evaluation.harness.announcing import Announcing
 from evaluation.tools import act
 from pep import GuardConfig, guard
 
 if TYPE_CHECKING:
-    import socket
-
     from starlette.types import Receive, Scope, Send
 
 BARE_PATH: Final = "/bare"
-
-
-class Announcing(uvicorn.Server):
-    """Server that says on standard output, in one JSON line, that it listens."""
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        """Listens, and says so."""
-        await super().startup(sockets)
-        sys.stdout.write(json.dumps({"ready": True}) + "\n")
-        sys.stdout.flush()
 
 
 def main() -> None:

@@ -10,7 +10,7 @@ import json
 import secrets
 import time
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Protocol, TypeVar
 
 from rtde_receive import RTDEReceiveInterface
 
@@ -53,6 +53,27 @@ WAIT_S: Final = 15.0
 
 class StageError(RuntimeError):
     """Requirement of the story that did not come about."""
+
+
+class Reasoned(Protocol):
+    """Answer with a reason code."""
+
+    @property
+    def reason(self) -> str:
+        """Code of the reason."""
+
+
+ReasonedAnswer = TypeVar("ReasonedAnswer", bound=Reasoned)
+
+
+def in_time(ask: Callable[[], ReasonedAnswer]) -> ReasonedAnswer:
+    """Answer to a request that is sent again, as its reason advises, where the verdict came too late."""
+    answer = ask()
+    for _ in range(SEND_TRIES - 1):
+        if answer.reason != "VERDICT_EXPIRED":
+            break
+        answer = ask()
+    return answer
 
 
 def until(seen: Callable[[], bool], what: str) -> None:
@@ -249,12 +270,7 @@ class Stage:
 
         auth = self.agents[agent].auth(token or self.tokens[agent])
         server = url or self.cell.addresses.audience
-        answer = call(server, auth, tool, arguments)
-        for _ in range(SEND_TRIES - 1):
-            if answer.reason != "VERDICT_EXPIRED":
-                break
-            answer = call(server, auth, tool, arguments)
-        return answer
+        return in_time(lambda: call(server, auth, tool, arguments))
 
     def scene(
         self, *, people: list[dict[str, object]] | None = None, objects: list[dict[str, object]] | None = None

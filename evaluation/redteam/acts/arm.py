@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 from evaluation.redteam.acts.act import Act
 from evaluation.redteam.parts import Came, Effect
 from pep.rtde.robot.gripper import RobotiqGripper
-from ztpm.stage.stage import until
+from ztpm.stage.stage import ACCELERATION_RAD_S2, until
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from evaluation.redteam.bare import BareArena
     from evaluation.redteam.guarded import GuardedArena
 
-ACCELERATION_RAD_S2: Final = 1.4
-"""Acceleration of the paper's replayed traces (`evaluation.paper`); ur_rtde's own default of moveJ."""
 UNDER_WAY_RAD: Final = 0.02
 """An arm that has come this far is under way."""
 NOT_DONE: Final = "NOT_DONE"

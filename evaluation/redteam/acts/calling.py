@@ -14,9 +14,10 @@ from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.narrowing import Narrowing  # noqa: TC001 - msgspec reads it
 from evaluation.redteam.acts.presenting import Presents, credentials
 from evaluation.redteam.parts import Came, Effect, Place
+from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from ztpm.demo.forgeries import PLAIN_CALL
 from ztpm.stage.calls import Answer, call, resend, send
-from ztpm.stage.stage import SEND_TRIES
+from ztpm.stage.stage import in_time
 
 if TYPE_CHECKING:
     from evaluation.redteam.attempts import Begun
@@ -27,8 +28,6 @@ MOVED_RAD: Final = 0.005
 """Way of a joint from which on the arm has moved: more than the noise of standstill."""
 MOST_WORDS: Final = 160
 """Characters of what is told of a harm."""
-STOP_RAD_S2: Final = 8.0
-"""Deceleration of a stop, as the cell's."""
 ARM_POINTS: Final = frozenset({"move_joint", "move_path", "speed_joint", "gripper_move", "set_digital_output"})
 """Tools of the arm on which e5 decides, if nothing earlier does."""
 
@@ -114,12 +113,7 @@ class Call(Act, frozen=True, kw_only=True, tag="call"):
         if self.again:
             earlier = arena.attempts.sent[self.again]
             return resend(earlier, body=self._other_body(earlier.body) if self.arguments else None)
-        answer = self._once(arena, url)
-        for _ in range(SEND_TRIES - 1):
-            if answer.reason != "VERDICT_EXPIRED":
-                break
-            answer = self._once(arena, url)
-        return answer
+        return in_time(lambda: self._once(arena, url))
 
     def _once(self, arena: GuardedArena, url: str) -> Answer:
         """Answer to the call with credentials that are made for it."""
@@ -178,6 +172,6 @@ def drive(arena: BareArena, tool: str, arguments: dict[str, Any]) -> None:
         threading.Event().wait(told["duration_s"])
         control.speedStop(told["acceleration_rad_s2"])
     elif tool == "stop":
-        control.stopJ(STOP_RAD_S2)
+        control.stopJ(STOP_DECELERATION_RAD_S2)
     elif tool != "read_state":  # which an unmodified client reads on a connection of its own
         raise ValueError(f"no tool of the arm that is driven without enforcement: {tool}")

@@ -11,13 +11,13 @@ import msgspec
 from capabilities.keys import keys
 from capabilities.statements.context import memory, response
 from capabilities.values.caps import DEFAULT as CAPS
-from evaluation.redteam.acts.telling import HARMLESS, PERSON, Entering, in_time
+from evaluation.redteam.acts.telling import HARMLESS, PERSON, Entering
 from evaluation.redteam.admission.told import Told, ToolRefusedError, Vouched
 from evaluation.redteam.parts import Came, Effect
 from pep.context import json_value
 from pep.context.memory_rows import MemoryRow
 from ztpm.stage.lending import hop_id
-from ztpm.stage.stage import until
+from ztpm.stage.stage import in_time, until
 
 if TYPE_CHECKING:
     from evaluation.redteam.admission.room import AdmissionRoom

@@ -13,7 +13,9 @@ import msgspec
 from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.lending import Withdraw
 from evaluation.redteam.parts import Came, Effect
+from pep.rtde.robot.connections import DASHBOARD
 from ztpm.stage.calls import call
+from ztpm.stage.stage import ACCELERATION_RAD_S2
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -26,8 +28,6 @@ HALTED_S: Final = 1.5
 """Time from a person's stop after which nothing moves: a second to be known everywhere, and the way to standstill."""
 LOOKED_S: Final = 3.0
 """So long the arm is looked at after a stop."""
-DASHBOARD_PORT: Final = 29_999
-ACCELERATION_RAD_S2: Final = 1.4
 STILL_RAD_S: Final = 0.01
 
 
@@ -131,7 +131,7 @@ class Halt(Act, frozen=True, kw_only=True, tag="halt"):
     def bare(self, arena: BareArena) -> Came:
         """Says stop at the dashboard."""
         time.sleep(self.after_s)
-        with socket.create_connection((arena.host, DASHBOARD_PORT), timeout=HALTED_S) as line:
+        with socket.create_connection((arena.host, DASHBOARD), timeout=HALTED_S) as line:
             line.recv(256)
             line.sendall(b"stop\n")
             line.recv(256)

@@ -7,15 +7,12 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal
 from capabilities.keys import keys
 from capabilities.statements.context import intent
 from evaluation.redteam.acts.act import Act
-from evaluation.redteam.acts.arm import ACCELERATION_RAD_S2
 from evaluation.redteam.admission.saying import altered, intent_of, message_of, signed
 from evaluation.redteam.parts import Came, Effect
 from ztpm.stage.lending import hop_id
-from ztpm.stage.stage import SEND_TRIES, until
+from ztpm.stage.stage import ACCELERATION_RAD_S2, in_time, until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from capabilities.keys.keys import PrivateKey
     from evaluation.redteam.admission.room import AdmissionRoom
     from evaluation.redteam.admission.told import Told
@@ -34,16 +31,6 @@ PERSON: Final = "alice"
 """Person whose word it is, or is said to be."""
 HARMLESS: Final = "Stay where you are, please."
 """Text that was there before another one took its place."""
-
-
-def in_time(say: Callable[[], Told]) -> Told:
-    """Answer to a statement, which is said anew where the verdict came too late on a loaded machine."""
-    told = say()
-    for _ in range(SEND_TRIES - 1):
-        if told.reason != "VERDICT_EXPIRED":
-            break
-        told = say()
-    return told
 
 
 class Entering(Act, frozen=True, kw_only=True):

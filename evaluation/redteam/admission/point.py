@@ -11,9 +11,7 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import json
 import re
-import sys
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,6 +29,7 @@ from capabilities.values import strict_json
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
 from capabilities.values.errors import CapabilityError, Fault, FaultCode
+from evaluation.harness.announcing import Announcing
 from evaluation.redteam.admission.shelves import MemoryFolder, Shelf
 from evaluation.redteam.admission.tools import notes_server
 from evaluation.redteam.admission.words import FORMS
@@ -328,13 +327,6 @@ def main() -> None:
     known = {name: {id_: bytes.fromhex(raw) for id_, raw in given[name].items()} for name in ("people", "curators")}
     point = AdmissionPoint(GuardConfig.read(path.parent / given["guard"]), **known)
 
-    class Told(uvicorn.Server):
-        async def startup(self, sockets: Any = None) -> None:
-            await super().startup(sockets)
-            if self.started:
-                sys.stdout.write(json.dumps({"ready": True}) + "\n")
-                sys.stdout.flush()
-
     parts = urlsplit(point.config.audience)
     settings = uvicorn.Config(
         point,
@@ -346,7 +338,7 @@ def main() -> None:
         access_log=False,
         server_header=False,
     )
-    Told(settings).run()
+    Announcing(settings).run()
 
 
 if __name__ == "__main__":

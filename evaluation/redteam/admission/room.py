@@ -22,7 +22,7 @@ from evaluation.redteam.admission.shelves import MemoryFolder, Shelf
 from evaluation.redteam.admission.told import Told, ToolRefusedError, Vouched
 from evaluation.redteam.admission.tools import OUTBOX, functions, notes_server, rows
 from evaluation.redteam.cast import FASTEST_URAD_S, ROLES, SPONSOR
-from pep import pins
+from evaluation.redteam.guarding import FOLDER, JOURNAL, KEY, registered
 from pep.base.declaration import grant
 from pep.journal.replay_cache import proof_name
 from pep.mcp.mapping import Misfit, to_request
@@ -34,7 +34,7 @@ from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.cell.provider_setup import toml
 from ztpm.stage.calls import call
 from ztpm.stage.lending import lent
-from ztpm.stage.stage import SEND_TRIES, StageError, until
+from ztpm.stage.stage import StageError, in_time, until
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -46,7 +46,6 @@ if TYPE_CHECKING:
 
 PORT: Final = 8840
 PEP: Final = "admission-1"
-KEY: Final = "point.key"
 PEOPLE: Final = ("alice", "bob")
 """People whose word is an instruction."""
 CURATORS: Final = ("dora", "emil")
@@ -169,11 +168,7 @@ class AdmissionRoom:
         """
         caller = self.stage.agents[agent]
         auth, asked = caller.auth(self.stage.tokens[agent]), {RECEIPT: True}
-        answer = call(self.audience, auth, tool, arguments, asked)
-        for _ in range(SEND_TRIES - 1):
-            if answer.reason != "VERDICT_EXPIRED":
-                break
-            answer = call(self.audience, auth, tool, arguments, asked)
+        answer = in_time(lambda: call(self.audience, auth, tool, arguments, asked))
         if answer.decision != "PERMIT" or answer.exchange is None:
             raise ToolRefusedError(tool, answer.reason)
         headers = {name.lower(): value for name, value in answer.exchange.headers.items()}
@@ -268,34 +263,15 @@ def admission_room(stage: Stage, *, begin: Callable[..., Child] = Child.begin) -
     Raises:
         ztpm.base.processes.ChildError: it does not become ready.
     """
-    layout, admin = stage.cell.layout, stage.person("carol")
-    root = layout.root / "admission"
-    folder = root / "point"
-    folder.mkdir(mode=0o700, parents=True)
-    secret = stage.cell.passphrase
+    root = stage.cell.layout.root / "admission"
+    root.mkdir(mode=0o700)
+    folder, secret = root / FOLDER, stage.cell.passphrase
     room = AdmissionRoom(stage, folder, {name: new_key(root / f"{name}.key", secret) for name in CURATORS})
-    admin.register_pep(PEP, keys.public_raw(new_key(root / KEY, secret)), [room.audience])
-    for pin in pins(notes_server(folder)):  # the composition is what was reviewed
-        admin.register_tool(
-            audience=room.audience,
-            name=pin.name,
-            definition_digest=pin.definition_digest,
-            operation=pin.operation,
-            base_tier=int(pin.base_tier),
-        )
-    guard = {
-        "audience": room.audience,
-        "pep_id": PEP,
-        "issuer": stage.cell.addresses.issuer,
-        "trust_file": str(layout.trust),
-        "pep_key_file": KEY,
-        "folder": "point",
-    }
-    (root / "guard.toml").write_bytes(toml(guard))
+    guard = registered(stage, root, pep=PEP, audience=room.audience, server=notes_server(folder))
     people = {name: keys.public_raw(stage.person(name)._key).hex() for name in PEOPLE}  # noqa: SLF001 - the arena's own
     curators = {name: keys.public_raw(key).hex() for name, key in room.curators.items()}
     tables = b"[people]\n" + toml(people) + b"[curators]\n" + toml(curators)
-    (root / "point.toml").write_bytes(toml({"guard": "guard.toml"}) + tables)
+    (root / "point.toml").write_bytes(toml({"guard": guard.name}) + tables)
     child = begin(
         "admission point",
         "evaluation.redteam.admission.point",
@@ -303,9 +279,9 @@ def admission_room(stage: Stage, *, begin: Callable[..., Child] = Child.begin) -
         str(root / "point.toml"),
         environment={PASSPHRASE_VARIABLE: secret.decode()},
     ).until_ready()
-    stage.further_journals.append(folder / "journal.ndjson")
+    stage.further_journals.append(folder / JOURNAL)
     try:
         yield room
     finally:
-        stage.further_journals.remove(folder / "journal.ndjson")
+        stage.further_journals.remove(folder / JOURNAL)
         child.stop()

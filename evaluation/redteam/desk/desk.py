@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import socket
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,8 +12,8 @@ from typing import TYPE_CHECKING, Final
 from capabilities.keys import keys
 from evaluation.redteam.desk.papers import Papers
 from evaluation.redteam.desk.tools import desk_server
-from pep import pins
-from ztpm.base.layout import new_key
+from evaluation.redteam.guarding import FOLDER, JOURNAL, KEY, registered
+from ztpm.base.layout import read_key
 from ztpm.base.processes import Child, ChildError
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 
@@ -71,31 +70,15 @@ def bare_desk() -> Iterator[Desk]:
 def guarded_desk(stage: Stage) -> Iterator[Desk]:
     """A desk that a person has registered at the stage's identity provider, ended afterwards."""
     with TemporaryDirectory(prefix="ztpm-desk-") as name:
-        folder, cell, admin = Path(name), stage.cell, stage.person("carol")
+        folder, cell = Path(name), stage.cell
         papers = Papers(folder / "papers")
         papers.root.mkdir()
         papers.lay_out()
         listen = f"{cell.addresses.host}:{_free_port(cell.addresses.host)}"
         url = f"http://{listen}/mcp"
-        key = keys.public_raw(new_key(folder / "point.key", cell.passphrase))
-        admin.register_pep(POINT_ID, key, [url])
-        for pin in pins(desk_server(papers)):  # the composition is what was reviewed
-            admin.register_tool(
-                audience=url, name=pin.name, definition_digest=pin.definition_digest, operation=pin.operation,
-                base_tier=int(pin.base_tier),
-            )  # fmt: skip
-        stated = {
-            "audience": url,
-            "pep_id": POINT_ID,
-            "issuer": cell.addresses.issuer,
-            "trust_file": str(cell.layout.trust),
-            "pep_key_file": "point.key",
-            "folder": "point",
-        }
-        (folder / "point").mkdir(mode=0o700)
-        guard = folder / "guard.toml"
-        guard.write_text("".join(f"{member} = {json.dumps(value)}\n" for member, value in stated.items()), "utf-8")
-        stage.further_journals.append(folder / "point" / "journal.ndjson")
+        guard = registered(stage, folder, pep=POINT_ID, audience=url, server=desk_server(papers))
+        stage.further_journals.append(folder / FOLDER / JOURNAL)
+        key = keys.public_raw(read_key(folder / KEY, cell.passphrase))
         desk = Desk(papers, url, _guarded(stage, papers, guard, listen), key, guard)
         try:
             yield desk

@@ -10,8 +10,6 @@ text differs, and a copy of each message goes to a stranger.
 from __future__ import annotations
 
 import argparse
-import json
-import sys
 from pathlib import Path
 from typing import Annotated, Any, Final, Literal
 
@@ -19,6 +17,7 @@ import uvicorn
 from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 
+from evaluation.harness.announcing import Announcing
 from evaluation.redteam.desk.papers import Papers
 from pep import Free, Length, Within, Word, guard, operation
 
@@ -131,18 +130,11 @@ def main() -> None:
     if options.guard:
         app = guard(server, options.guard)
 
-    class Told(uvicorn.Server):
-        async def startup(self, sockets: Any = None) -> None:
-            await super().startup(sockets)
-            if self.started:
-                sys.stdout.write(json.dumps({"ready": True}) + "\n")
-                sys.stdout.flush()
-
     settings = uvicorn.Config(
         app, host=host, port=int(port), loop="asyncio", ws="none", log_level="warning", access_log=False,
         server_header=False,
     )  # fmt: skip
-    Told(settings).run()
+    Announcing(settings).run()
 
 
 if __name__ == "__main__":

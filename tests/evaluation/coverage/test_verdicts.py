@@ -15,7 +15,7 @@ def run(mode: str, *harm_s: float, named: dict | None = None) -> RunRecord:
     return RunRecord(
         scenario="AC-5-001", mode=mode, approver=False, end=End.EXECUTED if harm_s else End.DENIED, refused=False,
         came=(), harm=tuple(HarmSeen("fragile_contact", at_s, "glass-1") for at_s in harm_s),
-        primitives=tuple(sorted(named or {})), contained_s=1.0, seconds=2.0, named_s=named or {},
+        contained_s=1.0, seconds=2.0, named_s=named or {},
     )  # fmt: skip
 
 

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import msgspec
 import pytest
-from evaluation.redteam import ledger
+from evaluation.redteam import ledger, playing
 from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.record import End, HarmSeen, RunRecord, end_of, refused
 from evaluation.redteam.result import RedResult, last_line, tables
@@ -232,7 +232,28 @@ def test_benign_scenario_is_refused_where_it_is_kept_from_its_work(came, expects
 def test_digest_of_a_run_depends_on_what_came() -> None:
     run = RunRecord(
         scenario="AC-1-001", mode="all", approver=True, end=End.DENIED, refused=False, came=(NO,), harm=(),
-        primitives=(), contained_s=1.0, seconds=2.0,
+        contained_s=1.0, seconds=2.0,
     )  # fmt: skip
     assert ledger.digest(run) == ledger.digest(run)
     assert ledger.digest(run) != ledger.digest(msgspec.structs.replace(run, came=(DONE,)))
+
+
+def test_time_to_containment_ends_with_the_refusal_and_not_with_the_judgement(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = SimpleNamespace(now=0.0)
+
+    class Slow(Arena):
+        def perform(self, act) -> Came:
+            clock.now += 2.0
+            return NO
+
+        def settle(self) -> None:
+            clock.now += 10.0
+
+    def judge(*_: object) -> tuple:
+        clock.now += 100.0
+        return ()
+
+    monkeypatch.setattr(playing.time, "monotonic", lambda: clock.now)
+    setting = playing.Setting("all", approver=True)
+    arena = Slow(Arenas({("AC-1-001", "all", True): [NO]}), setting)
+    assert playing.played(scenario_files("AC-1-001")[0], arena, setting, judge).contained_s == 2.0
