@@ -23,6 +23,9 @@ def redteam(
     ] = 0,
     seed: Annotated[int | None, typer.Option(min=0, help="Of the sample; a fresh one is drawn and told.")] = None,
     only: Annotated[list[str] | None, typer.Option(help="This scenario alone, by its id; may be repeated.")] = None,
+    mode: Annotated[
+        list[str] | None, typer.Option(help="This mode alone: none, tokens, policy or all; may be repeated.")
+    ] = None,
     cells: Annotated[int, typer.Option(min=1, max=8, help="Cells beside each other; each wants a core.")] = 2,
     meshes: Annotated[Path | None, typer.Option(help="Folder of the vendor's UR3e description.")] = None,
     ledger: Annotated[
@@ -49,7 +52,9 @@ def redteam(
     seed = secrets.randbits(32) if seed is None else seed
     try:
         with telling() as told:
-            result = campaign(RedRequest(sample, seed, tuple(only or ()), cells, meshes, ledger), told)
+            result = campaign(
+                RedRequest(sample, seed, tuple(only or ()), tuple(mode or ()), cells, meshes, ledger), told
+            )
     except (RequestError, LedgerError, ScenarioError, AbsentError) as error:
         fail("NOT_MEASURED", str(error))
     if out is not None:

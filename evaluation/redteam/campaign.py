@@ -13,7 +13,7 @@ from evaluation.harness.machine import commit, machine
 from evaluation.redteam import ledger
 from evaluation.redteam.judging import judge_of
 from evaluation.redteam.referee import RefereeError
-from evaluation.redteam.result import RedResult
+from evaluation.redteam.result import MODES, RedResult
 from evaluation.redteam.run import Red
 from evaluation.redteam.scenario import sampled, scenarios
 
@@ -38,6 +38,7 @@ class RedRequest:
         sample: scenarios of each class, hazardous and benign; 0 for all.
         seed: of the sample.
         only: ids; empty for all.
+        modes: to play; empty for all four.
         cells: number of arenas beside each other.
         meshes: folder of the vendor's description of the arm, or None for that beside the checkout.
         ledger: file that keeps the runs, or None for none.
@@ -46,6 +47,7 @@ class RedRequest:
     sample: int
     seed: int
     only: tuple[str, ...]
+    modes: tuple[str, ...]
     cells: int
     meshes: Path | None
     ledger: Path | None
@@ -59,7 +61,7 @@ def campaign(request: RedRequest, told: Callable[[str], None]) -> RedResult:
         told: of the progress, by a short sentence.
 
     Raises:
-        RequestError: an id is unknown, or the vendor's meshes are missing or wrong.
+        RequestError: an id or a mode is unknown, or the vendor's meshes are missing or wrong.
         evaluation.redteam.scenario.ScenarioError: a scenario file is wrong.
         evaluation.redteam.ledger.LedgerError: the file has other runs.
         evaluation.harness.absent.AbsentError: without MuJoCo.
@@ -67,6 +69,8 @@ def campaign(request: RedRequest, told: Callable[[str], None]) -> RedResult:
     begun_s = time.monotonic()
     where, every = machine(), scenarios()
     chosen = _chosen(every, request)
+    if strange := sorted(set(request.modes) - MODES.keys()):
+        raise RequestError(f"{', '.join(strange)}: no mode has this name; there are {', '.join(MODES)}")
     of = ledger.campaign(every, commit())
     try:
         judge = judge_of(request.meshes or MESHES)
@@ -75,7 +79,7 @@ def campaign(request: RedRequest, told: Callable[[str], None]) -> RedResult:
     with ExitStack() as place:
         file = request.ledger or Path(place.enter_context(tempfile.TemporaryDirectory(prefix="ztpm-red-"))) / "runs"
         runs = place.enter_context(ledger.Ledger.open(file, of))
-        played = Red(runs, judge, told).play(chosen, cells=request.cells)
+        played = Red(runs, judge, told).play(chosen, cells=request.cells, modes=request.modes)
     return RedResult(
         scenarios=chosen,
         played=played,

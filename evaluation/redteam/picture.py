@@ -29,11 +29,14 @@ def draw(result: RedResult, file: Path) -> None:
     with sheet(file, "Hazardous scenarios that executed", result.machine, inches=(10, 4.2)) as (_, axes):
         for n, (mode, words) in enumerate(MODES.items()):
             rows = result.rows(mode)
+            if not rows.runs:
+                continue
             shares = [100 * rows.executed(g) / max(1, len(rows.of(g, hazardous=True))) for g in groups]
             places = [g + (n - 1.5) * WIDTH for g in range(len(groups))]
             drawn = axes.bar(places, shares, WIDTH, color=COLOURS[n], label=words)
             axes.bar_label(drawn, [str(rows.executed(g)) for g in groups], fontsize=7, padding=2)
-        counts = [len(result.rows("none").of(g, hazardous=True)) for g in groups]
+        hazards = [one.attack for one in result.scenarios if one.hazardous]
+        counts = [len(hazards) if g == TOTAL else hazards.count(g) for g in groups]
         axes.set_xticks(range(len(groups)), [f"{g}\n{n} scenarios" for g, n in zip(groups, counts, strict=True)])
         axes.set_ylabel("%")
         axes.set_ylim(0, 109)

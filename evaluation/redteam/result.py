@@ -137,6 +137,8 @@ class RedResult:
     def _missed(self) -> Iterator[str]:
         if self.played.unplayed:
             yield f"{len(self.played.unplayed)} runs did not come about"
+        if left := [mode for mode in MODES if not self.rows(mode).runs]:
+            yield f"not played: {', '.join(left)}"
         bare = self.rows("none")
         real, of = bare.executed(TOTAL), len(bare.of(TOTAL, hazardous=True))
         if real < REAL_LEAST * of:
@@ -197,12 +199,13 @@ def _spread(sorted_s: Sequence[float]) -> dict[str, float | None]:
 def tables(result: RedResult) -> tuple[Table, ...]:
     """Executed and refused by mode and class, where attacks were stopped, and by which reasons."""
     modes = []
-    for mode, words in MODES.items():
+    played = {mode: words for mode, words in MODES.items() if result.rows(mode).runs}
+    for mode, words in played.items():
         for absent in (False, True) if mode == "all" else (False,):
             rows = result.rows(mode, absent=absent)
             named = f"{words}, approver absent" if absent else words
             modes.append((named, *(_share(rows, attack) for attack in (*CLASSES, TOTAL)), _refusals(rows)))
-    ends = [(words, *(str(n) for n in result.rows(mode).ends()[TOTAL].values())) for mode, words in MODES.items()]
+    ends = [(words, *(str(n) for n in result.rows(mode).ends()[TOTAL].values())) for mode, words in played.items()]
     reasons = [(reason, str(n)) for reason, n in result.rows("all").reasons().items()]
     return (
         table("Hazardous scenarios that executed", ("mode",), (*CLASSES, TOTAL, "benign refused"), modes),

@@ -7,6 +7,7 @@ import threading
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final
 
 from evaluation.redteam.bare import bare_arena
@@ -15,7 +16,7 @@ from evaluation.redteam.guarded import guarded_arena
 from evaluation.redteam.playing import Setting, played
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from evaluation.redteam.ledger import Ledger
     from evaluation.redteam.playing import Arena, Judge
@@ -23,8 +24,10 @@ if TYPE_CHECKING:
     from evaluation.redteam.scenario import Scenario
 
 APPROVER: Final = "bob"
-SETTINGS: Final = (Setting("none", approver=False), *(Setting(mode, approver=True) for mode in MODES))
+SETTINGS: Final = (*(Setting(mode, approver=True) for mode in reversed(MODES)), Setting("none", approver=False))
 """Modes in the order in which they are begun; an absent approver is tried where the other one was asked."""
+SHARE_LEAST: Final = 10
+"""Scenarios that are worth a cell of their own beside another one in the same setting."""
 ABSENT: Final = Setting("all", approver=False)
 TRIES: Final = 3
 """Tries of a scenario: a loaded machine may refuse by itself, and a process of a cell may die."""
@@ -74,19 +77,21 @@ class Red:
     _count: int = 0
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
-    def play(self, scenarios: Sequence[Scenario], *, cells: int) -> Played:
-        """Runs of these scenarios in every mode; those that the ledger has are not played again.
+    def play(self, scenarios: Sequence[Scenario], *, cells: int, modes: Sequence[str] = ()) -> Played:
+        """Runs of these scenarios in each mode; those that the ledger has are not played again.
 
         Args:
             scenarios: to play.
             cells: number of arenas beside each other.
+            modes: to play; empty for every one.
         """
-        self._of = len(scenarios) * len(SETTINGS)
-        self._pass([(setting, list(scenarios)) for setting in SETTINGS], cells)
-        asked = [one for one in scenarios if self._was_asked(one)]
+        settings = [one for one in SETTINGS if not modes or one.mode in modes]
+        self._of = len(scenarios) * len(settings)
+        self._pass([(setting, list(scenarios)) for setting in settings], cells)
+        asked = [one for one in scenarios if ABSENT.mode in {each.mode for each in settings} and self._was_asked(one)]
         self._of += len(asked)
         self._pass([(ABSENT, asked)], cells)
-        wanted = {(one.id, s.mode, s.approver) for s in SETTINGS for one in scenarios}
+        wanted = {(one.id, s.mode, s.approver) for s in settings for one in scenarios}
         wanted |= {(one.id, ABSENT.mode, ABSENT.approver) for one in asked}
         self._done.runs = [run for key, run in self.ledger.runs.items() if key in wanted]
         return self._done
@@ -114,8 +119,8 @@ class Red:
             left = [one for one in scenarios if (one.id, setting.mode, setting.approver) not in known]
             with self._lock:
                 self._tell(len(scenarios) - len(left))
-            if left:
-                parts.put((setting, left))
+            for share in _shares(left, cells):
+                parts.put((setting, share))
         with ThreadPoolExecutor(cells) as workers:
             for done in [workers.submit(self._work, parts) for _ in range(cells)]:
                 done.result()
@@ -161,3 +166,10 @@ class Red:
     def _tell(self, more: int) -> None:
         self._count += more
         self.told(f"{self._count} of {self._of} runs")
+
+
+def _shares(left: Sequence[Scenario], cells: int) -> Iterator[list[Scenario]]:
+    """Parts of what is left in one setting, for so many cells beside each other; few scenarios stay together."""
+    count = max(1, min(cells, len(left) // SHARE_LEAST))
+    cuts = [len(left) * each // count for each in range(count + 1)]
+    yield from (list(left[low:high]) for low, high in pairwise(cuts) if low < high)

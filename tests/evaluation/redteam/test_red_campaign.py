@@ -104,9 +104,9 @@ class Arena:
         return ""
 
 
-def campaign(file: Path, arenas: Arenas, scenarios, cells: int = 2) -> RedResult:
+def campaign(file: Path, arenas: Arenas, scenarios, cells: int = 2, modes=()) -> RedResult:
     with ledger.Ledger.open(file, CAMPAIGN) as runs:
-        played = Red(runs, lambda *_: (), lambda _: None, arenas.open).play(scenarios, cells=cells)
+        played = Red(runs, lambda *_: (), lambda _: None, arenas.open).play(scenarios, cells=cells, modes=modes)
     return RedResult(scenarios, played, None, CAMPAIGN, 1.0, {"processor": "p", "load": [0], "cores": 2, "python": "3"})
 
 
@@ -152,6 +152,24 @@ def test_campaign_goes_on_where_it_was_ended(tmp_path: Path) -> None:
     assert len(result.played.runs) == 8
     assert campaign(file, last := Arenas(), scenarios).to_json()["runs"] == result.to_json()["runs"]
     assert last.opened == []
+
+
+def test_modes_that_are_not_asked_for_are_not_played_and_named(tmp_path: Path) -> None:
+    scenarios, arenas = scenario_files("AC-1-001", "AC-1-B001"), Arenas({("AC-1-001", "all", True): [NO]})
+    result = campaign(tmp_path / "runs", arenas, scenarios, modes=("all", "none"))
+    assert {setting.mode for setting in arenas.opened} == {"all", "none"}
+    assert result.missed == ("not played: tokens, policy",)
+    assert campaign(tmp_path / "runs", rest := Arenas(), scenarios).ok
+    assert {setting.mode for setting in rest.opened} == {"tokens", "policy"}
+
+
+def test_cells_beside_each_other_share_a_mode(tmp_path: Path) -> None:
+    arenas, scenarios = Arenas(), scenario_files(*(f"AC-1-{n:03}" for n in range(25)))
+    campaign(tmp_path / "runs", arenas, scenarios, modes=("none",))
+    assert len(arenas.opened) == 2
+    assert sorted(key[0] for key in arenas.performed[::2]) == [one.id for one in scenarios]
+    campaign(tmp_path / "one", one := Arenas(), scenarios[:19], modes=("none",))
+    assert len(one.opened) == 1
 
 
 @pytest.mark.parametrize(
