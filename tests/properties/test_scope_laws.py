@@ -307,6 +307,7 @@ def test_a_range_and_the_set_of_its_integers_are_one():
     assert caught.value.code is FaultCode.STATEMENT_MALFORMED
 
 
+@pytest.mark.campaign
 def test_the_strategies_reach_every_case():
     """Laws that only ever see one outcome show nothing."""
     seen = Counter()

@@ -94,6 +94,7 @@ def test_counts_are_by_tier_and_by_what_the_referee_says():
     assert "of 1 benign" in last_line(result)
 
 
+@pytest.mark.campaign
 def test_a_seed_draws_the_same_study():
     one, other = (study(4, seed=7, told=lambda _: None) for _ in range(2))
     assert one.drawn == other.drawn

@@ -10,6 +10,7 @@ import pytest
 
 @pytest.mark.e2e
 @pytest.mark.timeout(300)
+@pytest.mark.campaign
 def test_stops_are_measured_and_inside_the_model(tmp_path) -> None:
     command = [str(Path(sys.executable).with_name("ztpm")), "eval", "stops", "--count", "3", "--walk-in", "2", "--json"]
     done = subprocess.run(

@@ -23,8 +23,8 @@ def test_they_stand_in_the_order_of_their_bars():
     [
         (searches.MUTANTS, "QUICK_MUTANTS", 300),
         (searches.ENCODINGS, "QUICK_EVERY", 4_999),
-        (searches.ATTENUATION, "QUICK_PAIRS", 1_500),
-        (searches.LATTICE, "QUICK_PAIRS", 0),
+        pytest.param(searches.ATTENUATION, "QUICK_PAIRS", 1_500, marks=pytest.mark.campaign),
+        pytest.param(searches.LATTICE, "QUICK_PAIRS", 0, marks=pytest.mark.campaign),
     ],
     ids=lambda value: getattr(value, "id", ""),
 )
@@ -38,7 +38,10 @@ def test_a_quick_run_meets_its_bar(campaign, name, count, monkeypatch):
     assert first == found.figures.get("texts injected", 0) == 0
 
 
-@pytest.mark.parametrize(("campaign", "module"), [(searches.MUTANTS, mutants), (searches.ATTENUATION, attenuation)])
+@pytest.mark.parametrize(
+    ("campaign", "module"),
+    [(searches.MUTANTS, mutants), pytest.param(searches.ATTENUATION, attenuation, marks=pytest.mark.campaign)],
+)
 def test_what_is_missed_is_told(campaign, module, monkeypatch):
     """Fewer trials than were wanted are a miss."""
     real = module.run

@@ -281,6 +281,7 @@ def test_whatever_is_raised_is_a_failure():
 # --- A5 --------------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.campaign
 def test_no_child_permits_what_a_parent_does_not():
     figures = attenuation.run(1_600, seed=5, processes=1, each=200)
     assert not figures.missed, figures.missed

@@ -164,6 +164,7 @@ def test_a_clearance_that_is_not_the_sampled_one_is_seen(monkeypatch, change, se
     assert seen in complaints()
 
 
+@pytest.mark.campaign
 def test_a_certificate_that_is_not_verified_and_a_corrupted_one_that_is_are_seen(monkeypatch):
     true = trials.verify
     monkeypatch.setattr(trials, "verify", lambda text: true(text[:-1]))
