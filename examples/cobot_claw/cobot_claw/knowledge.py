@@ -17,6 +17,7 @@ import numpy as np
 from chromadb.utils.embedding_functions import register_embedding_function
 
 from capabilities.statements.context import manifest
+from cobot_claw.words import COLLECTIONS
 from pep.context.stores.chroma import ChromaCollection, FeatureHash, client
 
 if TYPE_CHECKING:
@@ -24,8 +25,6 @@ if TYPE_CHECKING:
 
 FOLDERS: Final = {"document": "handbook", "scenario": "scenarios"}
 """Folder of this package by kind of content."""
-NAMES: Final = {"document": "claw-handbook", "scenario": "claw-scenarios"}
-"""Name of each collection, as its manifest states it."""
 CURATOR: Final = "dora"
 LIFETIME_S: Final = 7 * 86_400
 """Life of a manifest: `manifest_age_s` of the policy set."""
@@ -90,7 +89,7 @@ def signed_manifest(kind: str, key: PrivateKey, *, at: int) -> str:
         at: now, seconds since the epoch; also the version, so that a later one takes an earlier one's place.
     """
     listed = tuple(manifest.entry_of(id_, text.encode(), "cobot-claw") for id_, text in contents(kind))
-    return manifest.sign(manifest.Manifest(NAMES[kind], kind, CURATOR, at, listed, at, at + LIFETIME_S), key)
+    return manifest.sign(manifest.Manifest(COLLECTIONS[kind], kind, CURATOR, at, listed, at, at + LIFETIME_S), key)
 
 
 def collections_at(path: Path) -> dict[str, Collection]:
@@ -102,7 +101,7 @@ def collections_at(path: Path) -> dict[str, Collection]:
     hashed = os.environ.get(VARIABLE, "") == "hash"
     embedding: chromadb.EmbeddingFunction[Any] = FeatureHash() if hashed else MiniLM()
     chroma, found = client(path), {}
-    for kind, name in NAMES.items():
+    for kind, name in COLLECTIONS.items():
         store = ChromaCollection(chroma, name, embedding=embedding)
         if not store.ids(most=1):
             store.keep(contents(kind))

@@ -31,9 +31,8 @@ from cobot_claw.point import CAMERA
 from cobot_claw.table import PART, PART_KG, PART_WIDTH_M, Table
 from cobot_claw.task import PATIENCE_S
 from cobot_claw.telemetry import carried, traced
-from cobot_claw.words import REQUEST, in_short
+from cobot_claw.words import COLLECTIONS, REQUEST, in_short
 from pep.base.declaration import declared, grant
-from pep.mcp.arm_server import tool_definitions
 from pep.rtde.robot.gripper import RobotiqGripper
 from ztpm.base.layout import new_key, read_key
 from ztpm.base.processes import Child
@@ -177,16 +176,15 @@ class System:
         person = keys.public_raw(self.person._key).hex()  # noqa: SLF001 - the composition made it
         dora, store = new_key(self.folder / "dora.key", self.stage.cell.passphrase), self.folder / "knowledge"
         store.mkdir(mode=0o700)
-        for kind in knowledge.NAMES:
+        for kind in COLLECTIONS:
             signed = knowledge.signed_manifest(kind, dora, at=int(time.time()))
             (store / f"{kind}.jws").write_text(signed, "ascii")
         curator = keys.public_raw(dora).hex()
         words = f'guard = "guard.toml"\nstore = "knowledge"\nperception_port = {PERCEPTION_PORT}\n'
         words += f'[people]\n{PERSON} = "{person}"\n[curators]\n{knowledge.CURATOR} = "{curator}"\n'
-        # Whose word on the answers of the arm's tools counts, and which definitions were approved.
+        # Whose word on the answers of the arm's tools counts.
         gateway = self.stage.cell.peps[GATEWAY_ID].hex()
-        words += f'[answering]\n"{self.stage.cell.addresses.audience}" = "{gateway}"\n[approved]\n'
-        words += "".join(f'{tool.name} = "{tool.definition_digest}"\n' for tool in tool_definitions())
+        words += f'[answering]\n"{self.stage.cell.addresses.audience}" = "{gateway}"\n'
         (self.folder / "point.toml").write_text(words, "utf-8")
         self.children["point"] = Child.begin(
             "admission point",

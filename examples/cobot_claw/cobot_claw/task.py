@@ -25,6 +25,7 @@ from pydantic_ai.mcp import MCPToolset
 from cobot_claw import roles
 from cobot_claw.errors import ClawError
 from cobot_claw.witness import ASKED, Witness
+from cobot_claw.words import COLLECTIONS
 from ztpm_idp.client import Deferred, raise_refused, refusal_in
 
 if TYPE_CHECKING:
@@ -245,7 +246,7 @@ async def joints_for(x_m: float, y_m: float, z_m: float) -> dict[str, Any]:
 
 
 async def _found(work: Work, query: str, content: str) -> str:
-    told = await work.admissions.ask("retrieve", query=query, content=content)
+    told = await work.admissions.ask("retrieve", query=query, collection=COLLECTIONS[content])
     texts = [str(each["value"]) for each in told["items"] if each["admitted"]]
     return "\n\n".join(texts) or "Nothing was found that may be believed."
 

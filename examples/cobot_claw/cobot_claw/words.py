@@ -15,6 +15,8 @@ REPORT: Final = "claw-report/1"
 PURPOSE_LENGTH: Final = 100
 TEXT_LENGTH: Final = 4_000
 """Most characters of a request, task or report: a page of prose."""
+COLLECTIONS: Final = {"document": "claw-handbook", "scenario": "claw-scenarios"}
+"""Name of each collection of the knowledge base by its kind of content, as its manifest states it."""
 
 
 def in_short(text: str) -> str:

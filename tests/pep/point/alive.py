@@ -91,5 +91,5 @@ async def living(path, server, approved, scope, provider=None, guarded=None):
             (r["kind"], r["body"].get("outcome") or r["body"].get("reason")) for r in guarded.journal.records()
         ]
         client.app, client.auth, client.feed = guarded, Signed(holder, clock), guarded.follower
-        client.holder = holder
+        client.holder, client.http = holder, http
         yield client
