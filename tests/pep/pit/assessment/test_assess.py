@@ -359,7 +359,7 @@ def wedge(depth):
     ids=["ball", "block", "polytope"],
 )
 def test_a_thing_hit_deeper_than_capsules_can_pretend_is_a_violation(shape, deepest, kind, uncertainty_m):
-    """Of a ball 0.05 m, of a block until the fingers' axis is in it: short of that a person may be asked."""
+    """Balls count from 0.05 m on, blocks from the fingers' axis on; before, a person may be asked."""
     still = MoveJ(HOME, HOME, 0.2, 1.0)
     turn = MoveJ(HOME, (*HOME[:5], 0.4), 0.2, 1.0)  # about the tool's own axis: no clearance changes
     for depth, violations in ((deepest - NEARLY, ()), (deepest + NEARLY, (kind,))):
@@ -407,7 +407,7 @@ def test_an_arm_deep_in_a_thing_may_leave_it_slowly(shape):
 
 
 def test_a_part_held_thinner_than_a_gentle_touch_is_deep_may_be_set_down():
-    """PHY-12 has a depth of its own: a thin body whose axis meets the table is a meant contact all the same."""
+    """Pins thinner than PHY-12's depth touch the tray gently with their axis in it, and that is no violation."""
     pin = ROBOT.holding(GrippedObject("pin", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.005), 0.1, blunt=True))
     cell = replace(CELL, contacts=(Contact("table", "payload"),))
     path = NumpyPath(pin, MoveJ(HOME, HOME, 1.0, 1.0))
