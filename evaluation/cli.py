@@ -157,7 +157,7 @@ def law(
 ) -> None:
     """The law of the impact index beside one by the speed of approach: whom each asks, and what each misses."""
     from evaluation.pit.law import last_line, study, tables
-    from evaluation.redteam.laws import laws_table, tally
+    from evaluation.redteam.laws import laws_table, tally, violations
     from evaluation.redteam.scenario import ScenarioError, scenarios
 
     if out is not None:
@@ -166,10 +166,11 @@ def law(
         with telling() as told:
             result = study(benign, seed=secrets.randbits(32) if seed is None else seed, told=told)
             told("joint moves of the red team")
-            tallied = tally(scenarios())
+            tallied, violated = tally(scenarios()), violations(scenarios())
     except ScenarioError as error:
         fail("NOT_MEASURED", str(error))
-    report = {**result.to_json(), "redteam": {law: asdict(one) for law, one in tallied.items()}}
+    redteam = {law: asdict(one) for law, one in tallied.items()}
+    report = {**result.to_json(), "redteam": redteam, "violations": asdict(violated)}
     if out is not None:
         out.write_text(json.dumps(report, indent=1), encoding="utf-8")
     if as_json:
@@ -177,6 +178,7 @@ def law(
         return
     console.print(f"seed {result.seed}")
     console.print(laws_table(tallied))
+    console.print(violated.told())
     console.print()
     say(result, tables, last_line, as_json=False)
 

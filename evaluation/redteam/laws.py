@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import observation as wire
 from evaluation.harness.tables import table
-from evaluation.pit.approach import MotionReferee
+from evaluation.pit.approach import AGE_S, MotionReferee
 from evaluation.pit.law import ALARM, LAWS
 from evaluation.redteam.acts.arm import MoveJoint
-from pep.pit import CellParameters, MoveJ, Robot, surveyed
+from pep.pit import Assessment, CellParameters, MoveJ, Robot, assess, surveyed
 from pep.pit.base.tier import tier_of
 from pep.pit.scene.observation import scene_observed
 from ursim.sensor.sensor_scene import Seen
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 CONTACTS: Final = frozenset({"person_contact", "fragile_contact", "rigid_contact"})
 """Harms about which the laws differ; zones, workspace and the arm itself are of other clauses."""
+THINGS: Final = CONTACTS - {"person_contact"}
 NOW_S: Final = 0.0
 
 
@@ -52,8 +53,7 @@ class LawTally:
 
 def tally(of: Sequence[Scenario]) -> Mapping[str, LawTally]:
     """Scenarios that the laws can be asked about, by law."""
-    stated = survey.embedded(audience="https://cell.invalid/mcp", author="nobody", sensor="eye", at=0)
-    cell = surveyed(stated, CellParameters())
+    cell = _embedded()
     robot = Robot.load("ur3e", tool=cell.tool)
     indices: dict[str, list[tuple[bool, float]]] = {law: [] for law in LAWS}
     for scenario in of:
@@ -65,6 +65,61 @@ def tally(of: Sequence[Scenario]) -> Mapping[str, LawTally]:
         for law in LAWS:
             indices[law].append((scenario.hazardous, max(float(getattr(one, law)) for one in judged)))
     return {law: _tallied(rows) for law, rows in indices.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class ViolationTally:
+    """Scenarios whose joint moves the shipped engine asks about, by what nobody can authorise.
+
+    Attributes:
+        hazardous: number of hazardous scenarios whose harm is a contact with a thing.
+        authorisable: ids of those of them in which no move is a violation.
+        benign: number of benign scenarios.
+        refused: ids of those of them in which a move is one.
+    """
+
+    hazardous: int
+    authorisable: tuple[str, ...]
+    benign: int
+    refused: tuple[str, ...]
+
+    def told(self) -> str:
+        """Count of the hazards that nobody can authorise, with the ids of the others."""
+        left = ", ".join(self.authorisable) or "none"
+        return (
+            f"of {self.hazardous} ways into a thing {self.hazardous - len(self.authorisable)} are violations, "
+            f"not {left}; of {self.benign} benign ones {len(self.refused)} are"
+        )
+
+
+def violations(of: Sequence[Scenario]) -> ViolationTally:
+    """Scenarios as of `tally`, without those that harm a person, by the violations of their moves."""
+    cell = _embedded()
+    robot = Robot.load("ur3e", tool=cell.tool)
+    violated: dict[str, bool] = {}
+    hazardous: dict[str, bool] = {}
+    for scenario in of:
+        moves = list(_moves(scenario))
+        if not moves or (scenario.hazardous and scenario.harm not in THINGS):
+            continue
+        scene = _scene(scenario, cell)
+        answers = [
+            assess(robot, scene, move, cell, perception_age_s=AGE_S, touch=frozenset(), seed=scenario.id.encode())
+            for move in moves
+        ]
+        hazardous[scenario.id] = scenario.hazardous
+        violated[scenario.id] = any(isinstance(answer, Assessment) and answer.violations for answer in answers)
+    return ViolationTally(
+        hazardous=sum(hazardous.values()),
+        authorisable=tuple(one for one, bad in hazardous.items() if bad and not violated[one]),
+        benign=len(hazardous) - sum(hazardous.values()),
+        refused=tuple(one for one, bad in hazardous.items() if not bad and violated[one]),
+    )
+
+
+def _embedded() -> CellParameters:
+    stated = survey.embedded(audience="https://cell.invalid/mcp", author="nobody", sensor="eye", at=0)
+    return surveyed(stated, CellParameters())
 
 
 def _tallied(rows: Sequence[tuple[bool, float]]) -> LawTally:

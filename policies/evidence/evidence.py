@@ -95,8 +95,8 @@ class ImpactReading:
     Attributes:
         tier: ceil of the certified index.
         index_milli: the index in thousandths, 0 to 4000.
-        violations: named violations ("person", "joint_limit", "workspace", "zone", "self"); any one denies, and no
-            authority lifts that.
+        violations: named violations ("person", "fragile", "rigid", "joint_limit", "workspace", "zone", "self"); any one
+            denies, and no authority lifts that.
         contributions: ranked, highest index first.
         lower_tier_speed: highest value of the speed parameter (its own unit) at which the tier falls below `tier`, or
             None when none does.

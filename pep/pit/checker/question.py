@@ -23,13 +23,13 @@ LIMBS: Final = frozenset({"upper_arm", "lower_arm", "hand"})  # PHY-3: one of th
 REGIONS: Final = LIMBS | {"head", "neck", "torso", "abdomen", "pelvis", "thigh", "shin"}
 
 Kind = Literal["person", "fragile", "rigid", "tiered_zone", "zone", "self", "workspace"]
-VIOLABLE: Final = frozenset({"person", "zone", "self", "workspace"})  # PHY-5, PHY-6
+VIOLABLE: Final = frozenset({"person", "fragile", "rigid", "zone", "self", "workspace"})  # PHY-5, PHY-6
 
 NUMBERS: Final = (
     "stop_deceleration_rad_s2", "stop_delay_s", "watch_age_limit_s", "reaction_s", "person_speed_m_s",
     "intrusion_tracked_m", "intrusion_untracked_m", "person_uncertainty_m", "warn_band_m", "penetration_band_m",
     "harm_ratio_body", "harm_ratio_head", "contact_area_m2", "robot_uncertainty_m", "fragile_band_m", "rigid_band_m",
-    "self_overlap_m", "contact_speed_m_s", "contact_near_m", "contact_depth_m", "tcp_speed_limit_m_s",
+    "overlap_limit_m", "contact_speed_m_s", "contact_near_m", "contact_depth_m", "tcp_speed_limit_m_s",
     "elbow_speed_limit_m_s", "momentum_limit_kg_m_s", "perception_age_limit_s", "unknown_floor",
     "retreat_joint_speed_rad_s", "retreat_speed_m_s", "retreat_tolerance_m",
 )  # fmt: skip
@@ -62,7 +62,7 @@ class Cell:
     robot_uncertainty_m: float
     fragile_band_m: float
     rigid_band_m: float
-    self_overlap_m: float
+    overlap_limit_m: float
     contact_speed_m_s: float
     contact_near_m: float
     contact_depth_m: float

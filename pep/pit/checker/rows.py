@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 PAIRS_MOST: Final = 200_000  # of one question; bounds the work
 ROUNDING_M: Final = 1e-9  # far above float64 rounding of metre-sized sums, far below anything that matters
 APART_M: Final = 1e-9  # cores nearer than this give no direction
+AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's core meets it, and no overlap is deeper
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,20 +59,28 @@ def pairs_of(robot: CheckerRobot, obstacles: Sequence[Obstacle], cell: Cell) -> 
     need(len(robot.moving) * len(obstacles) <= PAIRS_MOST, Code.TOO_LARGE, "scene")
 
     def against(each: Obstacle) -> list[Pair]:
-        below = 0.0 if each.kind in VIOLABLE else None
-        return [Pair(body, each, below, body.part in each.touched_by) for body in robot.moving]
+        return [
+            Pair(body, each, _violated_below(body, each, cell), body.part in each.touched_by) for body in robot.moving
+        ]
 
     own = [
         Pair(
             body,
             Obstacle("self", "", Segment(fixed.a, fixed.b), fixed.radius, 0.0, cell.rigid_band_m),
-            -cell.self_overlap_m,
+            -cell.overlap_limit_m,
             touchable=False,
         )
         for body, fixed in robot.apart
     ]
     world = [pair for each in obstacles if each.kind != "workspace" for pair in against(each)]
     return world + own + [pair for each in obstacles if each.kind == "workspace" for pair in against(each)]
+
+
+def _violated_below(body: CheckerBody, obstacle: Obstacle, cell: Cell) -> float | None:
+    """PHY-5, PHY-6: clearance below which a body and what is around the arm are a violation, metre."""
+    if obstacle.kind in {"fragile", "rigid"}:
+        return max(-cell.overlap_limit_m, min(AXIS_MET_M - (obstacle.radius + body.radius), 0.0))
+    return 0.0 if obstacle.kind in VIOLABLE else None
 
 
 def _gap(pose: Pose, core: Segment | CheckerBox | Polytope) -> Vec:

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.view import View
     from pep.pit.search.timed_course import Drive
 
-VERSION: Final = "ztpm-pit-proof/2"
+VERSION: Final = "ztpm-pit-proof/3"
 NO_FORM: Final = "only motions of the arm have a certificate that can be written down"
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",
@@ -74,7 +74,7 @@ CELL_NUMBERS: Final = (
     "robot_uncertainty_m",
     "fragile_band_m",
     "rigid_band_m",
-    "self_overlap_m",
+    "overlap_limit_m",
     "contact_speed_m_s",
     "contact_near_m",
     "contact_depth_m",

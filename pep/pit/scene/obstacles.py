@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from pep.pit.base.motion import Floats
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Scene, Workspace
@@ -50,13 +51,21 @@ class PairKind(StrEnum):
     MEANT = "meant_contact"
 
 
-VIOLABLE: Final = (PairKind.PERSON, PairKind.SELF, PairKind.WORKSPACE, PairKind.HARD_ZONE)
-"""Kinds whose attained negative clearance no authority allows."""
+VIOLABLE: Final = (
+    PairKind.PERSON,
+    PairKind.FRAGILE,
+    PairKind.RIGID,
+    PairKind.SELF,
+    PairKind.WORKSPACE,
+    PairKind.HARD_ZONE,
+)
+"""Kinds whose attained clearance below a pair's bound no authority allows."""
 
 KINDS_IN_ORDER: Final = tuple(PairKind)
 CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
 NO_HARM: Final = np.inf  # of an obstacle that is no person: no speed or force harms it in that sense
 NEVER: Final = -np.inf  # clearance below which a pair is a violation that cannot be one
+AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's core meets it, and no overlap is deeper
 NOBODY: Final[frozenset[str]] = frozenset()
 
 
@@ -116,6 +125,12 @@ class Obstacles:
         return Obstacles(names, sources, whole, max(groups, default=-1) + 1, Solids(numbers, solids.hull, solids.hulls))
 
 
+def bound_by_axis(violated_below: Floats, radii: Floats) -> Floats:
+    """Clearances below which pairs of these radii are violations: no lower than where the axis meets the core."""
+    met = np.minimum(AXIS_MET_M - radii, 0.0)
+    return np.where(violated_below == NEVER, NEVER, np.maximum(violated_below, met))
+
+
 def groups_of(kinds: Iterable[int], names: Iterable[str]) -> list[int]:
     """Group of each row: the same number for the same kind and name."""
     numbers: dict[tuple[int, str], int] = {}
@@ -172,7 +187,7 @@ def seen_in(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float) ->
 
 def _thing(what: str, uncertainty_m: float, cell: CellParameters) -> tuple[int, _Law]:
     kind, band = (PairKind.FRAGILE, cell.fragile_band_m) if what == "fragile" else (PairKind.RIGID, cell.rigid_band_m)
-    return CODE[kind], _Law(uncertainty_m + cell.robot_uncertainty_m, band=band)
+    return CODE[kind], _Law(uncertainty_m + cell.robot_uncertainty_m, band=band, violated_below=-cell.overlap_limit_m)
 
 
 @lru_cache(maxsize=64)  # one robot of a cell, with the objects it holds in a day
@@ -187,7 +202,7 @@ def _bears(robot: Robot, cell: CellParameters) -> dict[Region, tuple[float, floa
 @lru_cache(maxsize=64)  # likewise
 def own_of(robot: Robot, cell: CellParameters) -> tuple[NDArray[np.intp], Obstacles]:
     """Pairs of the arm itself: the moving bodies, and their obstacles at rest in their reference frames."""
-    law = _Law(0.0, band=cell.rigid_band_m, violated_below=-cell.self_overlap_m)
+    law = _Law(0.0, band=cell.rigid_band_m, violated_below=-cell.overlap_limit_m)
     inner = [capsule for _, capsule in robot.self_pairs]
     solids = solids_of([Capsule(each.a_m, each.b_m, each.radius_m) for each in inner])
     count, names = len(inner), [each.name for each in inner]

@@ -10,13 +10,24 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit.base.pair_columns import BODY, GROUP, KIND, RADII, WHOLE
+from pep.pit.base.pair_columns import BODY, GROUP, KIND, RADII, VIOLATED_BELOW, WHOLE
 from pep.pit.base.tier import meant_index, person_index, thing_index, zone_index
 from pep.pit.geometry.clearance import NONE
 from pep.pit.geometry.solids import RADIUS, SOLID, Solids
 from pep.pit.robot.kinematics import layout
 from pep.pit.robot.model import PAYLOAD
-from pep.pit.scene.obstacles import CODE, KINDS_IN_ORDER, LAW_COLUMNS, PairKind, groups_of, own_of, seen_in, walls_of
+from pep.pit.scene.obstacles import (
+    CODE,
+    KINDS_IN_ORDER,
+    LAW_COLUMNS,
+    NEVER,
+    PairKind,
+    bound_by_axis,
+    groups_of,
+    own_of,
+    seen_in,
+    walls_of,
+)
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -113,11 +124,12 @@ class Pairs:
         """The same pairs with `rows`, whose touch was proven gentle, under the law of meant contact."""
         if not rows.size:
             return self
-        kind = self.kind.copy()
-        kind[rows] = CODE[PairKind.MEANT]
+        kind, below = self.kind.copy(), self.violated_below.copy()
+        kind[rows], below[rows] = CODE[PairKind.MEANT], NEVER  # PHY-12: its own depth is proven
         return replace(
             self,
             kind=kind,
+            violated_below=below,
             group=np.array(groups_of(kind.tolist(), [self.names[k] for k in self.column.tolist()]), dtype=np.intp),
         )
 
@@ -198,6 +210,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
     by_body = numbers[:moved].reshape(-1, count, SOLID)
     by_body[:] = things.solids.numbers[:, None]
     by_body[:, :, RADII] = by_body[:, :, RADIUS] + fixed.radius
+    by_body[:, :, VIOLATED_BELOW] = bound_by_axis(by_body[:, :, VIOLATED_BELOW], by_body[:, :, RADII])
     numbers[moved:] = fixed.numbers
     kinds = whole[:moved].reshape(-1, count, WHOLE)
     kinds[:] = things.whole[:, None]

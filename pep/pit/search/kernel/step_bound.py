@@ -227,7 +227,7 @@ def _pairs(
         clear = interval_gap(ends, 0, 1, 2, body, numbers, pair, shape, gap, sags[body])
         near = pair_index(kind, numbers, pair, clear - walked, speed, law)
         if touchable[pair] and speed <= gentle and clear >= -depth:
-            near = min(near, MEANT)
+            near, below = min(near, MEANT), -math.inf
         if not (clear >= below and near <= limit):
             return False, index, contact
         if kind == PERSON:

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from pep.pit.assessment.assessment import Assessment
+from pep.pit.assessment.stream import Bounded, Stream
 from pep.pit.path.straight_path import GRID
-from pep.pit.scene.obstacles import PairKind
+from pep.pit.scene.obstacles import AXIS_MET_M, PairKind
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.view import view_of
 from pep.pit.search.certify import VIOLATION_RESOLUTION_M
@@ -21,12 +22,16 @@ from pep.pit import (
     Box,
     Capsule,
     CellParameters,
+    Contact,
+    Convex,
+    GrippedObject,
     GripperMove,
     MoveJ,
     Person,
     Region,
     Robot,
     Scene,
+    SpeedJ,
     Sphere,
     StaticObject,
     StaticZone,
@@ -34,6 +39,7 @@ from pep.pit import (
     Workspace,
     Zone,
     assess,
+    remaining,
     standing_adult,
 )
 
@@ -306,6 +312,119 @@ def test_a_stuck_arm_may_retreat_slowly_and_only_away():
     assert ask(scene, MoveJ(HOME, up, 1.5, 3.0)).violations == ("person",)
     there_and_back = (0.0, HOME[1] - 0.1, HOME[2] + 1.0, *HOME[3:])
     assert ask(scene, MoveJ(HOME, there_and_back, 0.2, 1.0)).violations == ("person",)
+
+
+# ---- things that the way leads through
+
+LIMIT = CELL.overlap_limit_m
+CAP_M = 0.0345  # of the fingers' lowest capsule, whose lower side is 34.5 mm below its axis
+OVER_TIP_M = 0.1767 - 0.1439  # its axis is so far above the tool point
+NEARLY = 2 * VIOLATION_RESOLUTION_M
+THROUGH = ("fragile", "rigid")
+
+
+def under_the_fingers(shape, kind="rigid", uncertainty_m=0.01):
+    """A scene with a thing under the resting fingers, which point down."""
+    return replace(empty(), objects=(*empty().objects, Thing("it", kind, shape, uncertainty_m)))
+
+
+def ball(depth, radius=0.06):
+    """A ball into which the fingers' capsule reaches so deep."""
+    x, y, z = tcp()
+    return Sphere((x, y, z + OVER_TIP_M - CAP_M - radius + depth), radius)
+
+
+def block(depth, half_z=0.03):
+    """A block whose top the fingers' capsule is so far beyond."""
+    x, y, z = tcp()
+    return Box((x, y, z + OVER_TIP_M - CAP_M + depth - half_z), (0.1, 0.1, half_z))
+
+
+def wedge(depth):
+    """The block as a polytope."""
+    box = block(depth)
+    return Convex(
+        tuple(
+            tuple(c + s * h for c, s, h in zip(box.center_m, signs, box.half_m, strict=True))
+            for signs in itertools.product((-1, 1), repeat=3)
+        )
+    )
+
+
+@pytest.mark.parametrize("kind", THROUGH)
+@pytest.mark.parametrize("uncertainty_m", [0.0, 0.01, 0.2])
+@pytest.mark.parametrize(
+    ("shape", "deepest"),
+    [(ball, LIMIT), (block, CAP_M - AXIS_MET_M), (wedge, CAP_M - AXIS_MET_M)],
+    ids=["ball", "block", "polytope"],
+)
+def test_a_thing_hit_deeper_than_capsules_can_pretend_is_a_violation(shape, deepest, kind, uncertainty_m):
+    """Balls count from 0.05 m on, blocks from the fingers' axis on; before, a person may be asked."""
+    still = MoveJ(HOME, HOME, 0.2, 1.0)
+    turn = MoveJ(HOME, (*HOME[:5], 0.4), 0.2, 1.0)  # about the tool's own axis: no clearance changes
+    for depth, violations in ((deepest - NEARLY, ()), (deepest + NEARLY, (kind,))):
+        scene = under_the_fingers(shape(depth), kind, uncertainty_m)
+        rest = ask(scene, still)
+        assert (rest.index, rest.violations) == (4.0 if violations else 0.0, violations)
+        quick = replace(turn, speed_rad_s=1.5)  # too fast for a retreat
+        found = ask(scene, quick)
+        assert (found.tier, found.violations) == (3, violations)
+        held = remaining(
+            ROBOT, scene, quick, replace(CELL, watch_time_limit_s=30.0), at_rad=HOME, authorised_milli=4000,
+            perception_age_s=0.1, touch=NOTHING,
+        )  # fmt: skip
+        assert (held.holds, held.cause) == ((False, kind) if violations else (True, ""))
+
+
+def test_a_surveyed_thing_is_one_too_and_the_parameter_says_how_deep():
+    table = ask(motion=MoveJ(HOME, (0.0, HOME[1] + 1.0, *HOME[2:]), 0.5, 1.0))  # the hand would be below it
+    assert (table.violations, table.contributions[0].object) == (("rigid",), "table")
+    post = StaticObject("post", "fragile", sphere=ball(0.06))
+    surveyed = replace(CELL, objects=(post,))
+    for limit, violations in ((0.05, ("fragile",)), (0.08, ())):
+        cell = replace(surveyed, overlap_limit_m=limit)
+        assert ask(cell.surveyed, sweep(), cell).violations == violations
+
+
+def test_a_way_through_a_thing_is_found_however_short_the_meeting():
+    """Fast sweeps through posts thinner than the fingers: two bodies are deepest in one instant between looks."""
+    for share in np.linspace(-0.4, 0.4, 9):
+        x, y, z = map(float, tcp((float(share), *HOME[1:])))
+        post = Capsule((x, y, z - 0.05), (x, y, z + 0.2), 0.02)
+        assert ask(under_the_fingers(post), sweep(3.0, 20.0)).violations == ("rigid",)
+        assert ask(under_the_fingers(replace(post, radius_m=0.001)), sweep(3.0, 20.0)).violations == ("rigid",)
+
+
+@pytest.mark.parametrize("shape", [ball, block, wedge])
+def test_an_arm_deep_in_a_thing_may_leave_it_slowly(shape):
+    scene = under_the_fingers(shape(0.055))
+    up, down = ((0.0, HOME[1] + d, *HOME[2:]) for d in (-0.2, 0.25))
+    away = ask(scene, MoveJ(HOME, up, 0.2, 1.0))
+    assert (away.tier, away.violations) == (3, ())
+    assert "retreat" in {c.kind for c in away.contributions}
+    assert ask(scene, MoveJ(HOME, down, 0.2, 1.0)).violations == ("rigid",)
+    assert ask(scene, MoveJ(HOME, up, 1.5, 3.0)).violations == ("rigid",)
+
+
+def test_a_part_held_thinner_than_a_gentle_touch_is_deep_may_be_set_down():
+    """Pins thinner than PHY-12's depth touch the tray gently with their axis in it, and that is no violation."""
+    pin = ROBOT.holding(GrippedObject("pin", Capsule((0.0, 0.0, 0.16), (0.0, 0.0, 0.24), 0.005), 0.1, blunt=True))
+    cell = replace(CELL, contacts=(Contact("table", "payload"),))
+    path = NumpyPath(pin, MoveJ(HOME, HOME, 1.0, 1.0))
+    _, poses = path.nodes(np.array([0]))
+    low = float(poses.ends[0, pin.body_index("payload"), :, 2].min()) - 0.005
+    x, y, _ = tcp()
+    tray = replace(empty().objects[0], shape=Box((x, y, low + 0.012 - 0.02), (0.1, 0.1, 0.02)))
+    scene = replace(empty(), objects=(tray,))
+    turn = MoveJ(HOME, (0.05, *HOME[1:]), 0.1, 0.5)
+    for touch, told in ((frozenset({"table"}), (2, ())), (NOTHING, (3, ()))):
+        found = assess(pin, scene, turn, cell, perception_age_s=0.1, touch=touch, seed=SEED)
+        assert (found.tier, found.violations) == told
+        assert ("retreat" in {c.kind for c in found.contributions}) is (not touch)
+    step = SpeedJ(HOME, (0.02, 0.0, 0.0, 0.0, 0.0, 0.0), 2.0, 0.1)
+    stream = Stream(pin, cell, touch=frozenset({"table"}), clock=lambda: 0.0)
+    stream.see(scene, age_s=0.1, at_rad=HOME)
+    assert isinstance(stream.step(step, authorised_milli=2000, seed=SEED), Bounded)
 
 
 # ---- parameters

@@ -47,7 +47,7 @@ from pep.pit import (
 
 NAN, INF = math.nan, math.inf
 AGE = 0.1
-STOPPED = frozenset({"person", "self", "workspace", "zone"})
+STOPPED = frozenset({"person", "fragile", "rigid", "self", "workspace", "zone"})
 
 
 PATIENT = replace(CELL, watch_time_limit_s=30.0, time_limit_s=30.0)  # the tests share the machine
@@ -186,6 +186,11 @@ def test_a_violation_between_the_looks_is_found(wrist):
         graze = Sphere((x, y, z + 0.1767 - 0.1784 - 0.01 + 0.002), 0.01)
         left = rest(replace(empty(), zones=(Zone("press", graze, None),)), move, 0.2)
         assert left == Remaining(holds=False, index_milli=4000, cause="zone")
+        # A thing that they graze 2 mm deeper than a person may allow, and one of which they stay 2 mm short.
+        for deeper in (0.002, -0.002):
+            deep = Sphere((x, y, z + 0.1767 - 0.1784 - 0.06 + CELL.overlap_limit_m + deeper), 0.06)
+            left = rest(replace(empty(), objects=(Thing("bowl", "fragile", deep, 0.01),)), move, 0.2)
+            assert (left.holds, left.cause) == ((False, "fragile") if deeper > 0 else (True, ""))
 
 
 def test_the_measured_age_enters_the_reaction_time():

@@ -233,7 +233,9 @@ def test_what_may_be_violated_is_never_settled_at_once():
     met = Person("p", ((Region.HAND, Sphere(tuple(map(float, tcp())), 0.05)),))
     room = Workspace((-0.3, -0.3, -0.3), (0.3, 0.3, 1.0))
     press = Zone("press", Sphere(tuple(map(float, tcp())), 0.05), None)
-    for scene in (replace(empty(), people=(met,)), replace(empty(), workspace=room), replace(empty(), zones=(press,))):
+    thing = replace(empty(), objects=(Thing("part", "rigid", Sphere(tuple(map(float, tcp())), 0.05), 0.01),))
+    zoned = replace(empty(), zones=(press,))
+    for scene in (replace(empty(), people=(met,)), replace(empty(), workspace=room), zoned, thing):
         for motion in (servo(), speeds()):
             found = asked(stream(scene), motion)
             assert isinstance(found, Assessment)

@@ -90,7 +90,7 @@ def doubts(world, bounds, at_least_m):
         index = np.where(retreats, 3.0, np.where(gentle, np.minimum(bounds.index, 2), bounds.index))
         excess = np.maximum(excess, (index.max(axis=1) - seen.low) / CLOSE)
     below = world.columns.below
-    unmet = np.isfinite(below) & ~retreats & ~np.isin(world.columns.kinds, list(seen.violated))
+    unmet = np.isfinite(below) & ~retreats & ~gentle & ~np.isin(world.columns.kinds, list(seen.violated))
     excess = _beyond(excess, (below - VIOLATED_BY_M - bounds.clear)[:, unmet] / CLOSE_M)
     if retreats.any():
         best = np.minimum(below, np.maximum.accumulate(world.clear, axis=0))[:-1, retreats]

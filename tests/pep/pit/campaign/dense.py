@@ -25,6 +25,7 @@ MASSES = np.array([j["mass_kg"] for j in MODEL["joints"]])
 LEAST_LAW_M = 0.05
 INSIDE_M = 1e-6
 """So near to being as deep as can be the direction says nothing."""
+AXIS_MET_M = 1e-3  # PHY-6: of a thing no overlap is deeper than to here before the axis meets the core
 VIOLATED_BY_M = 1e-4 + 1e-6  # what a search may leave undecided, and what rounds
 
 
@@ -70,7 +71,7 @@ class World:
         moving, own = len(self.stage.moving), len(self.stage.apart)
         face = Law("workspace", cell.robot_uncertainty_m, cell.rigid_band_m, below=0.0)
         self.faces = faces = [] if scene.workspace is None else [face]
-        alone = Law("self", 0.0, cell.rigid_band_m, below=-cell.self_overlap_m)
+        alone = Law("self", 0.0, cell.rigid_band_m, below=-cell.overlap_limit_m)
         laws = self.things * moving + [alone] * own + faces * (6 * moving)
         self.columns = Columns(laws, cell, self.stop)
         # Whose speed meets which clearance: bodies' for things and faces, outer bodies' for pairs.
@@ -140,6 +141,8 @@ class World:
         self.reach_m = whole
         radius = self.stage.radius[:moving, None] + self.stage.core_radius
         self.least_m = -np.concatenate([radius.ravel(), self.stage.own_radius])
+        solid = np.flatnonzero(np.isin(self.columns.kinds, ["fragile", "rigid"]))
+        self.columns.below[solid] = -np.clip(-AXIS_MET_M - self.least_m[solid], 0, self.cell.overlap_limit_m)
 
     def _fastest(self):
         """No body goes faster (m/s), and what can be nearer between two first samples than at both (m)."""
@@ -248,6 +251,6 @@ class World:
         found.low = max(least, float(index.max(initial=0.0)))
         nearest = self.clear[:, : self.around].min(initial=FAR_M)
         found.nearest = float(nearest) if nearest < FAR_M else np.inf
-        deep = (self.clear < self.columns.below - VIOLATED_BY_M).any(axis=0) & ~retreats
+        deep = (self.clear < self.columns.below - VIOLATED_BY_M).any(axis=0) & ~retreats & ~gentle
         found.violated = set(self.columns.kinds[deep].tolist())
         return found

@@ -61,6 +61,7 @@ from tests.pep.pit.urdfs import random_arm
 import pep.pit.checker
 from pep.pit import (
     Assessment,
+    Box,
     Capsule,
     CellParameters,
     Contact,
@@ -74,6 +75,7 @@ from pep.pit import (
     Robot,
     SpeedJ,
     Sphere,
+    Thing,
     Workspace,
     Zone,
     assess,
@@ -330,6 +332,37 @@ def test_a_violation_is_shown_where_it_is_met():
     hidden = json.loads(json.dumps(top))
     hidden["answer"]["violations"] = hidden["proof"]["met"] = []
     assert refused(hidden) is Code.VIOLATION_HIDDEN
+
+
+@pytest.mark.parametrize("kind", ["fragile", "rigid"])
+@pytest.mark.parametrize("shape", ["ball", "block"])
+def test_a_way_through_a_thing_is_shown_and_cannot_be_hidden(kind, shape):
+    x, y, z = map(float, tcp())
+    solid = Sphere((x, y, z), 0.06) if shape == "ball" else Box((x, y, z), (0.05, 0.05, 0.05))
+    scene = replace(empty(), objects=(*empty().objects, Thing("it", kind, solid, 0.01)))
+    answer, top, _ = verified(asked(scene, sweep()))
+    assert answer.violations == (kind,)
+    elsewhere = json.loads(json.dumps(top))
+    elsewhere["proof"]["met"][0][1] = 0
+    assert refused(elsewhere) is Code.VIOLATION_UNFOUNDED
+    hidden = json.loads(json.dumps(top))
+    hidden["answer"]["violations"] = hidden["proof"]["met"] = []
+    assert refused(hidden) is Code.VIOLATION_HIDDEN
+    # A cell in which bodies may be so deep in each other is another one, but an axis is in the block in any.
+    lenient = replace(CELL, overlap_limit_m=0.09)
+    answer, top, _ = verified(asked(scene, sweep(), cell=lenient))
+    assert answer.violations == ((kind,) if shape == "block" else ())
+
+
+def test_a_way_out_of_a_thing_is_verified_and_only_when_it_is_one():
+    x, y, z = map(float, tcp())
+    scene = replace(empty(), objects=(*empty().objects, Thing("it", "rigid", Sphere((x, y, z - 0.005), 0.06), 0.01)))
+    up = MoveJ(HOME, (0.0, HOME[1] - 0.1, *HOME[2:]), 0.2, 1.0)
+    answer, top, _ = verified(asked(scene, up))
+    assert (answer.tier, answer.violations) == (3, ())
+    assert top["proof"]["retreating"]
+    top["question"]["motion"]["target"][1] = (HOME[1] + 0.1).hex()
+    assert refused(top) is Code.RETREAT_UNPROVEN
 
 
 # ---- what is corrupted is refused

@@ -45,6 +45,7 @@ from tests.pep.pit.search.test_uneven_limits import HIGH, at
 from tests.pep.pit.search.test_uneven_limits import ROBOT as UNEVEN
 
 from pep.pit import (
+    Box,
     JointLeg,
     JointPath,
     LineLeg,
@@ -56,6 +57,7 @@ from pep.pit import (
     Robot,
     SpeedL,
     Sphere,
+    Thing,
     assess,
 )  # fmt: skip
 from pep.pit.checker import (
@@ -228,6 +230,18 @@ def test_a_violation_on_a_line_is_shown_where_it_is_met():
     hidden = one.top
     hidden["answer"]["violations"] = hidden["proof"]["met"] = []
     assert refused(hidden) is Code.VIOLATION_HIDDEN
+
+
+def test_a_line_through_a_thing_is_shown_and_cannot_be_hidden():
+    x, y, z = pose_of(HOME)[:3]
+    for shape in (Sphere((x + 0.05, y, z), 0.06), Box((x + 0.05, y, z + 0.03), (0.02, 0.02, 0.02))):
+        scene = replace(empty(), objects=(*empty().objects, Thing("it", "fragile", shape, 0.01)))
+        one = written(asked(MoveL(HOME, shifted(pose_of(HOME), (0.1, 0, 0)), 0.2, 1.0), scene))
+        assert one.answer.violations == ("fragile",)
+        assert isinstance(verify(one.text), Verified)
+        hidden = one.top
+        hidden["answer"]["violations"] = hidden["proof"]["met"] = []
+        assert refused(hidden) is Code.VIOLATION_HIDDEN
 
 
 @pytest.mark.parametrize("stated", [None, 0.0, 0.0015, 0.003])

@@ -507,7 +507,9 @@ def test_a_curved_motion_past_a_polytope_counts_it_as_the_box_that_it_is():
             )  # fmt: skip
         assert found[0].index > 1.1
         assert found[1].index == pytest.approx(found[0].index, abs=0.011)
-        assert all(each.holds for each in left)
+        assert found[0].violations == found[1].violations
+        met = "".join(found[0].violations)
+        assert [(each.holds, each.cause) for each in left] == [(not met, met)] * 2
 
 
 @settings(max_examples=25, deadline=None)
