@@ -14,7 +14,7 @@ from evaluation.redteam.search.__main__ import main, searched_anew
 from tests.evaluation.redteam.referee.motions import NEEDS, VENDOR
 
 from evaluation.redteam.judging import EMBEDDED
-from evaluation.redteam.referee import Harm, HarmKind, Referee
+from evaluation.redteam.referee import Harm, HarmKind, Referee, TrueWorld
 from evaluation.redteam.search.drawn_motions import HZ, JointPath, JointServo, JointStream, carried_out
 from evaluation.redteam.search.forms import OVER_RAD_S, SLOW_AND_FAST_RAD_S, as_motion, begins_at, drawn_anew, motion_of
 from evaluation.redteam.search.renewal import (
@@ -26,7 +26,7 @@ from evaluation.redteam.search.renewal import (
     renewed,
     start_of,
 )
-from evaluation.redteam.search.search import AT_FIRST, EARLIEST_S
+from evaluation.redteam.search.search import AT_FIRST, EARLIER_LATER_S, EARLIEST_S
 from evaluation.redteam.search.tables import scenario_file
 from evaluation.redteam.search.victims import Aim, Victim, victim_of, world_anew
 
@@ -251,6 +251,35 @@ class TestAgainstTheReferee:
         of = [one for id_, one in sorted(TABLES.items()) if id_.startswith(attack)]
         for one in random.Random(7).sample(of, 12):
             judged_as_told(judge, one)
+
+    def test_a_hazard_of_the_last_leg_begins_there(self, judge):
+        of = [one for one in TABLES.values() if "earlier legs" in one["told"] or "last leg" in one["told"]]
+        assert len(of) > 3
+        for one in of:
+            moves = as_motion(motion_of(one["act"]), start_of(one))
+            earlier = JointPath(moves.through_rad[:-1], moves.speed_rad_s, moves.acceleration_rad_s2)
+            begun_s = carried_out(earlier, start_of(one))[-1].at_s
+            assert judge.judge(*commanded(one))[0].at_s >= begun_s, one["id"]
+
+    def test_what_forged_frames_claim_is_harmless(self, judge):
+        claims = 0
+        for one in TABLES.values():
+            frames = [act for act in one["act"] if act["do"] == "frames" and (act.get("people") or act.get("objects"))]
+            for act in frames:
+                claims += 1
+                told = {name: act[name] for name in ("people", "objects") if name in act}
+                assert judge.judge(commanded(one)[0], TrueWorld.told([(0.0, told)])) == (), one["id"]
+        assert claims > 5
+
+    def test_a_walk_that_begins_sooner_or_later_ends_in_harm_too(self, judge):
+        walking = [one for one in TABLES.values() if any("walk" in moment for moment in one.get("world", ()))]
+        assert len(walking) > 10
+        for one in walking:
+            assert victim_of(one).walks
+            for by_s in EARLIER_LATER_S:
+                other = copy.deepcopy(one)
+                other["world"][-1]["at_s"] = max(0.0, other["world"][-1]["at_s"] + by_s)
+                assert judge.judge(*commanded(other)), one["id"]
 
     @pytest.mark.campaign
     def test_every_shipped_hazard_is_harmful_as_it_is_commanded(self, judge):
