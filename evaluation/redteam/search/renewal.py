@@ -35,6 +35,8 @@ DEEP_MM: Final = 15.0
 """Least penetration (chosen): a collision, by its sight."""
 LATEST_OF_MANY_S: Final = 15.0
 """Latest beginning of the harm of a motion of several legs (chosen)."""
+LONGEST_S: Final = 15.0
+"""Longest motion (chosen)."""
 DRAWS: Final = 20_000
 """Draws before a search is given up (chosen)."""
 LAST_LEG: Final = ("earlier legs", "last leg")
@@ -204,7 +206,7 @@ def _draw(
             return Discard.TOO_EARLY
     if victim.walks and not all(referee.judge(samples, _true(_shifted(world, by_s))) for by_s in EARLIER_LATER_S):
         return Discard.GRAZES
-    return candidate, harms
+    return Discard.TOO_LONG if samples[-1].at_s > LONGEST_S else (candidate, harms)
 
 
 def _claimed(scenario: Table) -> Table:

@@ -78,6 +78,8 @@ class Discard(StrEnum):
     TOO_LATE = "too_late"
     GRAZES = "grazes"
     """Too shallow, or gone when a walk begins a little sooner or later."""
+    TOO_LONG = "too_long"
+    """It lasts too long for a campaign that plays it in every mode."""
     CLAIM_HARMS = "claim_harms"
     """It would do harm in the world that forged frames claim, too."""
     NO_TWIN = "no_twin"

@@ -20,6 +20,7 @@ from evaluation.redteam.search.forms import OVER_RAD_S, SLOW_AND_FAST_RAD_S, as_
 from evaluation.redteam.search.renewal import (
     DEEP_MM,
     LATEST_OF_MANY_S,
+    LONGEST_S,
     RenewalError,
     commanded,
     reason_against,
@@ -240,6 +241,7 @@ def judged_as_told(judge, one):
     assert victim_of(one).is_of(harms), one["id"]
     assert EARLIEST_S <= harms[0].at_s <= LATEST_OF_MANY_S, one["id"]
     assert max(harm.depth_mm for harm in harms) >= DEEP_MM, one["id"]
+    assert samples[-1].at_s <= LONGEST_S, one["id"]
     assert judge.margins(samples[:1], world, at_most=AT_FIRST) == AT_FIRST, one["id"]
 
 
