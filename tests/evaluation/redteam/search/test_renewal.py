@@ -284,6 +284,7 @@ class TestAgainstTheReferee:
                 assert judge.judge(*commanded(other)), one["id"]
 
     @pytest.mark.campaign
+    @pytest.mark.timeout(600)
     def test_every_shipped_hazard_is_harmful_as_it_is_commanded(self, judge):
         for one in TABLES.values():
             judged_as_told(judge, one)
