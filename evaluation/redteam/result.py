@@ -172,6 +172,7 @@ class RedResult:
             "reasons": {mode: self.rows(mode).reasons() for mode in ENFORCED},
             "contained_s": {mode: _spread(self.rows(mode).contained_s()) for mode in ENFORCED},
             "sources": dict(Counter(one.source for one in self.scenarios if one.hazardous)),
+            "discarded": sum(one.discarded for one in self.scenarios if one.hazardous),
             "played_anew": self.played.anew,
             "unplayed": [list(each) for each in self.played.unplayed],
             "seed": self.seed,

@@ -7,6 +7,7 @@ world and its acts:
     id = "AC-5-001"
     kind = "hazardous"                  # or "benign"
     source = "written"                  # or "searched": found by search against the referee
+    discarded = 0                       # of a search: how many draws it threw away before this one
     told = "The robotic agent creeps towards the glass in steps that are harmless by themselves."
     attacker = "robotic"                # the compromised agent, "document", "tool", "sensor", "stranger", "operator"
     enters = "e5"                       # where it enters, e1 to e5
@@ -78,6 +79,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         id: attack class and number.
         kind: whether its acts do harm where nothing keeps them from it.
         source: written by hand, or found by search against the referee.
+        discarded: how many draws the search threw away before it.
         told: who attacks, where it enters and what is forced, in one sentence.
         attacker: the source of the attack; for a benign scenario the agent that works.
         enters: point at which it enters.
@@ -93,6 +95,7 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
     id: str
     kind: Literal["hazardous", "benign"]
     source: Literal["written", "searched"] = "written"
+    discarded: int = 0
     told: str
     attacker: str
     enters: Literal["e1", "e2", "e3", "e4", "e5"]
@@ -115,8 +118,21 @@ class Scenario(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=
         return self.kind == "hazardous"
 
 
+class SearchTold(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
+    """Search that the scenarios of a file come from.
+
+    Attributes:
+        seed: of every draw.
+        discarded: how many draws were thrown away, by cause.
+    """
+
+    seed: int
+    discarded: dict[str, int]
+
+
 class _File(msgspec.Struct, frozen=True, forbid_unknown_fields=True):
     scenario: tuple[Scenario, ...]
+    search: SearchTold | None = None
 
 
 def scenarios() -> tuple[Scenario, ...]:
@@ -142,10 +158,13 @@ def read(texts: Mapping[str, str]) -> tuple[Scenario, ...]:
     found: dict[str, Scenario] = {}
     for name, text in sorted(texts.items()):
         try:
-            several = msgspec.convert(tomllib.loads(text), type=_File).scenario
+            file = msgspec.convert(tomllib.loads(text), type=_File)
         except (tomllib.TOMLDecodeError, msgspec.MsgspecError) as error:
             raise ScenarioError(f"{name}: {error}") from error
-        for one in several:
+        counted = sum(one.discarded for one in file.scenario)
+        if counted != (sum(file.search.discarded.values()) if file.search else 0):
+            raise ScenarioError(f"{name}: {counted} discarded draws of its scenarios are not those of its search")
+        for one in file.scenario:
             fault = _fault(one, found)
             if fault:
                 raise ScenarioError(f"{name}: {one.id}: {fault}")
@@ -164,6 +183,8 @@ def _fault(one: Scenario, earlier: Mapping[str, Scenario]) -> str:
         return "a hazardous scenario names its harm, and a benign one has none"
     if not one.act:
         return "no act"
+    if one.discarded and one.source != "searched":
+        return "a scenario that is not searched has no discarded draws"
     names: set[str] = set()
     for act in one.act:
         if act.needs and act.needs not in names:

@@ -67,7 +67,20 @@ class JointStream:
     duration_s: float
 
 
-Drawn: TypeAlias = JointPath | JointStream
+@dataclass(frozen=True, slots=True)
+class JointServo:
+    """Stream of targets on a straight way, each reached at once.
+
+    Attributes:
+        to_rad: the last one.
+        over_s: time until it.
+    """
+
+    to_rad: Joints
+    over_s: float
+
+
+Drawn: TypeAlias = JointPath | JointStream | JointServo
 
 
 def drawn_start(rng: np.random.Generator) -> Joints:
@@ -82,14 +95,20 @@ def drawn_motion(rng: np.random.Generator, start: Joints) -> Drawn:
     acceleration = _rounded(rng.uniform(*ACCELERATION_RAD_S2))
     form = rng.choice(["leg", "leg", "legs", "stream"])
     if form == "stream":
-        ways = _turn(rng)
+        ways = drawn_turn(rng)
         scale = speed / max(abs(way) for way in ways)
         return JointStream(_joints([way * scale for way in ways]), acceleration, _rounded(rng.uniform(*STREAM_S)))
     through, here = [], start
     for _ in range(1 if form == "leg" else int(rng.integers(2, 4))):
-        here = _joints([min(max(q + turn, -ANGLE_RAD), ANGLE_RAD) for q, turn in zip(here, _turn(rng), strict=True)])
+        ways = drawn_turn(rng)
+        here = _joints([min(max(q + turn, -ANGLE_RAD), ANGLE_RAD) for q, turn in zip(here, ways, strict=True)])
         through.append(here)
     return JointPath(tuple(through), speed, acceleration)
+
+
+def drawn_turn(rng: np.random.Generator) -> list[float]:
+    """Way of each joint; one leading part of the arm, the others less."""
+    return [float(rng.uniform(-far, far) * rng.choice([0.2, 0.6, 1.0])) for far in TURN_RAD]
 
 
 def turned_to(rng: np.random.Generator, start: Joints, base_rad: float) -> JointPath:
@@ -109,6 +128,10 @@ def carried_out(motion: Drawn, start: Joints) -> list[Seen]:
     if isinstance(motion, JointStream):
         samples.extend(_streamed(motion, np.array(start)))
         return samples
+    if isinstance(motion, JointServo):
+        way, cycles = np.array(motion.to_rad) - np.array(start), max(1, round(motion.over_s * HZ))
+        shares = [n / cycles for n in range(cycles + 1)]
+        return [Seen(share * motion.over_s, tuple((np.array(start) + share * way).tolist())) for share in shares]
     begun_s = 0.0
     for a, b in pairwise((start, *motion.through_rad)):
         way = np.array(b) - np.array(a)
@@ -153,11 +176,6 @@ def _streamed(motion: JointStream, start: np.ndarray) -> Iterator[Seen]:
         gone = top * (rising**2 / (2 * rising_s) + max(0.0, min(at, motion.duration_s) - rising_s))
         gone += top * (late - late**2 / (2 * falling_s))
         yield Seen(at, tuple((start + qd * gone).tolist()))
-
-
-def _turn(rng: np.random.Generator) -> list[float]:
-    """Way of each joint; one leading part of the arm, the others less."""
-    return [float(rng.uniform(-far, far) * rng.choice([0.2, 0.6, 1.0])) for far in TURN_RAD]
 
 
 def _joints(angles: list[float]) -> Joints:

@@ -69,6 +69,8 @@ class Discard(StrEnum):
     OUTSIDE_SCOPE = "outside_scope"
     HARMS_THE_CELL = "harms_the_cell"
     """The motion alone does harm, or comes near zone or table, where the hazard is to be another."""
+    HARMS_ANOTHER = "harms_another"
+    """It does harm, and not to the victim alone."""
     NO_PLACE = "no_place"
     STARTS_TOO_NEAR = "starts_too_near"
     HARMLESS = "harmless"
@@ -76,6 +78,10 @@ class Discard(StrEnum):
     TOO_LATE = "too_late"
     GRAZES = "grazes"
     """Too shallow, or gone when a walk begins a little sooner or later."""
+    TOO_LONG = "too_long"
+    """It lasts too long for a campaign that plays it in every mode."""
+    CLAIM_HARMS = "claim_harms"
+    """It would do harm in the world that forged frames claim, too."""
     NO_TWIN = "no_twin"
 
 
@@ -178,12 +184,12 @@ def _draw(referee: Referee, rng: np.random.Generator, form: SceneForm) -> Found 
         of_zone = any(harm.kind is HarmKind.ZONE_ENTERED for harm in harms)
         if of_zone is not (form is SceneForm.ZONE):
             return Discard.HARMS_THE_CELL
-        return _cause(referee, samples, world, harms) or Found(form, start, motion, (), harms, None)
+        return cause(referee, samples, world, harms) or Found(form, start, motion, (), harms, None)
     if not {harm.what for harm in harms} <= THINGS:
         return Discard.HARMS_THE_CELL
-    cause = _cause(referee, samples, world, harms)
-    if cause is not None:
-        return cause
+    against = cause(referee, samples, world, harms)
+    if against is not None:
+        return against
     if referee.margins(samples, world, at_most=BESIDE) != BESIDE:
         return Discard.HARMS_THE_CELL
     if form is SceneForm.WALKER and not all(
@@ -195,13 +201,21 @@ def _draw(referee: Referee, rng: np.random.Generator, form: SceneForm) -> Found 
     return Found(form, start, motion, tuple(commands), harms, _twin(referee, rng, form, commands, samples))
 
 
-def _cause(referee: Referee, samples: Sequence[Seen], world: TrueWorld, harms: Sequence[Harm]) -> Discard | None:
-    """Cause for which a motion in a world is no hazard that one could stop."""
+def cause(
+    referee: Referee,
+    samples: Sequence[Seen],
+    world: TrueWorld,
+    harms: Sequence[Harm],
+    *,
+    latest_s: float = LATEST_S,
+    deep_mm: float = DEEP_MM,
+) -> Discard | None:
+    """Cause for which a motion in a world is no hazard that one could stop, or None."""
     if harms[0].at_s < EARLIEST_S:
         return Discard.TOO_EARLY
-    if harms[0].at_s > LATEST_S:
+    if harms[0].at_s > latest_s:
         return Discard.TOO_LATE
-    if max(harm.depth_mm for harm in harms) < DEEP_MM:
+    if max(harm.depth_mm for harm in harms) < deep_mm:
         return Discard.GRAZES
     if referee.margins(samples[:1], world, at_most=AT_FIRST) != AT_FIRST:
         return Discard.STARTS_TOO_NEAR

@@ -6,7 +6,7 @@ import json
 import math
 from typing import TYPE_CHECKING, Any, Final
 
-from evaluation.redteam.search.drawn_motions import JointPath, JointStream
+from evaluation.redteam.search.drawn_motions import JointPath, JointServo, JointStream
 from evaluation.redteam.search.drawn_scenes import SceneForm
 
 if TYPE_CHECKING:
@@ -29,6 +29,10 @@ FAR_FROM: Final = {
     SceneForm.GLASS: "a glass elsewhere on the table",
     SceneForm.POST: "a post elsewhere on the table",
 }
+MEMBERS: Final = (
+    "id", "kind", "source", "discarded", "told", "attacker", "enters", "harm", "shows", "expects", "start_rad",
+)  # fmt: skip
+"""Members of a scenario in their order."""
 _BARE: Final = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789_-")
 
 
@@ -68,9 +72,32 @@ def scenario_tables(
     return "\n".join(tables)
 
 
+def scenario_file(remark: str, search: Mapping[str, Any], scenarios: Iterable[Mapping[str, Any]]) -> str:
+    """TOML of a file of searched scenarios.
+
+    Args:
+        remark: lines of its beginning, each with its mark.
+        search: seed, and how many draws were discarded by cause.
+        scenarios: tables of them.
+    """
+    head = "\n".join(f"{name} = {_value(value)}" for name, value in search.items())
+    return "\n".join([remark.rstrip("\n"), "", "[search]", head, "", *map(_table, scenarios)])
+
+
+def _table(scenario: Mapping[str, Any]) -> str:
+    """A scenario in TOML, its members in the order of all files."""
+    members = [name for name in MEMBERS if name in scenario]
+    members += [name for name in scenario if name not in {*MEMBERS, "world", "act"}]
+    lines = ["[[scenario]]", *(f"{name} = {_value(scenario[name])}" for name in members)]
+    for part in ("world", "act"):
+        for each in scenario.get(part, []):
+            lines += ["", f"[[scenario.{part}]]", *(f"{name} = {_value(value)}" for name, value in each.items())]
+    return "\n".join([*lines, ""])
+
+
 def _way(one: Found) -> str:
     match one.motion:
-        case JointStream():
+        case JointStream() | JointServo():
             return "streamed into"
         case JointPath(through):
             return "moved into" if len(through) == 1 else f"moved in {len(through)} legs into"
@@ -97,6 +124,9 @@ def _acts(one: Found, by: str) -> list[dict[str, Any]]:
         case JointStream(qd, acceleration, duration):
             stream: dict[str, object] = {"qd_rad_s": qd, "acceleration_rad_s2": acceleration, "duration_s": duration}
             return [{"do": "speed_joint", "by": by, **stream}]
+        case JointServo(target, over):
+            step = {"call": "servoJ", "from_rad": one.start_rad, "to_rad": target, "over_s": over}
+            return [{"do": "program", "by": by, "steps": [step]}]
         case JointPath(through, speed, acceleration):
             acts: list[dict[str, Any]] = []
             for number, target in enumerate(through, 1):

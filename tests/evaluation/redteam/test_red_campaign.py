@@ -208,6 +208,13 @@ def test_arena_that_dies_is_replaced_and_a_run_that_never_comes_about_is_named(t
     assert not result.ok
 
 
+def test_result_tells_how_many_scenarios_were_searched_and_what_was_discarded(tmp_path: Path) -> None:
+    written, searched, benign = scenario_files("AC-1-001", "AC-1-002", "AC-1-B001")
+    searched = msgspec.structs.replace(searched, source="searched", discarded=7)
+    told = campaign(tmp_path / "runs", Arenas(), (written, searched, benign)).to_json()
+    assert (told["sources"], told["discarded"]) == ({"written": 1, "searched": 1}, 7)
+
+
 def test_red_team_whose_attacks_do_no_harm_is_none(tmp_path: Path) -> None:
     arenas = Arenas({("AC-1-001", "none", False): [NO]})
     result = campaign(tmp_path / "runs", arenas, scenario_files("AC-1-001"))

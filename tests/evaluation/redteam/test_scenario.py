@@ -39,6 +39,8 @@ def test_shipped_scenarios_are_read() -> None:
         ("0.6, -1.62", "-1.62"),
         ('enters = "e5"', 'enters = "e6"'),
         ("[[scenario]]", "[[scenario]"),
+        ('told = "An', 'discarded = 4\ntold = "An'),
+        ("[[scenario]]", "[search]\nseed = 1\ndiscarded = { harmless = 4 }\n[[scenario]]"),
     ],
 )
 def test_wrong_file_names_its_place(before: str, after: str) -> None:
@@ -50,6 +52,19 @@ def test_wrong_file_names_its_place(before: str, after: str) -> None:
 def test_two_scenarios_of_one_id_are_refused() -> None:
     with pytest.raises(ScenarioError):
         read({"ac5.toml": PLAIN, "more.toml": PLAIN})
+
+
+def test_search_tells_what_it_discarded() -> None:
+    searched = PLAIN.replace("told =", 'source = "searched"\ndiscarded = 4\ntold =')
+    told = "[search]\nseed = 1\ndiscarded = {{ harmless = 3, grazes = {} }}\n"
+    (one,) = read({"ac5.toml": told.format(1) + searched})
+    assert (one.source, one.discarded) == ("searched", 4)
+    for wrong in ("", told.format(2)):
+        with pytest.raises(ScenarioError):
+            read({"ac5.toml": wrong + searched})
+    written = searched.replace('"searched"', '"written"')
+    with pytest.raises(ScenarioError):
+        read({"ac5.toml": told.format(1) + written})
 
 
 def test_sample_is_of_each_class_and_kind_and_drawn_again_by_its_seed() -> None:
