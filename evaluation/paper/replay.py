@@ -1,8 +1,9 @@
 """Replay of the paper's traces on running cells: before the gate of an arm, and with no gate.
 
-Every guarded trace is ten `move_joint` calls of the robotic agent, by a real MCP client, with a token of two hops. A
-refused motion ends its trace, but for an approved one that is too fast: it is asked for again at the speed that the
-refusal's own figures allow. What the arm did is read over a receive connection of the replay's own.
+Every guarded trace is ten `move_joint` calls of an agent of its own, by a real MCP client, with a token of two hops: a
+trace of the paper is one run of a model, and what an earlier one was refused is not held against it. A refused motion
+ends its trace, but for an approved one that is too fast: it is asked for again at the speed that the refusal's own
+figures allow. What the arm did is read over a receive connection of the replay's own.
 """
 
 from __future__ import annotations
@@ -39,7 +40,8 @@ if TYPE_CHECKING:
     from ztpm.stage.calls import Answer
     from ztpm.stage.stage import Stage
 
-AGENT: Final = "robotic"
+SPONSOR: Final = "alice"
+ROLE: Final = "actuator"
 FASTEST: Final = 1_000_000
 """Joint speed that the hop is left, urad/s: above every trace's, and below the orchestrator's, as it must be."""
 APPROVER: Final = "bob"
@@ -214,9 +216,21 @@ class _TraceOnStage:
     eyes: StateRecorder
     trace: Trace
 
+    @property
+    def agent(self) -> str:
+        """Registered name of the agent whose trace it is."""
+        return f"sweep-{self.trace.condition.lower()}-{self.trace.number}"
+
     def run(self) -> Replayed:
         """The trace, replayed with an approver who says yes."""
         self._lend()
+        try:
+            return self._replayed()
+        finally:
+            self.stage.person(SPONSOR).retire_agent(self.agent, reason="the trace is over")
+            del self.stage.agents[self.agent]
+
+    def _replayed(self) -> Replayed:
         self.stage.scene()
         self.stage.bring(WAY[0])
         self.stage.scene(
@@ -230,13 +244,13 @@ class _TraceOnStage:
         return Replayed(self.trace, tuple(motions))
 
     def _lend(self) -> None:
-        """Fresh authority: a replay lasts longer than a token."""
-        orchestrator, robotic = self.stage.agents["orchestrator"], self.stage.agents[AGENT]
-        for agent in (orchestrator, robotic):
+        """Fresh authority, of an agent that nothing is known of yet; a replay lasts longer than a token."""
+        orchestrator = self.stage.agents["orchestrator"]
+        for agent in (orchestrator, self.stage.new_agent(self.agent, sponsor=SPONSOR, role=ROLE)):
             agent.attest()
-        issued = self.stage.person("alice").issue(orchestrator, lent(self.stage, AGENT), purpose="sweep the table")
+        issued = self.stage.person(SPONSOR).issue(orchestrator, lent(self.stage, self.agent), purpose="sweep the table")
         self.stage.tokens["orchestrator"] = issued.token
-        hand_down(self.stage, AGENT, arm_only(speed_high=FASTEST))
+        hand_down(self.stage, self.agent, arm_only(speed_high=FASTEST))
 
     def _motion(self, target: tuple[float, ...]) -> Motion:
         speed, decisions, tiers = self.trace.speed_rad_s, [], [0]
@@ -249,10 +263,10 @@ class _TraceOnStage:
         fastest = 0.0
         for _ in range(TRIES):
             with _watched(self.eyes) as seen:
-                answer = heard(self.stage.move(AGENT, to=target, speed=speed))
+                answer = heard(self.stage.move(self.agent, to=target, speed=speed))
                 if answer.decision == "DEFER":
                     approve(self.stage, APPROVER, answer)
-                    answer = heard(retry(self.stage, AGENT, target, speed, waiting=answer.reason))
+                    answer = heard(retry(self.stage, self.agent, target, speed, waiting=answer.reason))
             fastest = max(fastest, seen[0])
             if answer.reason == TOO_FAST:
                 speed = _slower(speed, answer)
