@@ -38,7 +38,8 @@ def test_compositions_take_out_what_their_names_say() -> None:
 
 
 def test_harms_that_follow_each_other_closely_are_one_effect() -> None:
-    assert [effects(run(WHOLE, *times)) for times in ((), (1.0,), (1.0, 1.5, 2.4), (2.4, 1.0))] == [0, 1, 1, 2]
+    told = [effects(run(WHOLE, *times)) for times in ((), (1.0,), (1.0, 1.5, 2.4), (2.4, 1.0))]
+    assert told == [(), (1.0,), (1.0,), (1.0, 2.4)]
 
 
 def test_prevention_that_fires_and_suffices_is_not_absent() -> None:
@@ -80,3 +81,17 @@ def test_detection_comes_before_the_harm(named: dict, sufficient: bool) -> None:
 def test_containment_is_of_what_would_go_on(base_s: tuple, only_s: tuple, sufficient: bool) -> None:
     found = verdict(CONTAINS, run(WHOLE), run(BASE, *base_s), run("only ABG-1", *only_s))
     assert found.sufficient is sufficient
+
+
+@pytest.mark.parametrize(
+    ("cell", "named_s", "fires"),
+    [
+        (DETECTS, 0.9, True),
+        (DETECTS, 1.1, False),
+        (PREVENTS, 1.1, False),
+        (CONTAINS, 1.1, True),
+        (CONTAINS, 5.1, False),
+    ],
+)
+def test_what_is_named_after_the_effect_has_not_fired(cell: CoverageCell, named_s: float, fires: bool) -> None:
+    assert verdict(cell, run(WHOLE, 1.0, 5.0, named={cell.primitive: named_s})).fires is fires
