@@ -123,7 +123,8 @@ def _absent(
     if not fires:
         found = sorted({primitive for run in whole for primitive in run.primitives})
         elsewhere = f"; on record there were findings of {', '.join(found)}" if found else ""
-        said.append(f"With everything on no finding of {cell.primitive} was on record in time in {len(whole)} runs{elsewhere}.")
+        of = f"no finding of {cell.primitive} was on record in time"
+        said.append(f"With everything on {of} in {len(whole)} runs{elsewhere}.")
     if not sufficient and not executing:
         what = "did a further harm" if cell.defence == CONTAINMENT else "executed"
         said.append(f"With identity alone none of the {len(whole)} scenarios {what}, so nothing was there to be shown.")
