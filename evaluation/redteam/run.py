@@ -73,6 +73,7 @@ class Red:
     _of: int = 0
     _count: int = 0
     _lock: threading.Lock = field(default_factory=threading.Lock)
+    _over: threading.Event = field(default_factory=threading.Event)
 
     def play(self, scenarios: Sequence[Scenario], *, cells: int) -> Played:
         """Runs of these scenarios in every mode; those that the ledger has are not played again.
@@ -117,11 +118,16 @@ class Red:
             if left:
                 parts.put((setting, left))
         with ThreadPoolExecutor(cells) as workers:
-            for done in [workers.submit(self._work, parts) for _ in range(cells)]:
-                done.result()
+            begun = [workers.submit(self._work, parts) for _ in range(cells)]
+            try:
+                for done in begun:
+                    done.result()
+            except BaseException:  # interrupted: the runs that are under way are the last ones
+                self._over.set()
+                raise
 
     def _work(self, parts: queue.SimpleQueue[tuple[Setting, list[Scenario]]]) -> None:
-        while True:
+        while not self._over.is_set():
             try:
                 setting, left = parts.get_nowait()
             except queue.Empty:
@@ -133,6 +139,8 @@ class Red:
         with ExitStack() as place:
             here: Arena | None = None
             for scenario in left:
+                if self._over.is_set():
+                    return
                 for attempt in range(TRIES):
                     try:
                         if here is None:
