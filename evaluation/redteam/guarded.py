@@ -118,7 +118,7 @@ class GuardedArena:
         self._prepared_s, self._prepared_ms = time.monotonic(), time.time() * 1_000
 
     def _brought(self, start_rad: tuple[float, ...]) -> bool:
-        """True once the arm stands there: what it did before is looked at together with the way there, for a time."""
+        """True once the arm stands there: earlier acts are looked at together with the way, for a time."""
         with suppress(StageError):
             self.stage.bring(start_rad)
             return True
