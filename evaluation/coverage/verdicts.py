@@ -50,12 +50,12 @@ def named(cell: CoverageCell, run: RunRecord) -> bool:
 
 
 def stopped(cell: CoverageCell, run: RunRecord) -> bool:
-    """True where the attack was stopped in the dimension of the cell.
+    """True where the primitive stopped the attack in the dimension of the cell.
 
-    Detection: the primitive is named on record before the first harm. Prevention: no harm. Containment: no harm
-    after the first harmful effect.
+    Detection: it is named on record before the first harm. Prevention: it is named, and there is no harm. Containment:
+    it is named, and there is no harm after the first harmful effect. What stopped for another cause shows nothing.
     """
-    return named(cell, run) if cell.defence == DETECTION else not executed(cell, run)
+    return named(cell, run) and (cell.defence == DETECTION or not executed(cell, run))
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,7 +64,7 @@ class Shown:
 
     Attributes:
         fires: with everything on, a finding of the primitive is on record before the effect.
-        sufficient: with identity alone the attack executes, and with this primitive beside it, it is stopped.
+        sufficient: with identity alone the attack executes, and with this primitive beside it, that one stops it.
         necessary: with everything on it does not execute, and with everything but this primitive it does.
         runs: ids.
         absent: sentence that says what was not seen, or None.
