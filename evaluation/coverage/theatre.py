@@ -10,13 +10,13 @@ from evaluation.coverage.cells import off_in
 from evaluation.harness import copies
 from evaluation.redteam.composition import composed
 from evaluation.redteam.guarded import guarded_arena
-from evaluation.redteam.taken_out.rows import CELL, GATEWAY, PROVIDER, TOOLS, concerning
+from evaluation.redteam.taken_out.rows import GATEWAY, POINT, PROVIDER, TOOLS, concerning
 from ztpm.cell.cell import Cell
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import until
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from evaluation.redteam.guarded import GuardedArena
     from evaluation.redteam.playing import Arena, Setting
@@ -42,7 +42,6 @@ class Theatre:
 
     begin: Callable[..., Child] = copies.begin
     _off: frozenset[str] = frozenset()
-    _alone: bool = True
     _place: ExitStack = field(default_factory=ExitStack)
     _arena: GuardedArena | None = None
 
@@ -50,16 +49,15 @@ class Theatre:
     def arena(self, setting: Setting) -> Iterator[Arena]:
         """The arena in a composition.
 
-        It is on a fresh cell where it was asked for the same composition before, which has then failed, and where an
-        earlier scenario had processes beside the cell: those are registered there once.
+        It is on a fresh cell where it was asked for the same composition before, which has then failed.
 
         Args:
             setting: its mode is the name of a composition.
         """
         off = off_in(setting.mode)
-        if self._arena is None or off == self._off or not self._alone:
+        if self._arena is None or off == self._off:
             self.close()
-            self._off, self._alone = off, True
+            self._off = off
             self._arena = self._place.enter_context(guarded_arena(approver=None, begin=self._begin))
         else:
             try:
@@ -75,15 +73,20 @@ class Theatre:
         self._place.close()
 
     def _begin(self, name: str, module: str, *arguments: str, **options: Any) -> Child:
-        self._alone &= name in CELL
         return composed(self._off, self.begin)(name, module, *arguments, **options)
 
     def _change(self, arena: GuardedArena, off: frozenset[str]) -> None:
         """Runs every process of the arena in another composition. Its arm stands still meanwhile."""
         changed = [name for name in START if concerning(name, off) != concerning(name, self._off)]
+        points = concerning(POINT, off) != concerning(POINT, self._off)
         self._off = off
-        if not changed:
-            return
+        if changed:
+            self._restart(arena, changed)
+        if points:
+            arena.begin_points()
+
+    def _restart(self, arena: GuardedArena, changed: Sequence[str]) -> None:
+        """Runs these processes of the cell anew."""
         stage = arena.stage
         stage.close()
         stage.eyes = None

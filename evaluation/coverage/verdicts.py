@@ -22,30 +22,40 @@ def run_id(run: RunRecord) -> str:
     return f"{run.scenario}/{run.mode.replace(' ', '-')}"
 
 
-def effects(run: RunRecord) -> int:
-    """Number of harmful effects: harms that follow each other closely are one."""
-    count, last = 0, float("-inf")
+def effects(run: RunRecord) -> tuple[float, ...]:
+    """Begin of each harmful effect, in order: harms that follow each other closely are one."""
+    begun: list[float] = []
+    last = float("-inf")
     for harm in sorted(run.harm, key=lambda one: one.at_s):
-        count += harm.at_s - last > APART_S
+        if harm.at_s - last > APART_S:
+            begun.append(harm.at_s)
         last = harm.at_s
-    return count
+    return tuple(begun)
 
 
 def executed(cell: CoverageCell, run: RunRecord) -> bool:
     """True where the attack came to what the defence is about: its harm, or for containment a further harm."""
-    return effects(run) > (1 if cell.defence == CONTAINMENT else 0)
+    return bool(_of(cell, run))
+
+
+def _of(cell: CoverageCell, run: RunRecord) -> tuple[float, ...]:
+    """Effects that the defence is about: all of them, or for containment those after the first."""
+    return effects(run)[1:] if cell.defence == CONTAINMENT else effects(run)
+
+
+def named(cell: CoverageCell, run: RunRecord) -> bool:
+    """True where the primitive is named on record before any effect that the defence is about."""
+    named_s = run.named_s.get(cell.primitive)
+    return named_s is not None and all(named_s <= at_s for at_s in _of(cell, run))
 
 
 def stopped(cell: CoverageCell, run: RunRecord) -> bool:
-    """True where the attack was stopped in the dimension of the cell.
+    """True where the primitive stopped the attack in the dimension of the cell.
 
-    Detection: the primitive is named on record before the first harm. Prevention: no harm. Containment: no harm
-    after the first harmful effect.
+    Detection: it is named on record before the first harm. Prevention: it is named, and there is no harm. Containment:
+    it is named, and there is no harm after the first harmful effect. What stopped for another cause shows nothing.
     """
-    if cell.defence != DETECTION:
-        return not executed(cell, run)
-    named_s = run.named_s.get(cell.primitive)
-    return named_s is not None and all(named_s <= harm.at_s for harm in run.harm)
+    return named(cell, run) and (cell.defence == DETECTION or not executed(cell, run))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +63,8 @@ class Shown:
     """Verdict on one cell.
 
     Attributes:
-        fires: with everything on, a finding of the primitive is on record.
-        sufficient: with identity alone the attack executes, and with this primitive beside it, it is stopped.
+        fires: with everything on, a finding of the primitive is on record before the effect.
+        sufficient: with identity alone the attack executes, and with this primitive beside it, that one stops it.
         necessary: with everything on it does not execute, and with everything but this primitive it does.
         runs: ids.
         absent: sentence that says what was not seen, or None.
@@ -86,7 +96,7 @@ def shown(cell: CoverageCell, scenarios: Sequence[str], runs: Mapping[tuple[str,
         runs: by scenario and composition; one that was not played shows nothing.
     """
     whole, base, only, without = ([runs.get((id_, name)) for id_ in scenarios] for name in cell.compositions)
-    fires = any(run is not None and cell.primitive in run.primitives for run in whole)
+    fires = any(run is not None and named(cell, run) for run in whole)
     alone = [(first, then) for first, then in zip(base, only, strict=True) if first and executed(cell, first)]
     sufficient = any(then is not None and stopped(cell, then) for _, then in alone)
     necessary = any(
@@ -113,7 +123,8 @@ def _absent(
     if not fires:
         found = sorted({primitive for run in whole for primitive in run.primitives})
         elsewhere = f"; on record there were findings of {', '.join(found)}" if found else ""
-        said.append(f"With everything on no finding of {cell.primitive} was on record in {len(whole)} runs{elsewhere}.")
+        of = f"no finding of {cell.primitive} was on record in time"
+        said.append(f"With everything on {of} in {len(whole)} runs{elsewhere}.")
     if not sufficient and not executing:
         what = "did a further harm" if cell.defence == CONTAINMENT else "executed"
         said.append(f"With identity alone none of the {len(whole)} scenarios {what}, so nothing was there to be shown.")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import sha256
@@ -110,12 +110,19 @@ class GuardedArena:
             self.stage.bring(scenario.start_rad)
         except StageError:
             self._restore()
-            self.stage.bring(scenario.start_rad)
+            until(lambda: self._brought(scenario.start_rad), "the arm where the scenario begins")
         self.stage.begin()
         if self._desk is not None:
             self._desk.papers.lay_out()
         self.attempts = Attempts()
         self._prepared_s, self._prepared_ms = time.monotonic(), time.time() * 1_000
+
+    def _brought(self, start_rad: tuple[float, ...]) -> bool:
+        """True once the arm stands there: earlier acts are looked at together with the way, for a time."""
+        with suppress(StageError):
+            self.stage.bring(start_rad)
+            return True
+        return False
 
     def _await_desk(self) -> None:
         """Waits until the desk, which may have been started just now, knows what is revoked."""
@@ -132,6 +139,19 @@ class GuardedArena:
             self._admission = self.beside.enter_context(admission_room(self.stage, begin=self.begin))
         self._admission.enter(self.cast)
         return self._admission
+
+    def begin_points(self) -> None:
+        """Begins the processes beside the cell anew, with the registration and the folders that they have.
+
+        Raises:
+            StageError: one does not become ready.
+        """
+        if self._admission is not None:
+            self._admission.start(self.begin)
+        if self._desk is not None:
+            refused = replaced(self._desk, self.stage)
+            if refused:
+                raise StageError(f"the desk: {refused}")
 
     def _restore(self) -> None:
         """Restores the director: after many scenarios it deviates from a planner's baseline."""

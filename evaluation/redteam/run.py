@@ -76,6 +76,7 @@ class Red:
     _of: int = 0
     _count: int = 0
     _lock: threading.Lock = field(default_factory=threading.Lock)
+    _over: threading.Event = field(default_factory=threading.Event)
 
     def play(self, scenarios: Sequence[Scenario], *, cells: int, modes: Sequence[str] = ()) -> Played:
         """Runs of these scenarios in each mode; those that the ledger has are not played again.
@@ -122,11 +123,16 @@ class Red:
             for share in _shares(left, cells):
                 parts.put((setting, share))
         with ThreadPoolExecutor(cells) as workers:
-            for done in [workers.submit(self._work, parts) for _ in range(cells)]:
-                done.result()
+            begun = [workers.submit(self._work, parts) for _ in range(cells)]
+            try:
+                for done in begun:
+                    done.result()
+            except BaseException:  # interrupted: the runs that are under way are the last ones
+                self._over.set()
+                raise
 
     def _work(self, parts: queue.SimpleQueue[tuple[Setting, list[Scenario]]]) -> None:
-        while True:
+        while not self._over.is_set():
             try:
                 setting, left = parts.get_nowait()
             except queue.Empty:
@@ -138,6 +144,8 @@ class Red:
         with ExitStack() as place:
             here: Arena | None = None
             for scenario in left:
+                if self._over.is_set():
+                    return
                 for attempt in range(TRIES):
                     try:
                         if here is None:

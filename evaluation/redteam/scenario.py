@@ -50,6 +50,7 @@ from evaluation.redteam.acts.perception import Blinker, Frames, Restart, Silence
 from evaluation.redteam.acts.program import Program
 from evaluation.redteam.acts.raw import Send
 from evaluation.redteam.acts.reading import Document, Recall, ToolResponse
+from evaluation.redteam.acts.routine import Routine
 from evaluation.redteam.acts.stopping import Halt, Persist, Storm
 from evaluation.redteam.acts.telling import Instruct, Message
 from evaluation.redteam.parts import SCENARIO_ID, Moment
@@ -60,7 +61,7 @@ if TYPE_CHECKING:
 Motion = MoveJoint | MovePath | SpeedJoint | StepJoint | SwingJoint | QueueJoint | GripperMove | Wait | Program | Send
 Perception = Frames | Silence | Blinker | Restart
 Text = Instruct | Message | Document | Recall | ToolResponse | LendNotes | SendNote | SetPlan | HandOn
-Authority = Call | ChangeTool | Delegate | Register | Vote | Withdraw | Storm | Persist | Halt
+Authority = Call | Routine | ChangeTool | Delegate | Register | Vote | Withdraw | Storm | Persist | Halt
 Anyone = Motion | Perception | Text | Authority
 """Every act that there is; `do` tells them apart."""
 

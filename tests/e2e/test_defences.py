@@ -11,10 +11,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 import pytest
+from evaluation.coverage.theatre import START
 from evaluation.harness import copies
 from tests.e2e import sabotage
 from ztpm.base.processes import Child
-from ztpm.cell.cell import Cell
 from ztpm.demo.run import StepReport, play
 from ztpm.demo.story import STORY
 from ztpm.stage.live import stage
@@ -84,10 +84,6 @@ def test_every_refusing_step_has_a_case() -> None:
     refusing = {step.id for step in STORY.steps if step.expect.decision in ("DENY", "DEFER")}
     assert refusing | STOPS == {step for step, *_ in CASES}
     assert {defect for _, _, defect, _ in CASES} >= ALWAYS
-
-
-START = {"identity provider": Cell.start_idp, "gateway": Cell.start_gateway, "tool server": Cell.start_tools}
-"""Starter of each process of a cell."""
 
 
 class Theatre:

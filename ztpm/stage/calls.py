@@ -162,9 +162,14 @@ def _said(answer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def send(auth: httpx2.Auth, url: str, body: bytes, headers: Mapping[str, str]) -> Answer:
     """The answer to one POST with a body that no well-behaved client would write, properly signed."""
-    started = time.perf_counter()
     with httpx2.Client(auth=auth, timeout=30.0) as http:
-        response = http.post(url, content=body, headers=dict(headers))
+        return post(http, url, body, headers)
+
+
+def post(http: httpx2.Client, url: str, body: bytes, headers: Mapping[str, str]) -> Answer:
+    """The answer to one POST over a client that is kept for several."""
+    started = time.perf_counter()
+    response = http.post(url, content=body, headers=dict(headers))
     exchange = Exchange("POST", url, dict(headers), body, response.status_code, response.content)
     return spoken(exchange, (time.perf_counter() - started) * 1e3)
 

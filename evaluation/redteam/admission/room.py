@@ -46,6 +46,7 @@ if TYPE_CHECKING:
 
 PORT: Final = 8840
 PEP: Final = "admission-1"
+CONFIGURATION: Final = "point.toml"
 PEOPLE: Final = ("alice", "bob")
 """People whose word is an instruction."""
 CURATORS: Final = ("dora", "emil")
@@ -70,6 +71,7 @@ class AdmissionRoom:
     folder: Path
     curators: dict[str, PrivateKey]
     notes_to: frozenset[str] | None = ADDRESSES
+    _child: Child | None = None
     _lent: int = 0
     _roles: set[str] = field(default_factory=set)
     _revoked: set[str] = field(default_factory=set)
@@ -97,6 +99,30 @@ class AdmissionRoom:
     def public_key(self) -> bytes:
         """Public key of the point, which anyone may know."""
         return keys.public_raw(read_key(self.folder.parent / KEY, self.stage.cell.passphrase))
+
+    def start(self, begin: Callable[..., Child]) -> None:
+        """Starts the point's process, in place of the one that runs; it is ready afterwards.
+
+        Args:
+            begin: begins it.
+
+        Raises:
+            ztpm.base.processes.ChildError: it does not become ready.
+        """
+        self.stop()
+        self._child = begin(
+            "admission point",
+            "evaluation.redteam.admission.point",
+            "--config",
+            str(self.folder.parent / CONFIGURATION),
+            environment={PASSPHRASE_VARIABLE: self.stage.cell.passphrase.decode()},
+        ).until_ready()
+
+    def stop(self) -> None:
+        """Stops the point's process, if it runs."""
+        if self._child is not None:
+            self._child.stop()
+        self._child = None
 
     # --- authority ---------------------------------------------------------------------------------------------------
 
@@ -271,17 +297,11 @@ def admission_room(stage: Stage, *, begin: Callable[..., Child] = Child.begin) -
     people = {name: keys.public_raw(stage.person(name)._key).hex() for name in PEOPLE}  # noqa: SLF001 - the arena's own
     curators = {name: keys.public_raw(key).hex() for name, key in room.curators.items()}
     tables = b"[people]\n" + toml(people) + b"[curators]\n" + toml(curators)
-    (root / "point.toml").write_bytes(toml({"guard": guard.name}) + tables)
-    child = begin(
-        "admission point",
-        "evaluation.redteam.admission.point",
-        "--config",
-        str(root / "point.toml"),
-        environment={PASSPHRASE_VARIABLE: secret.decode()},
-    ).until_ready()
+    (root / CONFIGURATION).write_bytes(toml({"guard": guard.name}) + tables)
+    room.start(begin)
     stage.further_journals.append(folder / JOURNAL)
     try:
         yield room
     finally:
         stage.further_journals.remove(folder / JOURNAL)
-        child.stop()
+        room.stop()

@@ -135,3 +135,8 @@ def test_what_a_shipped_scenario_says_that_it_shows_is_a_cell_of_its_attack() ->
     assert said
     assert said <= known
     assert all(one.hazardous for one in scenarios() if one.shows)
+
+
+def test_each_cell_has_shipped_scenarios_that_say_that_they_show_it() -> None:
+    said = {(one.attack, name) for one in scenarios() for name in one.shows}
+    assert [cell for cell in CELLS if (cell.attack, cell.name) not in said] == []

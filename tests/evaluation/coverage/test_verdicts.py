@@ -19,6 +19,9 @@ def run(mode: str, *harm_s: float, named: dict | None = None) -> RunRecord:
     )  # fmt: skip
 
 
+STOPPED = run("only TEA-4", named={"TEA-4": 0.1})
+
+
 def verdict(cell: CoverageCell, *runs: RunRecord):
     return shown(cell, ("AC-5-001",), {(each.scenario, each.mode): each for each in runs})
 
@@ -38,13 +41,12 @@ def test_compositions_take_out_what_their_names_say() -> None:
 
 
 def test_harms_that_follow_each_other_closely_are_one_effect() -> None:
-    assert [effects(run(WHOLE, *times)) for times in ((), (1.0,), (1.0, 1.5, 2.4), (2.4, 1.0))] == [0, 1, 1, 2]
+    told = [effects(run(WHOLE, *times)) for times in ((), (1.0,), (1.0, 1.5, 2.4), (2.4, 1.0))]
+    assert told == [(), (1.0,), (1.0,), (1.0, 2.4)]
 
 
 def test_prevention_that_fires_and_suffices_is_not_absent() -> None:
-    found = verdict(
-        PREVENTS, run(WHOLE, named={"TEA-4": 0.1}), run(BASE, 1.0), run("only TEA-4"), run("without TEA-4", 1.0)
-    )
+    found = verdict(PREVENTS, run(WHOLE, named={"TEA-4": 0.1}), run(BASE, 1.0), STOPPED, run("without TEA-4", 1.0))
     assert (found.fires, found.sufficient, found.necessary, found.absent) == (True, True, True, None)
     assert found.runs == (
         "AC-5-001/whole", "AC-5-001/identity", "AC-5-001/only-TEA-4", "AC-5-001/without-TEA-4",
@@ -54,11 +56,12 @@ def test_prevention_that_fires_and_suffices_is_not_absent() -> None:
 @pytest.mark.parametrize(
     ("runs", "seen"),
     [
-        ([run(WHOLE), run(BASE, 1.0), run("only TEA-4"), run("without TEA-4", 1.0)], (False, True, True)),
+        ([run(WHOLE), run(BASE, 1.0), STOPPED, run("without TEA-4", 1.0)], (False, True, True)),
+        ([run(WHOLE), run(BASE, 1.0), run("only TEA-4"), run("without TEA-4", 1.0)], (False, False, True)),
         ([run(WHOLE, named={"TEA-6": 0.1}), run(BASE, 1.0), run("only TEA-4", 1.0)], (False, False, False)),
-        ([run(WHOLE, named={"TEA-4": 0.1}), run(BASE), run("only TEA-4")], (True, False, False)),
+        ([run(WHOLE, named={"TEA-4": 0.1}), run(BASE), STOPPED], (True, False, False)),
         ([run(WHOLE, 1.0, named={"TEA-4": 0.1}), run(BASE, 1.0), run("without TEA-4", 1.0)], (True, False, False)),
-        ([run(WHOLE, named={"TEA-4": 0.1}), run(BASE, 1.0), run("only TEA-4"), run("without TEA-4")], (True, True, False)),
+        ([run(WHOLE, named={"TEA-4": 0.1}), run(BASE, 1.0), STOPPED, run("without TEA-4")], (True, True, False)),
         ([], (False, False, False)),
     ],
 )  # fmt: skip
@@ -78,5 +81,19 @@ def test_detection_comes_before_the_harm(named: dict, sufficient: bool) -> None:
     [((1.0, 5.0), (1.0,), True), ((1.0, 5.0), (1.0, 5.0), False), ((1.0,), (1.0,), False), ((1.0, 1.5), (), False)],
 )
 def test_containment_is_of_what_would_go_on(base_s: tuple, only_s: tuple, sufficient: bool) -> None:
-    found = verdict(CONTAINS, run(WHOLE), run(BASE, *base_s), run("only ABG-1", *only_s))
+    found = verdict(CONTAINS, run(WHOLE), run(BASE, *base_s), run("only ABG-1", *only_s, named={"ABG-1": 1.0}))
     assert found.sufficient is sufficient
+
+
+@pytest.mark.parametrize(
+    ("cell", "named_s", "fires"),
+    [
+        (DETECTS, 0.9, True),
+        (DETECTS, 1.1, False),
+        (PREVENTS, 1.1, False),
+        (CONTAINS, 1.1, True),
+        (CONTAINS, 5.1, False),
+    ],
+)
+def test_what_is_named_after_the_effect_has_not_fired(cell: CoverageCell, named_s: float, fires: bool) -> None:
+    assert verdict(cell, run(WHOLE, 1.0, 5.0, named={cell.primitive: named_s})).fires is fires

@@ -1,6 +1,10 @@
 """Acts are read out of a scenario's text; steps and swings go where they say."""
 
+import json
+from types import SimpleNamespace
+
 import pytest
+from evaluation.redteam.acts import routine
 from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.acts.arm import StepJoint, SwingJoint, worst
 from evaluation.redteam.acts.program import Program, effect_of, reason
@@ -32,6 +36,7 @@ ACTS = [
     'do = "half_blind"',
     'do = "wait"\ns = 0.5',
     'do = "restart_sensor"',
+    'do = "routine"\nplace = "arm"\ntool = "read_state"\ncalls = 260',
 ]
 STEPS = {
     f'{{ call = "moveJ", to_rad = {SIX}, speed_rad_s = 0.5, asynchronous = true }}': "move_joint",
@@ -108,3 +113,27 @@ def test_a_refused_step_that_moved_the_arm_was_stopped(why, moved_rad, effect):
 
 def test_every_port_of_a_controller_can_be_sent_to():
     assert len(set(PORTS.values())) == len(PORTS)
+
+
+def test_routine_is_so_many_calls_of_its_own_authority_and_tells_the_first_that_was_refused(monkeypatch):
+    sent = []
+
+    def post(http, url, body, headers):
+        sent.append((url, json.loads(body)["params"], headers["mcp-name"]))
+        return SimpleNamespace(refused=len(sent) > 2)
+
+    def came_of(answer, point):
+        return Came(Effect.DENIED, point, "BUDGET_SPENT") if answer.refused else Came(Effect.DONE)
+
+    monkeypatch.setattr(routine, "post", post)
+    monkeypatch.setattr(routine, "in_time", lambda once: once())
+    agent = SimpleNamespace(auth=lambda token: ("robotic", token))
+    arena = SimpleNamespace(
+        agent=lambda role: agent, token=lambda role, place: "token", url=lambda place: "https://cell.invalid/mcp",
+        came_of=came_of,
+    )  # fmt: skip
+    act = routine.Routine(by="robotic", place="arm", tool="read_state", calls=4)
+    assert act.guarded(arena) == Came(Effect.DENIED, "e4", "BUDGET_SPENT")
+    assert sent == [("https://cell.invalid/mcp", {"name": "read_state", "arguments": {}}, "read_state")] * 4
+    assert act.bare(arena) == Came(Effect.DONE)
+    assert len(sent) == 4

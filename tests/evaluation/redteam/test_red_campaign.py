@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import SimpleNamespace
 
+import threading
 import msgspec
 import pytest
 from evaluation.redteam import ledger, playing
@@ -282,3 +283,22 @@ def test_time_to_containment_ends_with_the_refusal_and_not_with_the_judgement(mo
     setting = playing.Setting("all", approver=True)
     arena = Slow(Arenas({("AC-1-001", "all", True): [NO]}), setting)
     assert playing.played(scenario_files("AC-1-001")[0], arena, setting, judge).contained_s == 2.0
+
+
+def test_an_interrupt_ends_with_the_runs_that_are_under_way(tmp_path):
+    arenas, lock, judged = Arenas(), threading.Lock(), []
+
+    def judge(*_):
+        with lock:
+            judged.append(None)
+            first = len(judged) == 1
+        if first:
+            raise KeyboardInterrupt
+        red._over.wait(5)
+        return ()
+
+    with ledger.Ledger.open(tmp_path / "runs", CAMPAIGN) as runs:
+        red = Red(runs, judge, lambda _: None, arenas.open)
+        with pytest.raises(KeyboardInterrupt):
+            red.play(scenario_files("AC-1-001", "AC-4-001", "AC-4-B001"), cells=2)
+    assert len(arenas.performed) <= 2
