@@ -449,7 +449,7 @@ class Provider:
         self.epochs.told(await self._epoch())
 
     async def _epoch(self) -> int:
-        async with self.store.read() as view:
+        async with self.store.glance() as view:
             return (await view.counters()).epoch
 
     def _make_token(self, command: Command, events: tuple[Event, ...]) -> str | None:

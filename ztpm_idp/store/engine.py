@@ -86,6 +86,8 @@ class Store:
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
         self._postgres = engine.dialect.name == postgres.DIALECT
+        # One statement is a view, or a transaction, of its own: PostgreSQL is told of no begin and no end of it.
+        self._single = engine.execution_options(isolation_level="AUTOCOMMIT") if self._postgres else engine
         # SQLite has one writer; waiting here is fair, waiting inside SQLite is not. Other processes are kept out by
         # SQLite itself.
         self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
@@ -171,6 +173,19 @@ class Store:
             raise StoreUnavailableError from error
 
     @asynccontextmanager
+    async def glance(self) -> AsyncIterator[Transaction]:
+        """A view for one statement: of two, each would see what is newest. Changes nothing.
+
+        Raises:
+            StoreUnavailableError: it cannot be read.
+        """
+        try:
+            async with self._single.connect() as connection:
+                yield Transaction(connection, None)
+        except (SQLAlchemyError, OSError) as error:
+            raise StoreUnavailableError from error
+
+    @asynccontextmanager
     async def listening(self, hinted: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
         """While it lasts, `hinted` is called when another process may have revoked something.
 
@@ -200,7 +215,7 @@ class Store:
         return await self._uses.ask(ProofUse(key, jti, expires_ms, at_ms))
 
     async def _first_uses(self, uses: Sequence[ProofUse]) -> Sequence[bool]:
-        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+        async with self._one_change() as connection:
             return await self._use_up(connection, uses)
 
     async def party_of_key(self, key: bytes) -> Party | None:
@@ -212,7 +227,7 @@ class Store:
         return await self._owners.ask(key)
 
     async def _parties_of_keys(self, keys: Sequence[bytes]) -> Sequence[Party | None]:
-        async with self.read() as view:
+        async with self.glance() as view:
             return await view.parties_of_keys(keys)
 
     async def _use_up(self, connection: AsyncConnection, uses: Sequence[ProofUse | None]) -> list[bool]:
@@ -244,7 +259,7 @@ class Store:
         Raises:
             StoreUnavailableError: it cannot.
         """
-        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+        async with self._one_change() as connection:
             await connection.execute(_BEAT)
 
     @asynccontextmanager
@@ -260,11 +275,17 @@ class Store:
         async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
             yield connection
 
+    def _one_change(self) -> AbstractAsyncContextManager[AsyncConnection]:
+        """A connection of which each statement is durable when it has been executed; on SQLite, at the end."""
+        return self._write_connection(nullcontext() if self._postgres else self._writer, engine=self._single)
+
     @asynccontextmanager
-    async def _write_connection(self, place: AbstractAsyncContextManager[Any]) -> AsyncIterator[AsyncConnection]:
+    async def _write_connection(
+        self, place: AbstractAsyncContextManager[Any], *, engine: AsyncEngine | None = None
+    ) -> AsyncIterator[AsyncConnection]:
         ended, end = None if self.timed is None else self.timed(), ROLLED_BACK
         try:
-            async with place, self._engine.connect() as connection:
+            async with place, (engine or self._engine).connect() as connection:
                 connection = await connection.execution_options(ztpm_writes=True)  # noqa: PLW2901
                 async with connection.begin():
                     yield connection
