@@ -11,7 +11,7 @@ import sqlalchemy as sa
 from ztpm_idp.store.database import postgres, postgres_trips
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
 
@@ -46,7 +46,6 @@ class Joined:
             for part in parts
         ]
         self._joined = sa.union_all(*(_numbered(place, part.select) for place, part in enumerate(parts)))
-        self._readers: list[list[tuple[int, Callable[[Any], Any]]]] | None = None
         self._text, self._places, self._fixed = "", tuple[str, ...](), dict[str, Any]()
 
     async def read(self, connection: AsyncConnection, values: Mapping[str, Any]) -> Sequence[Sequence[Any]]:
@@ -58,8 +57,7 @@ class Joined:
         """
         if connection.dialect.name != postgres.DIALECT:
             return [await _alone(connection, part, values) for part in self.parts]
-        if self._readers is None:
-            self._readers = [_readers(part.select, connection.dialect) for part in self.parts]
+        if not self._text:
             made: Any = self._joined.compile(dialect=connection.dialect)
             self._text, self._places, self._fixed = made.string, made.positiontup, made.params
         given = {**self._fixed, **values}
@@ -67,7 +65,7 @@ class Joined:
         for place, record in await postgres_trips.fetch(
             connection, self._text, *(given[name] for name in self._places)
         ):
-            found[place].append(self._rows[place]._make(_read(record, self._readers[place])))
+            found[place].append(self._rows[place]._make(record))
         return found
 
 
@@ -91,19 +89,3 @@ def _numbered(place: int, select: sa.Select[Any]) -> sa.Select[Any]:
     number: sa.ColumnElement[Any] = sa.literal_column(str(place))
     record = sa.func.row(*select.selected_columns)
     return select.with_only_columns(number, record, maintain_column_froms=True)
-
-
-def _readers(select: sa.Select[Any], dialect: sa.Dialect) -> list[tuple[int, Callable[[Any], Any]]]:
-    """Places of the columns whose values are not yet what their types promise, each with what makes them so."""
-    made = ((at, column.type.dialect_impl(dialect).result_processor(dialect, None))
-            for at, column in enumerate(select.selected_columns))  # fmt: skip
-    return [(at, read) for at, read in made if read is not None]
-
-
-def _read(record: Sequence[Any], readers: list[tuple[int, Callable[[Any], Any]]]) -> Sequence[Any]:
-    if not readers:
-        return record
-    values = list(record)
-    for at, read in readers:
-        values[at] = read(values[at])
-    return values
