@@ -20,7 +20,7 @@ BATCH: Final = 128
 
 
 @dataclass(frozen=True, slots=True)
-class Part:
+class Portion:
     """One select of several.
 
     Attributes:
@@ -39,7 +39,7 @@ class Joined:
         parts: the selects.
     """
 
-    def __init__(self, *parts: Part) -> None:
+    def __init__(self, *parts: Portion) -> None:
         self.parts = parts
         self._rows: list[Any] = [
             namedtuple("Row", part.select.selected_columns.keys(), rename=True)  # noqa: PYI024 - the names are those of columns
@@ -69,7 +69,7 @@ class Joined:
         return found
 
 
-async def _alone(connection: AsyncConnection, part: Part, values: Mapping[str, Any]) -> Sequence[Any]:
+async def _alone(connection: AsyncConnection, part: Portion, values: Mapping[str, Any]) -> Sequence[Any]:
     """Rows of one part, of as many values at a time as any database takes."""
     if not part.lists:
         rows: Sequence[Any] = (await connection.execute(part.select, values)).all()

@@ -15,7 +15,7 @@ from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import counters, rows
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.database.among import among
-from ztpm_idp.store.joined import Joined, Part
+from ztpm_idp.store.joined import Joined, Portion
 
 _SHOWN: Final = sa.union_all(
     sa.select(t.parties.c.key, t.parties.c.id).where(among(t.parties.c.key, "keys")),
@@ -141,16 +141,16 @@ MANDATES_OF: Final = MANDATES.where(
 )
 """`conduct_of`, `since_s`: their mandates that end then or later and are not revoked, with the same columns."""
 JOINT: Final = Joined(
-    Part(PARTIES, ("parties",)),
-    Part(NONCES, ("nonces_of",)),
-    Part(REFUSALS, ("refusals_of",)),
-    Part(FIRST_HOPS, ("tokens",)),
-    Part(CONDUCT, ("conduct_of",)),
-    Part(MANDATES_OF, ("conduct_of",)),
-    Part(AMONG, tuple(kind.value for kind in RevocationKind)),
-    Part(SUSPENDED, ("agents",)),
-    Part(counters.READ, ()),
-    Part(_TREES, ("trees",)),
+    Portion(PARTIES, ("parties",)),
+    Portion(NONCES, ("nonces_of",)),
+    Portion(REFUSALS, ("refusals_of",)),
+    Portion(FIRST_HOPS, ("tokens",)),
+    Portion(CONDUCT, ("conduct_of",)),
+    Portion(MANDATES_OF, ("conduct_of",)),
+    Portion(AMONG, tuple(kind.value for kind in RevocationKind)),
+    Portion(SUSPENDED, ("agents",)),
+    Portion(counters.READ, ()),
+    Portion(_TREES, ("trees",)),
 )
 """All that commands of `domain.joint` are decided on, with the parameters of each."""
 NEW_NONCE, NEW_HOP, NEW_CONDUCT, NEW_REVOCATION, NEW_ENTRY = (
