@@ -25,7 +25,7 @@ from ztpm_idp.oauth.problem import OAuthProblem, of_refusal
 from ztpm_idp.oauth.problem import answer as oauth_answer
 from ztpm_idp.provider.audit import LedgerFollower
 from ztpm_idp.provider.confirmations import Confirmations
-from ztpm_idp.provider.feed import Heartbeat
+from ztpm_idp.provider.heartbeat import Heartbeat
 from ztpm_idp.provider.metrics import Metrics
 from ztpm_idp.provider.metrics_access import MetricsAccess, by_settings
 from ztpm_idp.provider.observing import Observing

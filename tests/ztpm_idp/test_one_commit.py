@@ -141,6 +141,7 @@ def test_a_command_is_one_commit(world, path):
 
 def test_locks_that_were_too_few_cost_no_try(world, monkeypatch):
     """Four other transactions were in the way, then its own locks were too few: it is done all the same."""
+    world.agent("mover")
     faults = [*(AgainError() for _ in range(TRIES - 1)), LocksTooFewError()]
     decided = Provider._decided
 
@@ -150,11 +151,12 @@ def test_locks_that_were_too_few_cost_no_try(world, monkeypatch):
         return await decided(self, *args, **named)
 
     monkeypatch.setattr(Provider, "_decided", disturbed)
-    assert world.people["alice"].revoke("hop", "a" * 32, "x") > 0
+    assert world.people["alice"].revoke("agent", "mover", "x") > 0
     assert faults == []
 
 
 def test_a_command_that_others_are_always_in_the_way_of_is_503(world, monkeypatch):
+    world.agent("mover")
     tried = []
 
     async def disturbed(self, *args, **named):
@@ -163,5 +165,5 @@ def test_a_command_that_others_are_always_in_the_way_of_is_503(world, monkeypatc
 
     monkeypatch.setattr(Provider, "_decided", disturbed)
     with pytest.raises(ClientError) as refused:
-        world.people["alice"].revoke("hop", "a" * 32, "x")
+        world.people["alice"].revoke("agent", "mover", "x")
     assert (refused.value.code, len(tried)) == ("STORE_UNAVAILABLE", TRIES)

@@ -15,13 +15,16 @@ from tests.ztpm_idp.world import AUDIENCE, ISSUER, SLOWER, World, new_keys
 from capabilities.keys import keys
 from capabilities.statements import registry, revocation
 from ztpm_idp.client import ClientError
-from ztpm_idp.provider import feed
-from ztpm_idp.store import StoreUnavailableError
+from ztpm_idp.provider import feed, heartbeat
+from ztpm_idp.domain.events import RevocationKind
+from ztpm_idp.store import StoreUnavailableError, prepared
+from ztpm_idp.store.joined import Joined
 from ztpm_idp.store.revocations import Revocations
 
 pytestmark = pytest.mark.long
 
 NONCE = "n" * 32
+AMONG = next(place for place, part in enumerate(prepared.JOINT.parts) if part.select is prepared.AMONG)
 
 
 def index(world, since=0, nonce=NONCE):
@@ -196,7 +199,7 @@ def test_the_nonce_is_echoed_and_the_time_taken_before(world):
 
 def test_as_of_is_taken_before_the_snapshot(world):
     """A revocation that commits while the answer is made may be in it; the stated time is not later."""
-    provider, beat = world.provider, feed.Heartbeat(world.provider)
+    provider, beat = world.provider, heartbeat.Heartbeat(world.provider)
     inner = beat.beat
 
     async def late():
@@ -205,7 +208,7 @@ def test_as_of_is_taken_before_the_snapshot(world):
 
     beat.beat = late
     before = int(world.clock() * 1000)
-    text = world.on_loop(feed.revocation_index(provider, beat, since=0, nonce=NONCE))
+    text = world.on_loop(heartbeat.revocation_index(provider, beat, since=0, nonce=NONCE))
     assert revocation.open(text, world.trust.feed, DEFAULT).as_of_ms == before
 
 
@@ -261,7 +264,7 @@ def test_one_commit_serves_those_who_waited_and_nobody_later(world):
         now_ms = staticmethod(lambda: 1)
 
     async def go():
-        beat = feed.Heartbeat(Providing())
+        beat = heartbeat.Heartbeat(Providing())
         await asyncio.gather(*(beat.beat() for _ in range(20)))
         crowd = Providing.store.beats
         await beat.beat()
@@ -327,7 +330,7 @@ def test_revoked_things_survive_a_restart(tmp_path):
 
 
 def index_of(world):
-    text = world.on_loop(feed.revocation_index(world.provider, world.app.state.heartbeat, since=0, nonce=NONCE))
+    text = world.on_loop(heartbeat.revocation_index(world.provider, world.app.state.heartbeat, since=0, nonce=NONCE))
     return revocation.open(text, world.trust.feed, DEFAULT).entries
 
 
@@ -497,19 +500,20 @@ def test_a_token_is_judged_by_its_own_names_alone(world):
     for number in range(5):
         world.people["dan"].revoke("hop", f"{number:032x}", reason="x")
     asked = []
-    among = Revocations.among
+    read = Joined.read
 
-    async def seen(self, names):
-        asked.append((names, found := await among(self, names)))
+    async def seen(self, connection, values):
+        found = await read(self, connection, values)
+        asked.append(({kind.value for kind in RevocationKind if values[kind.value]}, found[AMONG]))
         return found
 
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(Revocations, "among", seen)
+        patched.setattr(Joined, "read", seen)
         patched.setattr(Revocations, "every", None)  # not asked for
         delegate()
-    ((names, found),) = asked
+    _, (kinds, found) = asked  # the delegate's nonce, the token
     assert not found
-    assert {kind for kind, _ in names} == {"sponsor", "token", "hop", "agent", "key", "audience"}
+    assert kinds == {"sponsor", "token", "hop", "agent", "key", "audience"}
 
 
 def test_rules_with_another_bundle_remember_nothing(world):

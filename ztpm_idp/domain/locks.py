@@ -113,6 +113,7 @@ WHOLE = Lock(Part.WHOLE)
 REGISTRY = Lock(Part.REGISTRY)
 REVOCATIONS = Lock(Part.REVOCATIONS)
 ASKS = Lock(Part.ASKS)
+NO_LOCKS = Locks(frozenset(), frozenset())
 EVERYTHING = Locks(frozenset(), frozenset({WHOLE}))
 """Locks of a command that runs alone."""
 

@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 
 LONGEST_S: Final = 20.0
 """Longest wait for one answer: below the 30 s after which common proxies drop a silent request."""
+APART_S: Final = 0.02
+"""Least time between two hints: each is a pull of every enforcement point, and what is revoked meanwhile shares one.
+
+The first after a quiet time is told at once; a later one waits so long at most.
+"""
 WAITERS: Final = 256
 """Requests that may wait at a time. Each holds a connection; the endpoint asks nobody who they are."""
 
@@ -32,10 +37,16 @@ class EpochWait:
         epoch: the store's epoch now.
         longest_s: longest wait.
         most: requests that may wait at a time.
+        apart_s: least time between two hints.
     """
 
     def __init__(
-        self, epoch: Callable[[], Awaitable[int]], *, longest_s: float = LONGEST_S, most: int = WAITERS
+        self,
+        epoch: Callable[[], Awaitable[int]],
+        *,
+        longest_s: float = LONGEST_S,
+        most: int = WAITERS,
+        apart_s: float = APART_S,
     ) -> None:
         self._epoch = epoch
         self._longest_s = longest_s
@@ -44,6 +55,9 @@ class EpochWait:
         self._highest = 0
         self._waiting = 0
         self._closed = False
+        self._apart_s = apart_s
+        self._hinted = 0  # the highest epoch that who waited has been told of
+        self._pause: asyncio.TimerHandle | None = None
 
     @property
     def highest(self) -> int:
@@ -54,11 +68,14 @@ class EpochWait:
         """The store's epoch is at least this: committed, not merely tried."""
         if epoch > self._highest:
             self._highest = epoch
-            self._wake()
+            if self._pause is None:
+                self._hint()
 
     def close(self) -> None:
         """Ends the service: every waiting caller is answered now, and none waits any more."""
         self._closed = True
+        if self._pause is not None:
+            self._pause.cancel()
         self._wake()
 
     async def above(
@@ -82,7 +99,8 @@ class EpochWait:
             # Taken before the store is asked: a commit after the answer sets this very event.
             grown = self._grown
             epoch = await self._epoch()
-            if epoch > since or self._closed:
+            self.told(epoch)  # another process may have made it, and its hint be lost
+            if self._closed or (epoch > since and (self._pause is None or self._hinted > since)):
                 return epoch
             grew = asyncio.create_task(grown.wait())
             try:
@@ -115,6 +133,17 @@ class EpochWait:
             if epoch > since:
                 since = epoch
                 yield epoch
+
+    def _hint(self) -> None:
+        """Whoever waits is told, and nobody again for a moment."""
+        self._hinted = self._highest
+        self._pause = asyncio.get_running_loop().call_later(self._apart_s, self._go_on)
+        self._wake()
+
+    def _go_on(self) -> None:
+        self._pause = None
+        if self._highest > self._hinted and not self._closed:
+            self._hint()
 
     def _wake(self) -> None:
         grown, self._grown = self._grown, asyncio.Event()

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
 import json
 from itertools import accumulate
 from typing import TYPE_CHECKING, Final, Protocol
+
+import msgspec
 
 from capabilities.statements import checkpoint, conduct, registry, revocation
 from capabilities.statements.people import answers
@@ -114,66 +115,6 @@ class BaseHeads:
         return head
 
 
-class Heartbeat:
-    """Proof that the store can commit, shared by all who ask at the same time.
-
-    One commit serves all callers that were waiting when it began; nobody is served by a commit that began before it
-    asked.
-
-    Attributes:
-        beaten_ms: when the newest commit began by the wall clock, milliseconds since the epoch; None before the first.
-    """
-
-    def __init__(self, provider: Deployment) -> None:
-        self._provider = provider
-        self.beaten_ms: int | None = None
-        self._turn = asyncio.Lock()
-        self._asked = 0
-        self._served = 0
-
-    async def beat(self) -> None:
-        """A commit that began after this call has succeeded.
-
-        Raises:
-            StoreUnavailableError: it has not.
-        """
-        self._asked += 1
-        mine = self._asked
-        async with self._turn:
-            if self._served >= mine:
-                return
-            everybody, begun_ms = self._asked, self._provider.now_ms()
-            await self._provider.store.beat()
-            self._served, self.beaten_ms = everybody, begun_ms
-
-
-async def revocation_index(
-    provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str, base: int | None = None
-) -> str:
-    """Signed index of the revocations after `since`.
-
-    `as_of` is taken first: everything acknowledged before it is in the snapshot. Each epoch has exactly one entry. An
-    index that cannot hold all of them brings the oldest; that its last entry is below its epoch says that more is to
-    come.
-
-    Args:
-        provider: of this deployment.
-        heartbeat: of its store.
-        since: what the caller knows.
-        nonce: echoed.
-        base: epoch of the base that the caller began with, 0 for the newest one; None: nothing is left out.
-
-    Raises:
-        StoreUnavailableError: the store cannot commit; there is no heartbeat then.
-        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
-    """
-    as_of_ms = provider.now_ms()
-    await heartbeat.beat()
-    async with provider.store.read() as view:
-        await _serving(view)
-        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms, base=base)
-
-
 async def index_after(provider: Deployment, *, since: int, nonce: str) -> tuple[str, int]:
     """Signed index of the revocations after `since`, and its epoch, of a store that need not commit for it.
 
@@ -183,11 +124,12 @@ async def index_after(provider: Deployment, *, since: int, nonce: str) -> tuple[
     """
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
-        reached = (await _serving(view)).epoch
-        return await _index(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms), reached
+        await serving(view)
+        index = await unsigned_index(provider, view, since=since, as_of_ms=as_of_ms)
+        return signed_index(provider, index, nonce=nonce), index.epoch
 
 
-async def _serving(view: Transaction) -> Counters:
+async def serving(view: Transaction) -> Counters:
     """The counters of a store that is not being restored.
 
     Raises:
@@ -198,9 +140,14 @@ async def _serving(view: Transaction) -> Counters:
     return counters
 
 
-async def _index(
-    provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int, base: int | None = None
-) -> str:
+async def unsigned_index(
+    provider: Deployment, view: Transaction, *, since: int, as_of_ms: int, base: int | None = None
+) -> revocation.RevocationIndex:
+    """The revocations after `since` as a view has them, for nobody's nonce yet.
+
+    Raises:
+        Problem: `EPOCH_AHEAD` when the caller knows more than the store.
+    """
     counters = await view.counters()
     if max(since, base or 0) > counters.epoch:
         # A store restored from an older copy: saying so aloud beats signing an index that nobody can accept.
@@ -215,19 +162,23 @@ async def _index(
         cut = len(kept) < len(found) or len(found) == INDEX_ENTRIES
         head = await provider.base_heads.at(view, counters.revocation_line, begun)
         beginning = revocation.RevocationBase(begun, head, kept[-1].epoch if cut else counters.epoch)
-    index = revocation.RevocationIndex(
+    return revocation.RevocationIndex(
         issuer=provider.settings.issuer,
         epoch=counters.epoch,
         since=since,
         as_of_ms=as_of_ms,
-        nonce=nonce,
+        nonce=_NO_NONCE,
         registry_version=counters.registry_version,
         entries=kept,
         line=counters.revocation_line,
         head=counters.revocation_head,
         base=beginning,
     )
-    return revocation.sign(index, provider.keys.feed)
+
+
+def signed_index(provider: Deployment, index: revocation.RevocationIndex, *, nonce: str) -> str:
+    """The index, signed for this nonce."""
+    return revocation.sign(msgspec.structs.replace(index, nonce=nonce), provider.keys.feed)
 
 
 def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.RevocationEntry, ...]:
@@ -239,24 +190,12 @@ def _that_fit(found: list[tuple[int, str, str]]) -> tuple[revocation.RevocationE
     )
 
 
-async def conduct_word(provider: Deployment, heartbeat: Heartbeat, *, since: int, nonce: str) -> str:
-    """Signed word on the changes of agents' conduct after `since`.
-
-    As with revocations, `as_of` is taken first, and a store that cannot commit says nothing. A word that cannot hold
-    everything brings the oldest.
+async def conduct_of(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
+    """Signed word on the changes of agents' conduct after `since`, as a view has them.
 
     Raises:
-        StoreUnavailableError: the store cannot commit.
         Problem: `EPOCH_AHEAD` when the caller knows more than the store.
     """
-    as_of_ms = provider.now_ms()
-    await heartbeat.beat()
-    async with provider.store.read() as view:
-        await _serving(view)
-        return await _conduct(provider, view, since=since, nonce=nonce, as_of_ms=as_of_ms)
-
-
-async def _conduct(provider: Deployment, view: Transaction, *, since: int, nonce: str, as_of_ms: int) -> str:
     newest = (await view.counters()).conduct_version
     told = await view.conduct.told(since=since, most=conduct.ENTRIES)
     if since > newest:
@@ -296,7 +235,7 @@ async def registry_snapshot(provider: Deployment, *, audience: str) -> str:
     """The signed registry of `audience`: of each version one text, which is kept for the next who asks."""
     as_of_ms, kept = provider.now_ms(), provider.snapshots
     async with provider.store.read() as view:
-        counters = await _serving(view)
+        counters = await serving(view)
         version = counters.revocation_line, counters.registry_version, provider.keys.bundle_version
         if (known := kept.get(audience)) is not None and known[0] == version:
             return known[1]
@@ -353,7 +292,7 @@ async def answers_for(provider: Deployment, *, audience: str, nonce: str) -> str
     """
     as_of_ms = provider.now_ms()
     async with provider.store.read() as view:
-        await _serving(view)
+        await serving(view)
         return await _answers(provider, view, audience=audience, nonce=nonce, as_of_ms=as_of_ms)
 
 
@@ -401,10 +340,11 @@ async def read_back(
         StatementError: `STATEMENT_MALFORMED` for an event that no enforcement point could be told.
     """
     if any(isinstance(event, Revoked | StoreRestored | LineBegun) for event in events):
-        await _index(provider, view, since=before.epoch, nonce=_NO_NONCE, as_of_ms=at_ms)
+        index = await unsigned_index(provider, view, since=before.epoch, as_of_ms=at_ms)
+        signed_index(provider, index, nonce=_NO_NONCE)
     told = (await view.counters()).conduct_version != before.conduct_version
     if told and any(isinstance(event, ConductObserved | AgentRestored) for event in events):
-        await _conduct(provider, view, since=before.conduct_version, nonce=_NO_NONCE, as_of_ms=at_ms)
+        await conduct_of(provider, view, since=before.conduct_version, nonce=_NO_NONCE, as_of_ms=at_ms)
     for audience in sorted(frozenset[str]().union(*map(_registries, events))):
         await _registry(provider, view, audience=audience or provider.settings.issuer, as_of_ms=at_ms)
     asked = frozenset(event.ask_id for event in events if isinstance(event, VoteCast))

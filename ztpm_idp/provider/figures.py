@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from prometheus_client import Metric
 
-    from ztpm_idp.provider.feed import Heartbeat
+    from ztpm_idp.provider.heartbeat import Heartbeat
     from ztpm_idp.provider.metrics import Metrics
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.store.points import FollowedPoint

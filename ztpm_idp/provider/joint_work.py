@@ -61,17 +61,23 @@ class Work:
 
 Outcomes = dict[Work, "tuple[Outcome, Done | None] | Exception"]
 """Of each command of a transaction that holds; `LocksTooFewError` for one that is to be done alone after all."""
+STILL_S: Final = 0.1
+"""Seconds after which a transaction stands still: many times as long as one takes that waits for nobody."""
 APART: Final = (CapabilityError, OnceOnlyError, ConflictError, AgainError, LocksTooFewError)
 """Errors by which a transaction of several certainly did not hold, and that one of its commands may have made."""
 
 
 class JointWork:
-    """Queue of commands of one sort.
+    """Queue of commands of one sort: one transaction at a time, of all that wait when it begins.
+
+    More of them would be smaller, and each costs the same trips. Only while one stands still, as it does when it waits
+    for another process, others go on beside it.
 
     Args:
-        together: does several in one transaction.
+        together: does those that wait in one transaction.
         alone: does one.
-        at_once: transactions at a time.
+        at_once: transactions at a time, those that stand still among them.
+        still_s: seconds after which a transaction stands still.
     """
 
     def __init__(
@@ -80,13 +86,15 @@ class JointWork:
         alone: Callable[[Work], Awaitable[tuple[Outcome, Done | None]]],
         *,
         at_once: int,
+        still_s: float = STILL_S,
     ) -> None:
         self._together = together
         self._alone = alone
         self._at_once = at_once
+        self._still_s = still_s
         self._waiting = deque[Work]()
-        self._tasks = set[asyncio.Task[None]]()
-        self._working = 0
+        self._began = dict[asyncio.Task[None], float]()
+        self._watch: asyncio.TimerHandle | None = None
 
     async def done(self, work: Work) -> tuple[Outcome, Done | None]:
         """The outcome of a command, and what it has done, durably.
@@ -94,52 +102,70 @@ class JointWork:
         Raises: what doing it alone would.
         """
         self._waiting.append(work)
-        if self._working < self._at_once:
-            self._working += 1
-            task = asyncio.create_task(self._work())
-            self._tasks.add(task)  # nobody else holds it
-            task.add_done_callback(self._tasks.discard)
+        self._go_on()
         return await work.result
 
+    def _go_on(self) -> None:
+        """What waits is being done, or will be as soon as all transactions stand still."""
+        if not self._waiting or len(self._began) == self._at_once:
+            return
+        loop = asyncio.get_running_loop()
+        begins_s = max(self._began.values(), default=-self._still_s) + self._still_s
+        if not self._began or begins_s <= loop.time():
+            self._began[loop.create_task(self._work())] = loop.time()
+        elif self._watch is None:
+            self._watch = loop.call_at(begins_s, self._watched)
+
+    def _watched(self) -> None:
+        self._watch = None
+        self._go_on()
+
     async def _work(self) -> None:
+        me = asyncio.current_task()
+        assert me is not None
         try:
-            await self._until_none_waits()
+            # Beside another one it does but what waited while that one stood still.
+            while self._waiting:
+                self._began[me] = asyncio.get_running_loop().time()
+                await self._next()
+                if len(self._began) > 1:
+                    break
         finally:
             # At once, not when the loop has seen the task's end: what comes in between would wait for nobody.
-            self._working -= 1
+            del self._began[me]
+            self._go_on()
 
-    async def _until_none_waits(self) -> None:
-        while self._waiting:
-            await gathered(self._waiting)
-            places = apart([work.claim for work in self._waiting])
-            taken = [self._waiting[place] for place in places]
-            self._waiting = deque(work for work in self._waiting if work not in taken)
-            if taken:
-                await self._do(taken)
+    async def _next(self) -> None:
+        await gathered(self._waiting)
+        places = apart([work.claim for work in self._waiting])
+        taken = [self._waiting[place] for place in places]
+        self._waiting = deque(work for work in self._waiting if work not in taken)
+        if taken:
+            await self._do(taken)
 
     async def _do(self, taken: Sequence[Work]) -> None:
+        # Also one that came alone: what it is decided on is read in as few trips.
         again = list(taken)
-        if len(taken) > 1:
-            try:
-                outcomes = await self._together(taken)
-            except APART:
-                pass  # each alone
-            except BaseException as error:
-                for work in taken:
-                    work.failed(error)
-                if not isinstance(error, Exception):
-                    raise
-                return
-            else:
-                again = [work for work in taken if isinstance(outcomes[work], LocksTooFewError)]
-                for work, outcome in outcomes.items():
-                    match outcome:
-                        case LocksTooFewError():
-                            pass
-                        case Exception():
-                            work.failed(outcome)
-                        case _:
-                            work.did(outcome)
+        try:
+            outcomes = await self._together(taken)
+        except APART:
+            pass  # each alone
+        except BaseException as error:
+            for work in taken:
+                work.failed(error)
+            if not isinstance(error, Exception):
+                raise
+            return
+        else:
+            again = [work for work in taken if isinstance(outcomes[work], LocksTooFewError)]
+            for work, outcome in outcomes.items():
+                match outcome:
+                    case LocksTooFewError():
+                        pass
+                    case Exception():
+                        work.failed(outcome)
+                    case _:
+                        work.did(outcome)
         for work in again:
             try:
                 work.did(await self._alone(work))

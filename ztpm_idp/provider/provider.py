@@ -114,7 +114,7 @@ class Provider:
         self.keys = keys
         self.store = store
         self._now = now
-        self.epochs = EpochWait(self._epoch)
+        self.epochs = EpochWait(store.epoch)
         self.snapshots: dict[str, tuple[tuple[int, int, int], str]] = {}
         self.base_heads = BaseHeads()
         self.news = News()
@@ -444,13 +444,14 @@ class Provider:
                 work.once.spent = True  # with the commit, also of one that was refused
         return outcomes
 
-    async def hinted(self) -> None:
-        """Requests that wait for the epoch are told what the store holds: another process may have revoked."""
-        self.epochs.told(await self._epoch())
+    async def hinted(self, epoch: int | None) -> None:
+        """Requests that wait for the epoch are told what the store holds: another process may have revoked.
 
-    async def _epoch(self) -> int:
-        async with self.store.read() as view:
-            return (await view.counters()).epoch
+        Args:
+            epoch: that the hint is about; None: some hints may be lost.
+        """
+        if epoch is None or epoch > self.epochs.highest:  # else it was this process
+            self.epochs.told(await self.store.epoch())
 
     def _make_token(self, command: Command, events: tuple[Event, ...]) -> str | None:
         for event in events:

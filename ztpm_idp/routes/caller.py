@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from capabilities.proof.proof import Proof
     from ztpm_idp.domain.login.records import SessionKey
     from ztpm_idp.domain.parties import Party
-    from ztpm_idp.provider.feed import Heartbeat
+    from ztpm_idp.provider.heartbeat import Heartbeat
     from ztpm_idp.provider.provider import Provider
 
 B = TypeVar("B", bound=Body)

@@ -9,7 +9,7 @@ from fastapi.responses import PlainTextResponse
 
 from ztpm_idp.domain import commands
 from ztpm_idp.provider import wire
-from ztpm_idp.provider.feed import conduct_word
+from ztpm_idp.provider.heartbeat import conduct_word
 from ztpm_idp.routes.caller import (
     Call,
     authenticated,

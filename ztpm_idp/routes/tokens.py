@@ -17,7 +17,8 @@ from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind, TokenDelegated, TokenIssued
 from ztpm_idp.provider import wire
-from ztpm_idp.provider.feed import BASE_EPOCHS, revocation_index
+from ztpm_idp.provider.feed import BASE_EPOCHS
+from ztpm_idp.provider.heartbeat import revocation_index
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
     SCOPE_BYTES,

@@ -18,6 +18,7 @@ from ztpm_idp.domain.events import AgentRestored, ConductObserved, PermitConclud
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.database import postgres
 from ztpm_idp.store.errors import StoreUnavailableError
 
 if TYPE_CHECKING:
@@ -66,8 +67,16 @@ class Conduct:
 
         A young one's peers are as they are at this moment: only their own records may change them meanwhile.
         """
-        found = await self._agents(agents)
-        peers = {agent: await self._peers(agent) for agent in sorted(agents) if _young(agent, found.get(agent))}
+        return await self._beside(agents, await self._agents(agents), open_, made)
+
+    async def held_by(self, agents: frozenset[str], rows: Iterable[Any]) -> Held:
+        """Conduct of these agents, of which the rows of `prepared.CONDUCT` were read."""
+        return await self._beside(agents, _by_agent(rows), {}, {})
+
+    async def _beside(
+        self, agents: frozenset[str], found: dict[str, AgentConduct], open_: dict[str, Report], made: dict[str, Edge]
+    ) -> Held:
+        peers = await self._peers([agent for agent in sorted(agents) if _young(agent, found.get(agent))])
         return Held(agents=found, open=open_, made=made, peers=peers)
 
     async def told(self, *, since: int, most: int) -> Told:
@@ -126,17 +135,27 @@ class Conduct:
     async def _agents(self, agents: frozenset[str]) -> dict[str, AgentConduct]:
         found = dict[str, AgentConduct]()
         for ids in _some(agents):
-            for agent, trust, behaviour, restored_at in await self._connection.execute(prepared.CONDUCT, {"ids": ids}):
-                found[agent] = AgentConduct(_trust(trust), _behaviour(behaviour), restored_at)
+            found |= _by_agent(await self._connection.execute(prepared.CONDUCT, {"conduct_of": ids}))
         return found
 
-    async def _peers(self, agent: str) -> dict[str, AgentHistory]:
-        """Histories of other living agents of the same sponsor and role.
+    async def _peers(self, agents: list[str]) -> dict[str, dict[str, AgentHistory]]:
+        """Histories of other living agents of the same sponsor and role, for each of these agents.
 
         A sponsor answers for one agent and for those that it is compared with.
         """
-        rows = await self._connection.execute(prepared.PEERS, {"agent_": agent})
-        return {peer: career for peer, text in rows if (career := _behaviour(text).careers.get(peer)) is not None}
+        found: dict[str, dict[str, AgentHistory]] = {agent: {} for agent in agents}
+        if self._connection.dialect.name == postgres.DIALECT:
+            rows = [row for ids in _some(agents) for row in await self._each(prepared.PEERS_OF_EACH, {"ids": ids})]
+        else:
+            rows = [row for agent in agents for row in await self._each(prepared.PEERS, {"agent_": agent})]
+        for peer, text, agent in rows:
+            if (career := _behaviour(text).careers.get(peer)) is not None:
+                found[agent][peer] = career
+        return found
+
+    async def _each(self, query: sa.Select[Any], values: dict[str, Any]) -> Sequence[Any]:
+        rows: Sequence[Any] = (await self._connection.execute(query, values)).all()
+        return rows
 
     # --- writing -----------------------------------------------------------------------------------------------------
 
@@ -224,6 +243,14 @@ def _behaviour(text: str) -> BehaviourState:
         return BehaviourState.from_json(json.loads(text))
     except ValueError as error:
         raise StoreUnavailableError from error  # as above
+
+
+def _by_agent(rows: Iterable[Any]) -> dict[str, AgentConduct]:
+    """Conduct of rows of `prepared.CONDUCT`, by agent."""
+    return {
+        agent: AgentConduct(_trust(trust), _behaviour(behaviour), restored_at)
+        for agent, trust, behaviour, restored_at in rows
+    }
 
 
 def _young(agent: str, known: AgentConduct | None) -> bool:

@@ -8,8 +8,11 @@ from typing import TYPE_CHECKING, Any, Final
 import sqlalchemy as sa
 
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.database import postgres_trips
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from sqlalchemy.ext.asyncio import AsyncConnection
 
 
@@ -28,8 +31,9 @@ class Counters:
 
 
 _NAMES: Final = tuple(field.name for field in fields(Counters))
-_READ: Final = sa.select(*(t.counters.c[name] for name in _NAMES))
-_LOCK: Final = _READ.with_for_update()
+READ: Final = sa.select(*(t.counters.c[name] for name in _NAMES))
+"""The row, in the order of `Counters`."""
+_LOCK: Final = f"SELECT {', '.join(_NAMES)} FROM counters FOR UPDATE"  # noqa: S608 - names of ours
 
 
 class Counting:
@@ -49,14 +53,20 @@ class Counting:
     async def now(self) -> Counters:
         """The counters as they were first read, with the transaction's own changes."""
         if self._read is None:
-            self._read = Counters(*(await self._connection.execute(_READ)).one())
+            self._read = Counters(*(await self._connection.execute(READ)).one())
+        return self._read
+
+    def seen(self, row: Iterable[Any]) -> Counters:
+        """The counters, of which this row of `READ` was read in the transaction; its own changes stay."""
+        if self._read is None:
+            self._read = Counters(*row)
         return self._read
 
     async def locked(self) -> Counters:
         """The counters, which this transaction alone changes from now on until its end."""
         if self._stored is None:
             if self._waits:
-                self._read = Counters(*(await self._connection.execute(_LOCK)).one())
+                self._read = Counters(*(await postgres_trips.fetch(self._connection, _LOCK))[0])
             self._stored = await self.now()
         return await self.now()
 
@@ -70,8 +80,20 @@ class Counting:
         await self.change(**{name: value})
         return value
 
+    @property
+    def changed(self) -> bool:
+        """True where this transaction has changes that are not in the row."""
+        return self._stored is not None and self._read != self._stored
+
+    async def stored(self) -> Counters:
+        """The counters after the changes, all of which the caller puts into the row."""
+        self._stored = await self.locked()
+        return self._stored
+
     async def write(self) -> Counters:
         """The changes are in the row; the counters after them."""
+        if not self.changed:
+            return await self.now()
         now, stored = await self.locked(), self._stored
         changed = {name: value for name in _NAMES if (value := getattr(now, name)) != getattr(stored, name)}
         if changed:

@@ -9,14 +9,14 @@ from contextlib import AbstractAsyncContextManager, asynccontextmanager, nullcon
 from typing import TYPE_CHECKING, Any, Final, Self
 
 import sqlalchemy as sa
-from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.dialects import sqlite
 from sqlalchemy.exc import IntegrityError, SQLAlchemyError
 from sqlalchemy.ext.asyncio import AsyncConnection, AsyncEngine, create_async_engine
 
-from ztpm_idp.domain.locks import EVERYTHING, REVOCATIONS
+from ztpm_idp.domain.locks import EVERYTHING, NO_LOCKS, REVOCATIONS
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.asking import AskedTogether
-from ztpm_idp.store.database import postgres
+from ztpm_idp.store.database import postgres, postgres_trips
 from ztpm_idp.store.database.migrate import upgrade
 from ztpm_idp.store.database.sqlite_driver import connect
 from ztpm_idp.store.errors import (
@@ -46,8 +46,6 @@ PROOF_GRACE_MS: Final = 600_000
 
 A clock that is set back by less revives no proof.
 """
-TOGETHER_AT_ONCE: Final = 2
-"""Transactions of several commands that one process has at a time: while one is committed, the next is decided."""
 SWEEP_MS: Final = 60_000
 """Milliseconds between two times at which a process forgets old proof ids."""
 SWEPT: Final = 2_048
@@ -64,10 +62,7 @@ _OLD = (
 )
 """Proof ids to forget, without those that another process is forgetting."""
 _FORGET = sa.delete(t.proofs).where(sa.tuple_(_P.key, _P.jti).in_(_OLD))
-_USE_UP = {
-    on_postgres: dialect.insert(t.proofs).on_conflict_do_nothing().returning(_P.key, _P.jti)
-    for on_postgres, dialect in ((True, postgresql), (False, sqlite))
-}
+_USE_UP = sqlite.insert(t.proofs).on_conflict_do_nothing().returning(_P.key, _P.jti)
 """New proof ids, of which those are returned that were new."""
 _BEAT = sa.update(t.heartbeat).values(beats=t.heartbeat.c.beats + 1)
 
@@ -79,20 +74,23 @@ class Store:
 
     Attributes:
         before: revision of the schema before it was opened; None of a new database.
+        at_once: transactions of several commands that may be under way at a time.
         timed: told that a writing transaction begins; what it gives back is told its end, once.
-        at_once: transactions of several commands that are worth having at a time.
     """
 
     def __init__(self, engine: AsyncEngine) -> None:
         self._engine = engine
         self._postgres = engine.dialect.name == postgres.DIALECT
+        # One statement is a view, or a transaction, of its own: PostgreSQL is told of no begin and no end of it.
+        self._single = engine.execution_options(isolation_level="AUTOCOMMIT") if self._postgres else engine
         # SQLite has one writer; waiting here is fair, waiting inside SQLite is not. Other processes are kept out by
         # SQLite itself.
         self._writer = asyncio.Semaphore(postgres.WRITERS) if self._postgres else asyncio.Lock()
-        self.at_once = TOGETHER_AT_ONCE if self._postgres else 1
+        self.at_once = postgres.WRITERS if self._postgres else 1
         self._swept_ms: int | None = None
         self._uses = AskedTogether(self._first_uses)
         self._owners = AskedTogether(self._parties_of_keys)
+        self._epochs = AskedTogether(self._epochs_now)
         self.before: str | None = None
         self.timed: Callable[[], Callable[[str], None]] | None = None
 
@@ -149,10 +147,10 @@ class Store:
         urgent = self._postgres and REVOCATIONS in locks.alone
         async with self._write_connection(nullcontext() if urgent else self._writer) as connection:
             transaction = Transaction(connection, locks if self._postgres else None)
-            await transaction.lock()
-            if use is not None and await self._use_up(connection, [use]) != [True]:
+            unused = await self._use_up(connection, uses if use is None else [use], locks=locks)
+            if use is not None and unused != [True]:
                 raise ProofUsedError
-            transaction.unused = await self._use_up(connection, uses)
+            transaction.unused = unused
             yield transaction
 
     @asynccontextmanager
@@ -171,8 +169,21 @@ class Store:
             raise StoreUnavailableError from error
 
     @asynccontextmanager
-    async def listening(self, hinted: Callable[[], Awaitable[None]]) -> AsyncIterator[None]:
-        """While it lasts, `hinted` is called when another process may have revoked something.
+    async def glance(self) -> AsyncIterator[Transaction]:
+        """A view for one statement: of two, each would see what is newest. Changes nothing.
+
+        Raises:
+            StoreUnavailableError: it cannot be read.
+        """
+        try:
+            async with self._single.connect() as connection:
+                yield Transaction(connection, None)
+        except (SQLAlchemyError, OSError) as error:
+            raise StoreUnavailableError from error
+
+    @asynccontextmanager
+    async def listening(self, hinted: Callable[[int | None], Awaitable[None]]) -> AsyncIterator[None]:
+        """While it lasts, `hinted` is called with the epoch that a process may have reached; None: some may be lost.
 
         It is a hint that may be lost. Of SQLite there is none: it serves one process.
         """
@@ -200,7 +211,7 @@ class Store:
         return await self._uses.ask(ProofUse(key, jti, expires_ms, at_ms))
 
     async def _first_uses(self, uses: Sequence[ProofUse]) -> Sequence[bool]:
-        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+        async with self._one_change() as connection:
             return await self._use_up(connection, uses)
 
     async def party_of_key(self, key: bytes) -> Party | None:
@@ -211,21 +222,40 @@ class Store:
         """
         return await self._owners.ask(key)
 
+    async def epoch(self) -> int:
+        """Epoch of a moment after this call.
+
+        Raises:
+            StoreUnavailableError: it cannot be read.
+        """
+        return await self._epochs.ask(None)
+
+    async def _epochs_now(self, asked: Sequence[None]) -> list[int]:
+        async with self.glance() as view:
+            return [(await view.counters()).epoch] * len(asked)
+
     async def _parties_of_keys(self, keys: Sequence[bytes]) -> Sequence[Party | None]:
-        async with self.read() as view:
+        async with self.glance() as view:
             return await view.parties_of_keys(keys)
 
-    async def _use_up(self, connection: AsyncConnection, uses: Sequence[ProofUse | None]) -> list[bool]:
-        """True for each proof that was unused, and is used up if this transaction commits; also where there is none."""
+    async def _use_up(
+        self, connection: AsyncConnection, uses: Sequence[ProofUse | None], *, locks: Locks = NO_LOCKS
+    ) -> list[bool]:
+        """True for each proof that was unused, and is used up if this transaction commits; also where there is none.
+
+        PostgreSQL holds the locks then, before it looks at any proof.
+        """
         every = [use for use in uses if use is not None]
-        if not every:
-            return [True] * len(uses)
-        await self._swept(connection, every[0].at_ms)
         rows = {(use.key, use.jti): use.expires_ms + PROOF_GRACE_MS for use in every}
         # In one order, so that no two transactions wait for each other.
-        given = [{"key": key, "jti": jti, "forget_ms": forget_ms} for (key, jti), forget_ms in sorted(rows.items())]
-        made = await connection.execute(_USE_UP[self._postgres], given)
-        new, found = {(bytes(key), jti) for key, jti in made}, list[bool]()
+        given = [(key, jti, forget_ms) for (key, jti), forget_ms in sorted(rows.items())]
+        if self._postgres:
+            made = await postgres_trips.begin(connection, locks, given)
+        else:
+            made = await _used_up(connection, given) if given else []
+        if every:
+            await self._swept(connection, every[0].at_ms)
+        new, found = set(made), list[bool]()
         for use in uses:
             found.append(use is None or (use.key, use.jti) in new)
             if use is not None:
@@ -244,7 +274,7 @@ class Store:
         Raises:
             StoreUnavailableError: it cannot.
         """
-        async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
+        async with self._one_change() as connection:
             await connection.execute(_BEAT)
 
     @asynccontextmanager
@@ -260,11 +290,17 @@ class Store:
         async with self._write_connection(nullcontext() if self._postgres else self._writer) as connection:
             yield connection
 
+    def _one_change(self) -> AbstractAsyncContextManager[AsyncConnection]:
+        """A connection of which each statement is durable when it has been executed; on SQLite, at the end."""
+        return self._write_connection(nullcontext() if self._postgres else self._writer, engine=self._single)
+
     @asynccontextmanager
-    async def _write_connection(self, place: AbstractAsyncContextManager[Any]) -> AsyncIterator[AsyncConnection]:
+    async def _write_connection(
+        self, place: AbstractAsyncContextManager[Any], *, engine: AsyncEngine | None = None
+    ) -> AsyncIterator[AsyncConnection]:
         ended, end = None if self.timed is None else self.timed(), ROLLED_BACK
         try:
-            async with place, self._engine.connect() as connection:
+            async with place, (engine or self._engine).connect() as connection:
                 connection = await connection.execution_options(ztpm_writes=True)  # noqa: PLW2901
                 async with connection.begin():
                     yield connection
@@ -279,6 +315,12 @@ class Store:
         finally:
             if ended is not None:
                 ended(end)
+
+
+async def _used_up(connection: AsyncConnection, uses: list[tuple[bytes, str, int]]) -> list[tuple[bytes, str]]:
+    """Those of these proofs that were not used before."""
+    given = [{"key": key, "jti": jti, "forget_ms": forget_ms} for key, jti, forget_ms in uses]
+    return [(bytes(key), jti) for key, jti in await connection.execute(_USE_UP, given)]
 
 
 def _sqlite_engine(url: sa.URL) -> AsyncEngine:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Literal, assert_never
+from typing import TYPE_CHECKING, Any, Final, Literal, assert_never
 
 import sqlalchemy as sa
 
@@ -11,6 +11,7 @@ from ztpm_idp.domain.events import MandateSigned, RevocationKind, TokenDelegated
 from ztpm_idp.domain.state import Drawn, HopRecord, MandateRecord
 from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.database import postgres, postgres_trips
 from ztpm_idp.store.errors import OnceOnlyError
 
 if TYPE_CHECKING:
@@ -32,6 +33,22 @@ _IDS: Final = {
     RevocationKind.HOP: t.hops.c.hop_id,
     RevocationKind.MANDATE: t.mandates.c.mandate_id,
 }
+
+
+_NEW_HOPS: Final = postgres_trips.Inserting(
+    "hops",
+    {
+        "hop_id": "text",
+        "token_id": "text",
+        "parent": "text",
+        "position": "integer",
+        "agent": "text",
+        "sponsor": "text",
+        "made_ms": "bigint",
+        "not_after": "bigint",
+        "mandate": "text",
+    },
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +87,7 @@ class Lending:
         found: dict[str, dict[str, HopRecord]] = {token: {} for token in tokens}
         if not tokens:
             return found
-        for row in await self._connection.execute(prepared.FIRST_HOPS, {"ids": sorted(tokens)}):
-            found[row.token_id][row.hop_id] = HopRecord(*row)
-        return found
+        return found | hops_by_token(await self._connection.execute(prepared.FIRST_HOPS, {"tokens": sorted(tokens)}))
 
     async def knows(self, kind: Lent, id_: str) -> bool:
         """True where such a thing was ever made here."""
@@ -84,8 +99,7 @@ class Lending:
         """Since when, wall clock in milliseconds, and how many refusals of these agents were counted, if any."""
         if not agents:
             return {}
-        found = await self._connection.execute(prepared.REFUSALS, {"ids": sorted(agents)})
-        return {agent: (since_ms, number) for agent, since_ms, number in found}
+        return refusals_by_agent(await self._connection.execute(prepared.REFUSALS, {"refusals_of": sorted(agents)}))
 
     async def mandate(self, mandate_id: str | None) -> MandateRecord | None:
         """The mandate, when there is one."""
@@ -102,7 +116,7 @@ class Lending:
             return ()
         if key is None and sponsor is None:
             mine_alone = await self._connection.execute(
-                prepared.MANDATES_OF, {"ids": sorted(agents), "since_s": since_s}
+                prepared.MANDATES_OF, {"conduct_of": sorted(agents), "since_s": since_s}
             )  # fmt: skip
             return tuple(MandateRecord(*row) for row in mine_alone)
         c = t.mandates.c
@@ -162,8 +176,24 @@ class Lending:
 
     async def write(self, made: Iterable[TokenIssued | TokenDelegated], *, at_ms: int) -> None:
         """Writes the hops that were made."""
-        if hops := [_row(event, at_ms) for event in made]:
+        hops = [_row(event, at_ms) for event in made]
+        if hops and self._connection.dialect.name == postgres.DIALECT:
+            await _NEW_HOPS.write(self._connection, hops)
+        elif hops:
             await self._connection.execute(prepared.NEW_HOP, hops)
+
+
+def hops_by_token(rows: Iterable[Any]) -> dict[str, dict[str, HopRecord]]:
+    """Hops of rows of `prepared.HOPS` by their ids, by token."""
+    found = dict[str, dict[str, HopRecord]]()
+    for row in rows:
+        found.setdefault(row.token_id, {})[row.hop_id] = HopRecord(*row)
+    return found
+
+
+def refusals_by_agent(rows: Iterable[Any]) -> dict[str, tuple[int, int]]:
+    """Since when, and how many, of rows of `prepared.REFUSALS`, by agent."""
+    return {agent: (since_ms, number) for agent, since_ms, number in rows}
 
 
 def _row(event: TokenIssued | TokenDelegated, at_ms: int) -> dict[str, object]:
@@ -204,12 +234,14 @@ async def spend(connection: AsyncConnection, events: Sequence[NonceConsumed], *,
     """
     if not events:
         return
-    nonces = sorted(event.nonce for event in events)
-    if sorted(await connection.scalars(prepared.UNSPENT, {"ids": nonces})) != nonces:
+    purposes = {event.nonce: event.purpose for event in events}
+    if connection.dialect.name == postgres.DIALECT:
+        spent = await postgres_trips.spend(connection, purposes)
+    else:
+        spent = list(await connection.scalars(prepared.UNSPENT, {"ids": sorted(purposes)}))
+        await connection.execute(prepared.SPEND, [{"nonce_": one, "purpose": on} for one, on in purposes.items()])
+    if len(purposes) < len(events) or len(spent) < len(purposes):
         raise OnceOnlyError
-    await connection.execute(
-        prepared.SPEND, [{"nonce_": event.nonce, "purpose": event.purpose} for event in events]
-    )  # fmt: skip
     for event in events:
         if event.credential:
             await _spend_credential(connection, event, at_ms=at_ms)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import sqlalchemy as sa
 
@@ -11,6 +11,7 @@ from ztpm_idp.domain.events import RevocationKind, Revoked
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.joined import BATCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -21,8 +22,6 @@ if TYPE_CHECKING:
     from ztpm_idp.store.counters import Counting
 
 _T = TypeVar("_T")
-BATCH = 128
-"""Rows of one statement: one trip to the database for each batch, and far from any database's limit on variables."""
 
 
 class Revocations:
@@ -66,11 +65,8 @@ class Revocations:
         """Those of these (kind, id) that are revoked, with their epochs."""
         found = dict[tuple[str, str], int]()
         for batch in batches(sorted(set(names))):
-            ids: dict[str, list[str]] = {kind.value: [] for kind in RevocationKind}
-            for kind, id_ in batch:
-                ids[kind].append(id_)
-            for kind, id_, epoch in await self._connection.execute(prepared.AMONG, ids):
-                found[kind, id_] = epoch
+            ids = by_kind(batch)
+            found |= epochs(await self._connection.execute(prepared.AMONG, ids))
         return found
 
     async def every(self) -> frozenset[tuple[str, str]]:
@@ -109,6 +105,19 @@ class Revocations:
         for epoch, kind, id_ in await self._connection.execute(sa.select(c.epoch, c.kind, c.id).order_by(c.epoch)):
             head = next_head(head, epoch, kind, id_)
         await self._counting.change(revocation_line=line, revocation_head=head)
+
+
+def by_kind(names: Iterable[tuple[str, str]]) -> dict[str, list[str]]:
+    """Ids of these (kind, id) under the name of every kind, as `prepared.AMONG` takes them."""
+    ids: dict[str, list[str]] = {kind.value: [] for kind in RevocationKind}
+    for kind, id_ in names:
+        ids[kind].append(id_)
+    return ids
+
+
+def epochs(rows: Iterable[Any]) -> dict[tuple[str, str], int]:
+    """Epoch of each (kind, id) of rows of `prepared.AMONG`."""
+    return {(kind, id_): epoch for kind, id_, epoch in rows}
 
 
 def batches(rows: list[_T]) -> Iterator[list[_T]]:

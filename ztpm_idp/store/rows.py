@@ -85,7 +85,7 @@ def parties(found: Iterable[sa.Row[Any]]) -> list[Party]:
 
 def party(row: sa.Row[Any]) -> Party:
     """The party of one row of `PARTY_COLUMNS`, with that row's further key."""
-    r = row._mapping  # noqa: SLF001  SQLAlchemy's documented name
+    r = row._asdict()
     id_, key, thumbprint, standing = r["id"], bytes(r["key"]), r["thumbprint"], Standing(r["standing"])
     match r["kind"]:
         case "person":

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple, assert_never
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Final, NamedTuple, assert_never
 
 import sqlalchemy as sa
 
@@ -59,7 +60,8 @@ from ztpm_idp.domain.parties import (
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 from ztpm_idp.store import prepared, rows
 from ztpm_idp.store import schema as t
-from ztpm_idp.store.database import postgres
+from ztpm_idp.store.counters import Counters
+from ztpm_idp.store.database import postgres, postgres_trips
 from ztpm_idp.store.errors import LocksTooFewError
 from ztpm_idp.store.lending import spend
 from ztpm_idp.store.revocations import batches
@@ -72,6 +74,9 @@ if TYPE_CHECKING:
 
 NONCE_MEMORY_MS = 600_000
 """Milliseconds for which a nonce's row is kept: ten times the longest age at which it counts."""
+
+
+_APPENDING: Final = postgres_trips.Appending([field.name for field in fields(Counters)])
 
 
 class Made(NamedTuple):
@@ -126,23 +131,30 @@ class Transaction(View):
         # From here on others wait: entries are numbered and chained in the order of commits.
         revoked = [(each.actor, each.event) for each in made if isinstance(each.event, Revoked)]
         await self.revocations.write(revoked, at_ms)
-        counters, lines = await counting.locked(), list[dict[str, object]]()
+        lines = await self._sealed(made, at_ms)
+        if self._locks is None:
+            for batch in batches(lines):
+                await self._connection.execute(prepared.NEW_ENTRY, batch)
+            await counting.write()
+        elif counting.changed:
+            after = asdict(await counting.stored())
+            await _APPENDING.write(self._connection, lines, after, tell=bool(revoked))
+        return (await counting.now()).epoch
+
+    async def _sealed(self, made: Sequence[Made], at_ms: int) -> list[dict[str, object]]:
+        """Rows of the ledger's entries about these events, which the counters count already."""
+        kept = [(each, *told) for each in made if (told := entry_of(each.event)) is not None]
+        if not kept:
+            return []  # nobody waits for who writes no entry
+        counters, lines = await self._counting.locked(), list[dict[str, object]]()
         size, head = counters.ledger_size, counters.ledger_head
-        for each in made:
-            kept = entry_of(each.event)
-            if kept is None:
-                continue
-            body = traced(*kept, each.trace_id)
-            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=each.actor, kind=kept[0], body=body)
+        for each, kind, body in kept:
+            whole = traced(kind, body, each.trace_id)
+            entry = seal(seq=size + 1, prev=head, at_ms=at_ms, actor=each.actor, kind=kind, body=whole)
             lines.append({"seq": entry.seq, "hash": entry.digest, "line": entry.line})
             size, head = entry.seq, entry.digest
-        for batch in batches(lines):
-            await self._connection.execute(prepared.NEW_ENTRY, batch)
-        await counting.change(ledger_size=size, ledger_head=head)
-        after = await counting.write()
-        if self._locks is not None and revoked:
-            await postgres.tell_epoch(self._connection, after.epoch)
-        return after.epoch
+        await self._counting.change(ledger_size=size, ledger_head=head)
+        return lines
 
     async def _write_alike(self, events: list[Event], at_ms: int) -> None:
         """Events that come most often are written kind by kind, each kind in its order, and before all others."""
@@ -157,6 +169,10 @@ class Transaction(View):
         if not events:
             return
         # Their own alone: another agent's are in nobody's way.
+        if self._connection.dialect.name == postgres.DIALECT:
+            made = [(event.nonce, event.agent, event.given_ms) for event in events]
+            await postgres_trips.give(self._connection, made, old_ms=at_ms - NONCE_MEMORY_MS)
+            return
         old = [{"agent_": event.agent, "old_ms": at_ms - NONCE_MEMORY_MS} for event in events]
         await self._connection.execute(prepared.FORGET_NONCES, old)
         given = [{"nonce": event.nonce, "agent": event.agent, "given_ms": event.given_ms} for event in events]

@@ -19,7 +19,7 @@ from ztpm_idp.domain.parties import (
     RegisteredPep,
     Standing,
 )
-from ztpm_idp.domain.state import NOTHING_USED, Journal, Nonce, State, Wanted
+from ztpm_idp.domain.state import NOTHING_USED, Journal, MandateRecord, Nonce, State, Wanted
 from ztpm_idp.domain.wanted import wanted_by_change
 from ztpm_idp.store import counts, prepared, rows
 from ztpm_idp.store import schema as t
@@ -30,7 +30,7 @@ from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.database import postgres
 from ztpm_idp.store.envelopes import Envelopes
-from ztpm_idp.store.lending import Lending
+from ztpm_idp.store.lending import Lending, hops_by_token, refusals_by_agent
 from ztpm_idp.store.login.devices import Devices
 from ztpm_idp.store.login.enrolments import Enrolments
 from ztpm_idp.store.login.sessions import Sessions
@@ -38,15 +38,13 @@ from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.restoring import Restoring
-from ztpm_idp.store.revocations import Revocations, batches
+from ztpm_idp.store.revocations import Revocations, batches, by_kind, epochs
 from ztpm_idp.store.upkeep import Upkeep
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from sqlalchemy.ext.asyncio import AsyncConnection
-
-    from ztpm_idp.domain.state import MandateRecord
 
 
 class View:
@@ -164,17 +162,30 @@ class View:
         """
         every = frozenset[str]()
         conduct_of = every.union(*(one.conduct_of for one in wanted))
-        parties = await self._parties(every.union(*(one.parties for one in wanted)))
-        nonces = await self._nonces(_those(*(one.nonces_of for one in wanted)), young_ms)
-        refusals = await self.lending.refusals(_those(*(one.refusals_of for one in wanted)))
-        first = await self.lending.first_hops(_those(*(one.token for one in wanted)))
-        held = await self.conduct.held(conduct_of, {}, {})
-        mandates = await self.lending.mandates(since_s=young_ms // 1_000, agents=conduct_of, key=None, sponsor=None)
         named = frozenset[tuple[str, str]]().union(*(one.revocations_of for one in wanted))
         asked = (one.revocation for one in wanted if one.revocation is not None)
-        indexed = await self.revocations.among(named.union(asked))
+        read = await prepared.JOINT.read(
+            self._connection,
+            by_kind(sorted(named.union(asked)))
+            | {
+                "parties": sorted(every.union(*(one.parties for one in wanted))),
+                "nonces_of": _those(*(one.nonces_of for one in wanted)),
+                "young_ms": young_ms,
+                "refusals_of": _those(*(one.refusals_of for one in wanted)),
+                "tokens": _those(*(one.token for one in wanted)),
+                "conduct_of": sorted(conduct_of),
+                "since_s": young_ms // 1_000,
+                "trees": _those(*(one.tree for one in wanted)),
+                "agents": sorted(id_ for kind, id_ in named if kind == RevocationKind.AGENT.value),
+            },
+        )
+        parties = {party.id: party for party in rows.parties(read[0])}
+        nonces, refusals, first = _nonces(read[1]), refusals_by_agent(read[2]), hops_by_token(read[3])
+        held = await self.conduct.held_by(conduct_of, read[4])
+        mandates = [MandateRecord(*row) for row in read[5]]
+        indexed, counters = epochs(read[6]), self._counting.seen(read[8][0])
         used = {each: await self._used(each, None, counted) for each in {_counted(one) for one in wanted}}
-        dead, counters = named & indexed.keys() | await self._suspended(named), await self.counters()
+        dead, trees = named & indexed.keys() | _agents_of(read[7]), {token: int(number) for token, number in read[9]}
         return [
             State(
                 parties=_of(parties, one.parties),
@@ -188,7 +199,7 @@ class View:
                 line=counters.revocation_line,
                 restoring=counters.restoring,
                 mandates=tuple(mandate for mandate in mandates if mandate.agent in one.conduct_of),
-                used=used[_counted(one)],
+                used=replace(used[_counted(one)], delegations=trees.get(one.tree or "", 0)),
             )
             for one in wanted
         ]
@@ -300,8 +311,7 @@ class View:
         agents = sorted(id_ for kind, id_ in names if kind == RevocationKind.AGENT.value)
         if not agents:
             return frozenset()
-        found = await self._connection.scalars(prepared.SUSPENDED, {"ids": agents})
-        return frozenset((RevocationKind.AGENT.value, agent) for agent in found)
+        return _agents_of(await self._connection.execute(prepared.SUSPENDED, {"agents": agents}))
 
     async def _scalar(self, query: sa.Select[Any]) -> Any:
         return (await self._connection.execute(query)).scalar_one_or_none()
@@ -310,7 +320,7 @@ class View:
         """The parties, with the sponsors of agents: a judgement of an agent is one of its sponsor too."""
         found = dict[str, Party]()
         for batch in batches(sorted(ids)):
-            read = rows.parties(await self._connection.execute(prepared.PARTIES, {"ids": batch}))
+            read = rows.parties(await self._connection.execute(prepared.PARTIES, {"parties": batch}))
             found |= {party.id: party for party in read}
         return found
 
@@ -332,11 +342,7 @@ class View:
         """Nonces of these agents given since then, by agent and nonce."""
         if not agents:
             return {}
-        found: dict[str, dict[str, Nonce]] = {agent: {} for agent in agents}
-        given = await self._connection.execute(prepared.NONCES, {"ids": agents, "young_ms": young_ms})
-        for nonce, owner, given_ms, spent_on in given:
-            found[owner][nonce] = Nonce(nonce, owner, given_ms, spent_on is not None)
-        return found
+        return _nonces(await self._connection.execute(prepared.NONCES, {"nonces_of": agents, "young_ms": young_ms}))
 
     async def _owner_of(self, thumbprint: str | None, parties: dict[str, Party]) -> str | None:
         if thumbprint is None:
@@ -374,11 +380,6 @@ class View:
         )  # fmt: skip
         return Journal(row.journal_seq, row.journal_head, {row.seq: row.hash for row in found})
 
-    async def lock(self) -> None:
-        """The transaction's locks are held until its end, and all its later reads are newest."""
-        if self._locks is not None:
-            await postgres.take(self._connection, self._locks)
-
     async def _lock_also(self, parties: frozenset[str]) -> None:
         """These parties are locked alone, too: they come last in the order of locks."""
         more = frozenset(map(party, parties))
@@ -386,6 +387,19 @@ class View:
             return
         await postgres.take(self._connection, Locks(frozenset(), more - self._locks.alone))
         self._locks = self._locks.with_alone(more)
+
+
+def _nonces(given: Iterable[Any]) -> dict[str, dict[str, Nonce]]:
+    """Nonces of rows of `prepared.NONCES`, by agent and nonce."""
+    found = dict[str, dict[str, Nonce]]()
+    for nonce, owner, given_ms, spent_on in given:
+        found.setdefault(owner, {})[nonce] = Nonce(nonce, owner, given_ms, spent_on is not None)
+    return found
+
+
+def _agents_of(found: Iterable[Any]) -> frozenset[tuple[str, str]]:
+    """Agents of rows of `prepared.SUSPENDED`, as (kind, id)."""
+    return frozenset((RevocationKind.AGENT.value, agent) for (agent,) in found)
 
 
 def _those(*names: str | None) -> list[str]:
@@ -401,5 +415,5 @@ def _of(parties: Mapping[str, Party], ids: frozenset[str]) -> dict[str, Party]:
 
 
 def _counted(wanted: Wanted) -> Wanted:
-    """The part of it that is counted: the same for all commands of one sponsor, or on one token."""
-    return Wanted(lent_by=wanted.lent_by, tree=wanted.tree, promised_by=wanted.promised_by)
+    """The part of it that is counted by itself: the same for all commands of one sponsor."""
+    return Wanted(lent_by=wanted.lent_by, promised_by=wanted.promised_by)

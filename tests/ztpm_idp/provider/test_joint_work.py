@@ -13,6 +13,7 @@ from tests.ztpm_idp.world import ISSUER
 from ztpm_idp.client import issue_request
 from ztpm_idp.domain.locks import Locks
 
+from ztpm_idp.provider import joint_work
 from ztpm_idp.provider.joint_work import JointWork, Work
 from ztpm_idp.store import OnceOnlyError, StoreUnavailableError
 from ztpm_idp.store import schema as t
@@ -32,13 +33,22 @@ def request_of(world, name, path, body):
 
 def at_once(world, requests):
     """The answers to requests that all wait before the first of them is done."""
+    all_here = [False]
+
+    async def all_wait(waiting):
+        async with asyncio.timeout(60):
+            while not all_here[0] and len(waiting) < len(requests):
+                await asyncio.sleep(0)
+        all_here[0] = True
 
     async def asked():
         async with httpx2.AsyncClient(transport=httpx2.ASGITransport(app=world.app)) as http:
             sent = [http.post(url, content=raw, headers=headers) for url, raw, headers in requests]
             return await asyncio.gather(*sent)
 
-    return world.on_loop(asked())
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(joint_work, "gathered", all_wait)
+        return world.on_loop(asked())
 
 
 def answers_of(world, requests):
@@ -182,15 +192,50 @@ def test_a_suspended_agent_is_refused_beside_others(world, issues):
 def test_one_that_comes_when_the_last_has_just_been_answered_is_done():
     """Its queue was empty, and the task that had worked on it was not yet known to have ended."""
 
-    async def alone(work):
-        return work.command, None
+    async def together(works):
+        return {work: (work.command, None) for work in works}
 
     async def asked():
-        queue = JointWork(None, alone, at_once=1)
+        queue = JointWork(together, None, at_once=1)
         nobody = Locks(frozenset(), frozenset())
         return [(await queue.done(Work(n, None, nobody, nobody, "", None, None)))[0] for n in range(3)]
 
     assert asyncio.run(asyncio.wait_for(asked(), 20)) == [0, 1, 2]
+
+
+def test_while_one_stands_still_others_are_done_beside_it_and_else_one_after_the_other():
+    async def asked():
+        go, running, most = asyncio.Event(), [], []
+
+        async def together(works):
+            running.append(works)
+            most.append(len(running))
+            if works[0].command == 0:
+                await go.wait()
+            await asyncio.sleep(0)
+            running.remove(works)
+            return {work: (work.command, None) for work in works}
+
+        queue, nobody = JointWork(together, None, at_once=2, still_s=0.05), Locks(frozenset(), frozenset())
+
+        async def done(n):
+            return (await queue.done(Work(n, None, nobody, nobody, "", None, None)))[0]
+
+        quick = [asyncio.create_task(done(n)) for n in range(1, 5)]
+        await asyncio.sleep(0)
+        quick += [asyncio.create_task(done(n)) for n in range(5, 9)]
+        assert await asyncio.gather(*quick) == [*range(1, 9)]
+        assert max(most) == 1
+        held = asyncio.create_task(done(0))
+        while not running:
+            await asyncio.sleep(0)
+        assert [await done(n) for n in range(1, 4)] == [1, 2, 3]
+        assert max(most) == 2 and not held.done()
+        go.set()
+        assert await held == 0
+        assert not queue._began and not queue._waiting
+
+    asyncio.run(asyncio.wait_for(asked(), 20))
 
 
 def test_questions_at_once_are_asked_together_and_an_error_is_for_all_of_them():

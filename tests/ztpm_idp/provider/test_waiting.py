@@ -169,6 +169,42 @@ def test_a_lower_epoch_wakes_nobody():
     asyncio.run(go())
 
 
+def test_the_first_revocation_is_told_at_once_and_those_that_follow_share_a_hint():
+    async def go():
+        scene = Scene(apart_s=0.2)
+        first = asyncio.create_task(scene.wait.above(0, gone=forever))
+        while scene.reads == 0:
+            await asyncio.sleep(0)
+        scene.commit()
+        async with asyncio.timeout(0.1):
+            assert await first == 1
+        scene.commit()
+        # Who has the first one waits for the rest of the moment; who has not even that does not.
+        second = asyncio.create_task(scene.wait.above(1, gone=forever))
+        assert await scene.wait.above(0, gone=forever) == 2
+        scene.commit()
+        for _ in range(10):
+            await asyncio.sleep(0)
+        assert not second.done()
+        async with asyncio.timeout(5):
+            assert await second == 3
+        scene.wait.close()
+
+    asyncio.run(go())
+
+
+def test_a_revocation_of_another_process_whose_hint_is_lost_is_told_after_the_moment():
+    async def go():
+        scene = Scene(apart_s=0.05)
+        scene.commit()
+        scene.epoch = 2  # nobody tells
+        async with asyncio.timeout(5):
+            assert await scene.wait.above(1, gone=forever) == 2
+        scene.wait.close()
+
+    asyncio.run(go())
+
+
 def test_waiters_are_bounded_and_leave_when_they_hang_up():
     async def go():
         scene = Scene(most=2)
@@ -228,13 +264,13 @@ def test_a_revocation_that_is_not_committed_is_not_told(world, monkeypatch):
     monkeypatch.setattr(world.provider.epochs, "told", told.append)
     from ztpm_idp.store.transaction import Transaction
 
-    before = Transaction.append
+    before = Transaction.append_each
 
     async def fails(self, *args, **more):
         await before(self, *args, **more)
         raise OSError("disk full")
 
-    monkeypatch.setattr(Transaction, "append", fails)
+    monkeypatch.setattr(Transaction, "append_each", fails)
     from ztpm_idp.client import ClientError
 
     with pytest.raises(ClientError) as caught:

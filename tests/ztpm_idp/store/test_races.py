@@ -64,26 +64,26 @@ class Workers:
     def held(self, kind, act, *, idle_ms=None):
         """While it lasts, `act` by the first worker has decided on such an event, and not written it."""
         decided, go = threading.Event(), asyncio.Event()
-        inner, armed = Transaction.append, [True]
+        inner, armed = Transaction.append_each, [True]
 
-        async def append(transaction, events, **more):
-            if armed and any(isinstance(event, kind) for event in events):
+        async def append_each(transaction, made, **more):
+            if armed and any(isinstance(each.event, kind) for each in made):
                 armed.clear()
                 if idle_ms is not None:
                     limit = sa.text(f"SET LOCAL idle_in_transaction_session_timeout = {idle_ms}")
                     await transaction._connection.execute(limit)
                 decided.set()
                 await go.wait()
-            return await inner(transaction, events, **more)
+            return await inner(transaction, made, **more)
 
-        Transaction.append = append
+        Transaction.append_each = append_each
         try:
             running = self.pool.submit(code_of, act)
             assert decided.wait(PATIENCE_S)
             yield running
         finally:
             self.world.loop.call_soon_threadsafe(go.set)
-            Transaction.append = inner
+            Transaction.append_each = inner
 
     def one_after_the_other(self, kind, act, other):
         """The codes of two acts, of which the second began while the first had decided and not committed."""

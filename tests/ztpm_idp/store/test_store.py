@@ -293,7 +293,7 @@ def test_an_error_of_ours_is_a_500_without_its_message(world, monkeypatch, caplo
     told = []
     # At its own logger: the handlers of all loggers belong to all that runs in this process.
     monkeypatch.setattr(logging.getLogger("ztpm_idp.app"), "error", lambda form, *args: told.append(form % args))
-    monkeypatch.setattr(Transaction, "load", broken)
+    monkeypatch.setattr(Transaction, "load_each", broken)
     with pytest.raises(ClientError) as caught:
         world.people["alice"].revoke("hop", "a" * 32, "canary-in-the-body")
     assert (caught.value.code, caught.value.status) == ("INTERNAL", 500)

@@ -42,6 +42,7 @@ STATEMENT_TIMEOUT_MS: Final = 30_000
 """Milliseconds after which the server ends a statement; migrations and copies have no limit."""
 IDLE_TIMEOUT_MS: Final = 10_000
 """Milliseconds after which the server ends a transaction whose process says nothing: a frozen worker holds no lock."""
+EPOCH_DIGITS: Final = 18
 EPOCH_CHANNEL: Final = "ztpm_epoch"
 """Channel of the hint that the epoch has grown."""
 MIGRATION_LOCK: Final = 0x7A74706D_00000001
@@ -52,10 +53,12 @@ LISTEN_AGAIN_S: Final = 1.0
 """Seconds after which a listener that lost its connection tries again; until then the pulls find out."""
 AGAIN: Final = frozenset({"40001", "40P01"})
 """SQLSTATEs of a transaction that another one was in the way of: serialization failure, deadlock."""
-_TAKE: Final = sa.text(
+TAKE: Final = (
     "SELECT CASE WHEN alone THEN pg_advisory_xact_lock(number) ELSE pg_advisory_xact_lock_shared(number) END "
     "FROM unnest(CAST(:numbers AS bigint[]), CAST(:alone AS boolean[])) AS lock (number, alone)"
 )
+"""Statement that takes locks, with the values of `taken`."""
+_TAKE: Final = sa.text(TAKE)
 _DURABLE: Final = {
     "fsync": {"on"},
     "full_page_writes": {"on"},
@@ -72,6 +75,7 @@ def engine_of(url: sa.URL) -> AsyncEngine:
         pool_size=CONNECTIONS,
         max_overflow=0,
         pool_timeout=CONNECTION_WAIT_S,
+        pool_use_lifo=True,  # few connections that have everything prepared, and not all of them in turn
         connect_args={
             "ssl": _tls(url),
             "timeout": CONNECT_S,
@@ -81,6 +85,11 @@ def engine_of(url: sa.URL) -> AsyncEngine:
                 "statement_timeout": str(STATEMENT_TIMEOUT_MS),
                 "idle_in_transaction_session_timeout": str(IDLE_TIMEOUT_MS),
                 "jit": "off",  # our statements are short: compiling one takes longer than running it
+                # One process takes parts of a union one after the other, in the order of each.
+                "max_parallel_workers_per_gather": "0",
+                # Nor is one planned for each execution: every value finds its rows by the same index.
+                "plan_cache_mode": "force_generic_plan",
+                "random_page_cost": "1.1",  # no disk that turns: a plan is made once, also while a table is small
             },
         },
     )
@@ -125,21 +134,19 @@ async def take(connection: AsyncConnection, locks: Locks) -> None:
 
     All take them in one order, in one statement: a list's elements are taken from the first to the last.
     """
+    await connection.execute(_TAKE, taken(locks))
+
+
+def taken(locks: Locks) -> dict[str, list[int] | list[bool]]:
+    """Values of the statement that takes these locks."""
     every = sorted(locks.shared | locks.alone)
-    await connection.execute(
-        _TAKE, {"numbers": [_number(each) for each in every], "alone": [each in locks.alone for each in every]}
-    )
+    return {"numbers": [_number(each) for each in every], "alone": [each in locks.alone for each in every]}
 
 
 def _number(lock: Lock) -> int:
     """The lock's number, as PostgreSQL names advisory locks. Two with one number would only wait for each other."""
     named = f"{lock.part.value} {lock.id}".encode()
     return int.from_bytes(hashlib.sha256(named).digest()[:8], "big", signed=True)
-
-
-async def tell_epoch(connection: AsyncConnection, epoch: int) -> None:
-    """Listeners are told of this epoch once the transaction has committed."""
-    await connection.execute(sa.select(sa.func.pg_notify(EPOCH_CHANNEL, str(epoch))))
 
 
 def again(error: BaseException) -> bool:
@@ -161,10 +168,10 @@ class Listening:
 
     Args:
         engine: of the store.
-        hinted: called for every hint, and whenever some may have been lost.
+        hinted: called with the highest epoch of the hints since its last call; with None when some may be lost.
     """
 
-    def __init__(self, engine: AsyncEngine, hinted: Callable[[], Awaitable[None]]) -> None:
+    def __init__(self, engine: AsyncEngine, hinted: Callable[[int | None], Awaitable[None]]) -> None:
         self._engine = engine
         self._hinted = hinted
         self._task = asyncio.create_task(self._forever())
@@ -184,21 +191,35 @@ class Listening:
 
     async def _heard(self, connection: AsyncConnection) -> None:
         """Returns when the connection is lost."""
-        lost, told = asyncio.Event(), asyncio.Event()
+        lost, told, epochs = asyncio.Event(), asyncio.Event(), list[int | None]()
+
+        def hint(epoch: int | None) -> None:
+            epochs.append(epoch)
+            told.set()
+
         driver: Any = (await connection.get_raw_connection()).driver_connection
         driver.add_termination_listener(lambda _: _set(lost, told))
         try:
             await driver.execute(f"SELECT pg_advisory_lock_shared({SERVING_LOCK})")
-            await driver.add_listener(EPOCH_CHANNEL, lambda *_: told.set())
-            told.set()  # of what was committed before
+            await driver.add_listener(EPOCH_CHANNEL, lambda *heard: hint(_epoch(heard[-1])))
+            hint(None)  # of what was committed before
             while not lost.is_set():
                 await told.wait()
                 told.clear()
-                await self._hinted()
+                known = [epoch for epoch in epochs if epoch is not None]
+                highest = max(known) if len(known) == len(epochs) and known else None
+                epochs.clear()
+                await self._hinted(highest)
         except driver_errors() as error:
             raise OSError(str(error)) from error
         finally:
             await connection.invalidate()
+
+
+def _epoch(payload: object) -> int | None:
+    """Epoch of a hint; None for one that is no number: anybody with the database may send hints."""
+    text = str(payload)
+    return int(text) if text.isdecimal() and text.isascii() and len(text) <= EPOCH_DIGITS else None
 
 
 def _set(*events: asyncio.Event) -> None:
