@@ -135,7 +135,7 @@ class EpochWait:
                 yield epoch
 
     def _hint(self) -> None:
-        """Whoever waits is told, and nobody again for a moment."""
+        """Tells all who wait, and tells again only after a moment."""
         self._hinted = self._highest
         self._pause = asyncio.get_running_loop().call_later(self._apart_s, self._go_on)
         self._wake()

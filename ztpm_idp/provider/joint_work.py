@@ -106,7 +106,7 @@ class JointWork:
         return await work.result
 
     def _go_on(self) -> None:
-        """What waits is being done, or will be as soon as all transactions stand still."""
+        """Waiting commands are being done, or will be as soon as all transactions stand still."""
         if not self._waiting or len(self._began) == self._at_once:
             return
         loop = asyncio.get_running_loop()

@@ -217,7 +217,7 @@ class Listening:
 
 
 def _epoch(payload: object) -> int | None:
-    """Epoch of a hint; None for one that is no number: anybody with the database may send hints."""
+    """Epoch of a hint; None for one that is no number: every user of the database may send hints."""
     text = str(payload)
     return int(text) if text.isdecimal() and text.isascii() and len(text) <= EPOCH_DIGITS else None
 

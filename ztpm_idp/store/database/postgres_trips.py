@@ -1,7 +1,7 @@
-"""Steps of a transaction on PostgreSQL, each as one statement: a trip to the server costs more than what it does there.
+"""Steps of a transaction on PostgreSQL, each as one statement.
 
-Lists are one parameter each, so that one text is prepared once for every length. All but the first are given to the
-driver as they are.
+A trip to the server costs more than what it does there. Lists are one parameter each, so that one text is prepared once
+for every length. All but the first are given to the driver as they are.
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ async def begin(
 
 
 async def spend(connection: AsyncConnection, purposes: Mapping[str, str]) -> list[str]:
-    """The nonces are spent, each on its purpose; those of them that were not spent before, by anybody."""
+    """The nonces are spent, each on its purpose; those of them that were not spent before."""
     return [nonce for (nonce,) in await fetch(connection, _SPEND, list(purposes), list(purposes.values()))]
 
 
