@@ -386,28 +386,37 @@ def test_one_trace_goes_from_a_token_to_its_effect(house):
     ids = SpanContext(
         int(trace_id, 16), 0xB7AD6B7169203331, is_remote=False, trace_flags=TraceFlags(TraceFlags.SAMPLED)
     )
+    name = f"traced-{trace_id[:6]}"
     with trace.use_span(NonRecordingSpan(ids)):
-        house.agent("traced")
-        answer = house.stage.ask("traced", "read_state", {})
+        house.agent(name)
+        answer = house.stage.ask(name, "read_state", {})
     assert answer.decision == "PERMIT"
     services = {"ztpm-idp", "ztpm-tools", "ztpm-gateway"}
     until(lambda: {span["service"] for span in house.spans.of(trace_id)} == services, "spans of all three")
-    until(lambda: [s for s in house.spans.of(trace_id) if s["name"] == "ztpm.decide"], "the decision's span")
-    (decided,) = (span for span in house.spans.of(trace_id) if span["name"] == "ztpm.decide")
-    assert decided["service"] == "ztpm-gateway"
-    assert (decided["said"]["ztpm.decision"], decided["said"]["ztpm.reason"]) == ("PERMIT", "PERMITTED")
+
+    def decided():
+        """Last decision's span: a call whose verdict came too late was made again."""
+        several = [span for span in house.spans.of(trace_id) if span["name"] == "ztpm.decide"]
+        said = several[-1]["said"] if several else {}
+        return several and (several[-1]["service"], said["ztpm.decision"], said["ztpm.reason"])
+
+    until(lambda: decided() == ("ztpm-gateway", "PERMIT", "PERMITTED"), "the decision's span")
     assert {(s["service"], s["said"].get("ztpm.operation")) for s in house.spans.of(trace_id)} >= {
         ("ztpm-idp", "Issue"), ("ztpm-gateway", "read_state"),
     }  # fmt: skip
-    records = [
-        body for body in house.journal("decision") + house.journal("outcome") if body.get("trace_id") == trace_id
-    ]
-    assert [bool(body.get("outcome")) for body in records] == [False, True]
+
+    def outcomes():
+        own = [
+            body for body in house.journal("decision") + house.journal("outcome") if body.get("trace_id") == trace_id
+        ]
+        return [bool(body.get("outcome")) for body in own]
+
+    until(lambda: outcomes()[-2:] == [False, True], "the outcome, which is on record after its answer")
     carol = house.stage.person("carol")
     wanted = {"token-issued", "ticket", "decision", "outcome"}
     until(lambda: {row["kind"] for row in carol.search_rows({"trace": trace_id})} >= wanted, "the ledger's index")
     told = json.dumps(house.spans.of(trace_id))
-    assert house.issued["traced"].token not in told and house.issued["traced"].token_id not in told
+    assert house.issued[name].token not in told and house.issued[name].token_id not in told
 
 
 def test_tool_server_and_gateway_tell_their_health(house):
