@@ -12,7 +12,6 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from threading import Lock
 from typing import TYPE_CHECKING, Final
 
 from rtde_control import RTDEControlInterface
@@ -130,11 +129,10 @@ def replay(traces: Sequence[Trace], told: Callable[[str], None]) -> tuple[list[R
         done[kind] += 1
         told(f"no gate: {done[0]} of {len(traces)}; gate: {done[1]} of {len(traces)}")
 
-    making = Lock()
     by_model = [[trace for trace in traces if trace.model == model] for model in models(traces)]
     with ThreadPoolExecutor(len(by_model) + 1) as beside:
         free = beside.submit(_unguarded, traces, lambda: step(0))
-        guarded = [beside.submit(_guarded, of, making, lambda: step(1)) for of in by_model]
+        guarded = [beside.submit(_guarded, of, lambda: step(1)) for of in by_model]
         try:
             return free.result(), [one for each in guarded for one in each.result()]
         except (StageError, OSError, RuntimeError) as error:
@@ -186,17 +184,13 @@ def _cell(cells: ExitStack) -> tuple[Stage, StateRecorder]:
     return on_stage, eyes
 
 
-def _guarded(traces: Sequence[Trace], making: Lock, step: Callable[[], None]) -> list[Replayed]:
-    """Traces on a cell; where one fails, those that are left, it among them, on a fresh cell.
-
-    `making` is held while a cell is made: the tool that makes the provider's tables keeps its state in its module.
-    """
+def _guarded(traces: Sequence[Trace], step: Callable[[], None]) -> list[Replayed]:
+    """Traces on a cell; where one fails, those that are left, it among them, on a fresh cell."""
     found: list[Replayed] = []
     for cells_left in reversed(range(CELLS)):
         with ExitStack() as cell:
             try:
-                with making:
-                    on_stage, eyes = _cell(cell)
+                on_stage, eyes = _cell(cell)
                 for trace in traces[len(found) :]:
                     found.append(_TraceOnStage(on_stage, eyes, trace).run())
                     step()

@@ -130,3 +130,22 @@ def test_a_server_beyond_this_machine_is_reached_by_verified_tls(host, verified,
 def test_an_authority_that_cannot_be_read(monkeypatch):
     monkeypatch.setenv("PGSSLROOTCERT", "/no/such/authority.pem")
     assert server_code("postgresql+asyncpg://idp@db.example/ztpm") == "DATABASE_UNSAFE"
+
+
+def test_databases_that_several_threads_make_at_once_are_all_made(tmp_path):
+    """Alembic keeps the database that it is at in a module: two at once broke one and held the other for ever."""
+    places = [tmp_path / f"{n}.sqlite" for n in range(4)]
+
+    async def made(path):
+        await (await engine.Store.open(f"sqlite+aiosqlite:///{path}")).close()
+
+    threads = [threading.Thread(target=lambda path=path: asyncio.run(made(path)), daemon=True) for path in places]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert not any(thread.is_alive() for thread in threads)
+    for path in places:
+        connection = sqlite3.connect(path)
+        assert connection.execute("select version_num from alembic_version").fetchall() == [(NEWEST,)]
+        connection.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from typing import Final
 
@@ -15,6 +16,8 @@ from ztpm_idp.store.errors import NewerDatabaseError, StoreUnavailableError
 MIGRATIONS: Final = Path(__file__).parents[1] / "migrations"
 NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py")).partition("_")[0]
 """Newest revision; its file begins with it."""
+_UPGRADING: Final = threading.RLock()
+"""Held by the thread that upgrades: Alembic keeps what it is doing in a module."""
 
 
 def upgrade(connection: sa.Connection) -> str | None:
@@ -37,7 +40,8 @@ def upgrade(connection: sa.Connection) -> str | None:
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
     config.attributes["connection"] = connection
     try:
-        command.upgrade(config, "head")
+        with _UPGRADING:
+            command.upgrade(config, "head")
     except CommandError as error:
         raise NewerDatabaseError(str(error)) from error
     return before
