@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Final
 from evaluation.redteam.acts.frame_tap import FrameTap
 from evaluation.redteam.admission.room import AdmissionRoom, admission_room
 from evaluation.redteam.attempts import Attempts
-from evaluation.redteam.cast import Cast
+from evaluation.redteam.cast import ROLES, Cast
 from evaluation.redteam.desk.desk import guarded_desk, replaced
 from evaluation.redteam.naming import named
 from evaluation.redteam.parts import Came, Effect
@@ -103,8 +103,11 @@ class GuardedArena:
         self.cast.enter()
         if any(act.at_admission for act in scenario.act):
             self.admission  # noqa: B018 - begun before the clock of the scenario
-        if any(act.at_desk for act in scenario.act):
+        at_desk = {act.by for act in scenario.act if act.at_desk}
+        if at_desk:
             self._await_desk()
+        for role in sorted(at_desk & ROLES.keys()):
+            self.token(role, "desk")  # lent before anything is taken back
         self.stage.scene()
         try:
             self.stage.bring(scenario.start_rad)

@@ -85,6 +85,10 @@ class Deed(Protocol):
     """Act, by the arena in which it is done."""
 
     @property
+    def by(self) -> str:
+        """Role that does it."""
+
+    @property
     def name(self) -> str:
         """Name by which a later act may need it."""
 
