@@ -9,7 +9,9 @@ from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.acts.arm import StepJoint, SwingJoint, worst
 from evaluation.redteam.acts.program import Program, effect_of, reason
 from evaluation.redteam.acts.raw import PORTS
+from evaluation.redteam.guarded import HALTED, came
 from evaluation.redteam.scenario import read
+from ztpm.stage.calls import Answer
 
 SIX = "[0.6, -1.62, 1.25, -1.2, -1.57, 0.0]"
 HEAD = """
@@ -137,3 +139,17 @@ def test_routine_is_so_many_calls_of_its_own_authority_and_tells_the_first_that_
     assert sent == [("https://cell.invalid/mcp", {"name": "read_state", "arguments": {}}, "read_state")] * 4
     assert act.bare(arena) == Came(Effect.DONE)
     assert len(sent) == 4
+
+
+@pytest.mark.parametrize(
+    ("wanted", "outcome", "effect"),
+    [
+        ("reached", "reached", Effect.DONE),
+        ("reached", "stopped", Effect.STOPPED),
+        (HALTED["stop"], "stopped", Effect.DONE),
+        (HALTED["stop"], "unknown", Effect.STOPPED),
+    ],
+)
+def test_a_stop_that_was_asked_for_has_come_about(wanted, outcome, effect):
+    answer = Answer(200, "PERMIT", "PERMITTED", 0, {"outcome": outcome})
+    assert came(answer, "e4", asked=False, wanted=wanted).effect is effect
