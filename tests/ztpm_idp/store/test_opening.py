@@ -133,7 +133,7 @@ def test_an_authority_that_cannot_be_read(monkeypatch):
 
 
 def test_databases_that_several_threads_make_at_once_are_all_made(tmp_path):
-    """Alembic keeps the database that it is at in a module: two at once broke one and held the other for ever."""
+    """Alembic keeps its database in a module: of two at once, one broke and one waited for ever."""
     places = [tmp_path / f"{n}.sqlite" for n in range(4)]
 
     async def made(path):
