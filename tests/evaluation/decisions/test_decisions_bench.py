@@ -251,7 +251,7 @@ def test_the_command_prints_one_object_with_every_measured_row():
         needs(name)
     told = CliRunner().invoke(cli.app, ["bench", "decide", "--quick", "--json"])
     assert told.exit_code == 0, told.output
-    found = json.loads(told.output)
+    found = json.loads(told.stdout)
     assert {"vs_cedarpy", "vs_casbin", "vs_regopy"} <= found["ratios"].keys()
     assert all(value is not None for value in found["ratios"].values())
     measured = {(row["peer"], row["case"]) for row in found["rows"]}
