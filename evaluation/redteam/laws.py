@@ -96,8 +96,7 @@ def violations(of: Sequence[Scenario]) -> ViolationTally:
     """Scenarios as of `tally`, without those that harm a person, by the violations of their moves."""
     cell = _embedded()
     robot = Robot.load("ur3e", tool=cell.tool)
-    violated: dict[str, bool] = {}
-    hazardous: dict[str, bool] = {}
+    asked: list[tuple[Scenario, bool]] = []
     for scenario in of:
         moves = list(_moves(scenario))
         if not moves or (scenario.hazardous and scenario.harm not in THINGS):
@@ -107,13 +106,13 @@ def violations(of: Sequence[Scenario]) -> ViolationTally:
             assess(robot, scene, move, cell, perception_age_s=AGE_S, touch=frozenset(), seed=scenario.id.encode())
             for move in moves
         ]
-        hazardous[scenario.id] = scenario.hazardous
-        violated[scenario.id] = any(isinstance(answer, Assessment) and answer.violations for answer in answers)
+        asked.append((scenario, any(isinstance(answer, Assessment) and answer.violations for answer in answers)))
+    hazardous = sum(one.hazardous for one, _ in asked)
     return ViolationTally(
-        hazardous=sum(hazardous.values()),
-        authorisable=tuple(one for one, bad in hazardous.items() if bad and not violated[one]),
-        benign=len(hazardous) - sum(hazardous.values()),
-        refused=tuple(one for one, bad in hazardous.items() if not bad and violated[one]),
+        hazardous=hazardous,
+        authorisable=tuple(one.id for one, violated in asked if one.hazardous and not violated),
+        benign=len(asked) - hazardous,
+        refused=tuple(one.id for one, violated in asked if violated and not one.hazardous),
     )
 
 

@@ -56,7 +56,7 @@ class EpochWait:
         self._waiting = 0
         self._closed = False
         self._apart_s = apart_s
-        self._hinted = 0  # the highest epoch that who waited has been told of
+        self._hinted = 0  # the highest epoch of which those who waited were told
         self._pause: asyncio.TimerHandle | None = None
 
     @property

@@ -35,20 +35,7 @@ _IDS: Final = {
 }
 
 
-_NEW_HOPS: Final = postgres_trips.Inserting(
-    "hops",
-    {
-        "hop_id": "text",
-        "token_id": "text",
-        "parent": "text",
-        "position": "integer",
-        "agent": "text",
-        "sponsor": "text",
-        "made_ms": "bigint",
-        "not_after": "bigint",
-        "mandate": "text",
-    },
-)
+_NEW_HOPS: Final = postgres_trips.Inserting(t.hops)
 
 
 @dataclass(frozen=True, slots=True)

@@ -145,7 +145,7 @@ class Transaction(View):
         """Rows of the ledger's entries about these events, which the counters count already."""
         kept = [(each, *told) for each in made if (told := entry_of(each.event)) is not None]
         if not kept:
-            return []  # nobody waits for who writes no entry
+            return []  # without an entry no lock of the counters, for which others would wait
         counters, lines = await self._counting.locked(), list[dict[str, object]]()
         size, head = counters.ledger_size, counters.ledger_head
         for each, kind, body in kept:

@@ -164,28 +164,26 @@ class View:
         conduct_of = every.union(*(one.conduct_of for one in wanted))
         named = frozenset[tuple[str, str]]().union(*(one.revocations_of for one in wanted))
         asked = (one.revocation for one in wanted if one.revocation is not None)
-        read = await prepared.JOINT.read(
-            self._connection,
-            by_kind(sorted(named.union(asked)))
-            | {
-                "parties": sorted(every.union(*(one.parties for one in wanted))),
-                "nonces_of": _those(*(one.nonces_of for one in wanted)),
-                "young_ms": young_ms,
-                "refusals_of": _those(*(one.refusals_of for one in wanted)),
-                "tokens": _those(*(one.token for one in wanted)),
-                "conduct_of": sorted(conduct_of),
-                "since_s": young_ms // 1_000,
-                "trees": _those(*(one.tree for one in wanted)),
-                "agents": sorted(id_ for kind, id_ in named if kind == RevocationKind.AGENT.value),
-            },
-        )
-        parties = {party.id: party for party in rows.parties(read[0])}
-        nonces, refusals, first = _nonces(read[1]), refusals_by_agent(read[2]), hops_by_token(read[3])
-        held = await self.conduct.held_by(conduct_of, read[4])
-        mandates = [MandateRecord(*row) for row in read[5]]
-        indexed, counters = epochs(read[6]), self._counting.seen(read[8][0])
+        values = by_kind(sorted(named.union(asked))) | {
+            "parties": sorted(every.union(*(one.parties for one in wanted))),
+            "nonces_of": _those(*(one.nonces_of for one in wanted)),
+            "young_ms": young_ms,
+            "refusals_of": _those(*(one.refusals_of for one in wanted)),
+            "tokens": _those(*(one.token for one in wanted)),
+            "conduct_of": sorted(conduct_of),
+            "since_s": young_ms // 1_000,
+            "trees": _those(*(one.tree for one in wanted)),
+            "agents": sorted(id_ for kind, id_ in named if kind == RevocationKind.AGENT.value),
+        }
+        read = await prepared.JOINT.read(self._connection, values)
+        registered, given, refused, made, known, promised, revoked, suspended, (row,), sizes = read
+        parties = {party.id: party for party in rows.parties(registered)}
+        nonces, refusals, first = _nonces(given), refusals_by_agent(refused), hops_by_token(made)
+        held = await self.conduct.held_by(conduct_of, known)
+        mandates = [MandateRecord(*each) for each in promised]
+        indexed, counters = epochs(revoked), self._counting.seen(row)
         used = {each: await self._used(each, None, counted) for each in {_counted(one) for one in wanted}}
-        dead, trees = named & indexed.keys() | _agents_of(read[7]), {token: int(number) for token, number in read[9]}
+        dead, trees = named & indexed.keys() | _agents_of(suspended), {token: int(number) for token, number in sizes}
         return [
             State(
                 parties=_of(parties, one.parties),

@@ -67,7 +67,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         for file in asked.files:
             text = searched_anew(file.read_text(encoding="utf-8"), referee, seed=asked.seed, told=_say)
             file.write_text(text, encoding="utf-8")
-    except (RenewalError, RefereeError) as error:
+    except (RenewalError, RefereeError, OSError, tomllib.TOMLDecodeError) as error:
         _say(str(error))
         return 2
     return 0

@@ -16,6 +16,7 @@ import numpy as np
 
 from evaluation.redteam.parts import SCENARIO_ID
 from evaluation.redteam.referee import TrueWorld
+from evaluation.redteam.scenario import HOME_RAD
 from evaluation.redteam.search.drawn_motions import ANGLE_RAD, JointPath, carried_out, drawn_start
 from evaluation.redteam.search.forms import as_motion, begins_at, drawn_anew, motion_of, speed_rad_s
 from evaluation.redteam.search.search import BESIDE, EARLIER_LATER_S, LATEST_S, Discard, cause
@@ -52,8 +53,6 @@ CLAIMS_KEPT: Final = ("stands elsewhere", "not the one in the way")
 """Words of a scenario whose forged frames may claim what they claimed, wherever the victim is."""
 PLANS: Final = {"response", "set_plan"}
 """Acts with a plan, by whose speed the arm then moves."""
-HOME_RAD: Final = (-0.6, -1.62, 1.25, -1.2, -1.57, 0.0)
-"""Beginning of a scenario whose file names none."""
 _ANGLES: Final = re.compile(r"-?\d+(?:\.\d+)?(?: -?\d+(?:\.\d+)?){5}")
 _SPEED: Final = re.compile(r"\d+(?:\.\d+)? rad/s")
 _HEIGHT: Final = re.compile(r"\d+ cm high")

@@ -43,6 +43,7 @@ STATEMENT_TIMEOUT_MS: Final = 30_000
 IDLE_TIMEOUT_MS: Final = 10_000
 """Milliseconds after which the server ends a transaction whose process says nothing: a frozen worker holds no lock."""
 EPOCH_DIGITS: Final = 18
+"""Most digits of an epoch: any number of so many fits the 64 bits of its column."""
 EPOCH_CHANNEL: Final = "ztpm_epoch"
 """Channel of the hint that the epoch has grown."""
 MIGRATION_LOCK: Final = 0x7A74706D_00000001

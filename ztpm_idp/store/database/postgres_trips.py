@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 import sqlalchemy as sa
+from sqlalchemy.dialects import postgresql
 from sqlalchemy.exc import DBAPIError, IntegrityError
 
 from ztpm_idp.store.database import postgres
@@ -94,17 +95,14 @@ async def give(connection: AsyncConnection, nonces: Sequence[tuple[str, str, int
 
 
 class Inserting:
-    """New rows of one table, however many.
+    """New rows of one table, however many."""
 
-    Args:
-        columns: of the table, in the order of the values, each with its type.
-    """
-
-    def __init__(self, table: str, columns: Mapping[str, str]) -> None:
-        self._names = tuple(columns)
-        arrays = ", ".join(f"${place}::{kind}[]" for place, kind in enumerate(columns.values(), start=1))
-        names = ", ".join(f'"{name}"' for name in columns)
-        self._text = f'INSERT INTO "{table}" ({names}) SELECT * FROM unnest({arrays})'  # noqa: S608 - names of ours
+    def __init__(self, table: sa.Table) -> None:
+        self._names = tuple(table.columns.keys())
+        kinds = [column.type.compile(postgresql.dialect()) for column in table.columns]  # type: ignore[no-untyped-call]
+        arrays = ", ".join(f"${place}::{kind}[]" for place, kind in enumerate(kinds, start=1))
+        names = ", ".join(f'"{name}"' for name in self._names)
+        self._text = f'INSERT INTO "{table.name}" ({names}) SELECT * FROM unnest({arrays})'  # noqa: S608 - names of ours
 
     async def write(self, connection: AsyncConnection, rows: Sequence[Mapping[str, Any]]) -> None:
         """Writes the rows."""
