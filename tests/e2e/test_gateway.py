@@ -394,12 +394,9 @@ def test_one_trace_goes_from_a_token_to_its_effect(house):
     services = {"ztpm-idp", "ztpm-tools", "ztpm-gateway"}
     until(lambda: {span["service"] for span in house.spans.of(trace_id)} == services, "spans of all three")
 
-    def operations():
-        return [(span["service"], span["said"].get("ztpm.operation")) for span in house.spans.of(trace_id)]
-
     def calls():
-        """Calls at the gateway: one whose verdict came too late was made again."""
-        return operations().count(("ztpm-gateway", "read_state"))
+        """Number of calls at the gateway: one whose verdict came too late was made again."""
+        return [span["name"] for span in house.spans.of(trace_id)].count("tools/call read_state")
 
     def decided():
         """Service, decision and reason of each decision's span."""
@@ -409,7 +406,12 @@ def test_one_trace_goes_from_a_token_to_its_effect(house):
     # Spans come in batches: that of a call may come after that of its decision.
     until(lambda: calls() and len(decided()) == calls(), "a decision's span of each call")
     assert decided()[-1] == ("ztpm-gateway", "PERMIT", "PERMITTED")
-    until(lambda: ("ztpm-idp", "Issue") in operations(), "the token's span")
+    traced = {("ztpm-idp", "Issue"), ("ztpm-gateway", "read_state")}
+
+    def operations():
+        return {(span["service"], span["said"].get("ztpm.operation")) for span in house.spans.of(trace_id)}
+
+    until(lambda: operations() >= traced, "the spans of the token and of the effect")
 
     def outcomes():
         own = [
