@@ -15,6 +15,7 @@ from rtde_control import RTDEControlInterface
 from evaluation.redteam.admission.outbox import Outbox
 from evaluation.redteam.attempts import Attempts
 from evaluation.redteam.desk.desk import bare_desk, replaced
+from evaluation.redteam.parts import beside
 from pep.pit import Robot
 from pep.rtde.robot.connections import DASHBOARD
 from pep.rtde.robot.gripper import DRIVEN
@@ -42,7 +43,7 @@ class BareArena:
     """Controller and client of it.
 
     Attributes:
-        host: the controller's address.
+        controller: the simulated controller.
         control: the client's connection.
         eyes: every sample of the controller.
         outbox: notes that were sent.
@@ -50,7 +51,7 @@ class BareArena:
         attempts: the acts of the scenario.
     """
 
-    host: str
+    controller: SimulatedController
     control: RTDEControlInterface
     eyes: StateRecorder
     outbox: Outbox
@@ -59,6 +60,11 @@ class BareArena:
     attempts: Attempts = field(default_factory=Attempts)
     _open: ExitStack = field(default_factory=ExitStack)
     _desk: Desk | None = None
+
+    @property
+    def host(self) -> str:
+        """Address of the controller."""
+        return self.controller.host
 
     @property
     def desk(self) -> Desk:
@@ -90,6 +96,10 @@ class BareArena:
         if self._desk is not None:
             self._desk.papers.lay_out()
         self.attempts = Attempts()
+        until(lambda: self.eyes.now().still, "the arm stands still")
+        near = beside(scenario.start_rad)
+        self.controller.fault("placed", joints_rad=near)
+        until(lambda: self.eyes.now().near(near), "the arm where it is put")
         until(lambda: self._brought(scenario.start_rad), "the arm at where the scenario begins")
         self._prepared_s = time.monotonic()
 
@@ -148,7 +158,7 @@ def bare_arena() -> Iterator[BareArena]:
         StateRecorder(controller.host) as eyes,
     ):
         control = RTDEControlInterface(controller.host)
-        arena = BareArena(controller.host, control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
+        arena = BareArena(controller, control, eyes, Outbox(Path(folder) / "outbox.ndjson"))
         try:
             yield arena
         finally:

@@ -16,7 +16,7 @@ from evaluation.redteam.attempts import Attempts
 from evaluation.redteam.cast import ROLES, Cast
 from evaluation.redteam.desk.desk import guarded_desk, replaced
 from evaluation.redteam.naming import named
-from evaluation.redteam.parts import Came, Effect
+from evaluation.redteam.parts import Came, Effect, beside
 from pep.base.operations import STOP
 from ztpm.base.processes import Child
 from ztpm.cell.setup import GATEWAY_ID
@@ -112,6 +112,7 @@ class GuardedArena:
         for role in sorted(at_desk & ROLES.keys()):
             self.token(role, "desk")  # lent before anything is taken back
         self.stage.scene()
+        self.stage.place(beside(scenario.start_rad))
         try:
             self.stage.bring(scenario.start_rad)
         except StageError:

@@ -26,6 +26,17 @@ def is_benign(scenario: str) -> bool:
     return parts is not None and bool(parts[2])
 
 
+BESIDE_RAD: Final = 0.05
+
+
+def beside(start_rad: Sequence[float]) -> tuple[float, ...]:
+    """Place a twentieth of a radian of the last joint from where a scenario begins.
+
+    The arm is put there by hand, which takes no time; it goes the rest of the way by itself, which shows that it works.
+    """
+    return (*start_rad[:-1], start_rad[-1] + BESIDE_RAD)
+
+
 class Effect(StrEnum):
     """Effect of an act."""
 

@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from evaluation.redteam.scenario import Scenario
 
 APPROVER: Final = "bob"
-SETTINGS: Final = (*(Setting(mode, approver=True) for mode in reversed(MODES)), Setting("none", approver=False))
+BARE: Final = "none"
+BARE_BESIDE: Final = 4
+"""Arenas with no enforcement in the place of one with it: nothing is computed there, and the arm takes its time."""
+SETTINGS: Final = (*(Setting(mode, approver=True) for mode in reversed(MODES)), Setting(BARE, approver=False))
 """Modes in the order in which they are begun; an absent approver is tried where the other one was asked."""
 SHARE_LEAST: Final = 10
 """Scenarios that are worth a cell of their own beside another one in the same setting."""
@@ -52,7 +55,7 @@ class Played:
 
 def arena(setting: Setting) -> AbstractContextManager[Arena]:
     """An arena in a setting, on processes of its own."""
-    if setting.mode == "none":
+    if setting.mode == BARE:
         return bare_arena()
     return guarded_arena(approver=APPROVER if setting.approver else None, begin=composed(MODES[setting.mode]))
 
@@ -88,7 +91,9 @@ class Red:
         """
         settings = [one for one in SETTINGS if not modes or one.mode in modes]
         self._of = len(scenarios) * len(settings)
-        self._pass([(setting, list(scenarios)) for setting in settings], cells)
+        guarded, bare = ([one for one in settings if (one.mode == BARE) is each] for each in (False, True))
+        self._pass([(setting, list(scenarios)) for setting in guarded], cells)
+        self._pass([(setting, list(scenarios)) for setting in bare], cells * BARE_BESIDE)
         asked = [one for one in scenarios if ABSENT.mode in {each.mode for each in settings} and self._was_asked(one)]
         self._of += len(asked)
         self._pass([(ABSENT, asked)], cells)

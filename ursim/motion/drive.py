@@ -91,6 +91,11 @@ class Drive:
             self._motion.restart(self.now.q)
             self._suspended = None
 
+    def place(self, q: Joints) -> None:
+        """Puts the arm elsewhere, at rest, as people push it with its brakes released; a motion is over."""
+        self._motion = self._owner = self._suspended = None
+        self.now = Kinetic(q, ZERO, ZERO)
+
     def advance(self, dt_s: float) -> None:
         """One tick.
 

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import json
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from pep.rtde.wire.variables import INPUTS
+from ursim.motion.arm import AXES
 from ursim.motion.drive import SLIDER_CHANGE_PER_S
 from ursim.motion.robot import SafetyMode
 
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
 
 LONGEST_DELAY_S: Final = 60.0
 LATEST_S: Final = 86_400.0
+TURN_RAD: Final = 2 * math.pi
 
 
 class FaultError(ValueError):
@@ -137,6 +140,13 @@ def _mend() -> Deed:
     return act
 
 
+def _place(*, joints_rad: list[float]) -> Deed:
+    q = tuple(map(float, joints_rad))
+    if len(q) != AXES or not all(abs(angle) <= TURN_RAD for angle in q):
+        raise FaultError(f"an arm stands at {AXES} angles within a turn to either side")
+    return _act(lambda controller: controller.robot.drive.place(q))()
+
+
 def _occupy(*, inputs: list[str]) -> Deed:
     if not set(inputs) <= set(INPUTS):
         raise FaultError("there is no such input")
@@ -169,6 +179,7 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
     "remote_control": _act(lambda c: setattr(c, "remote", True)),
     "touch": _act(lambda c: setattr(c.robot, "touched_at", c.robot.step)),
     "release_touch": _act(lambda c: setattr(c.robot, "touched_at", None)),
+    "placed": _place,
     "slider_stuck": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", 0.0)),
     "slider_free": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", SLIDER_CHANGE_PER_S)),
     # the network
@@ -185,6 +196,7 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
 # On the command line: the key that a value is for, how it is read, and how that is written.
 _VALUES: Final[dict[str, tuple[str, Callable[[str], object], str]]] = {
     "delay": ("seconds", float, "delay=SECONDS"),
+    "placed": ("joints_rad", lambda text: list(map(float, text.split(","))), "placed=RAD,.."),
     "slow_frames": ("bytes_per_tick", int, "slow_frames=BYTES_A_TICK"),
     "in_use": ("inputs", lambda text: text.split(","), "in_use=INPUT,.."),
 }

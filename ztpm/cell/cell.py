@@ -138,13 +138,13 @@ class Cell:
         )
 
     def start_robot(self) -> None:
-        """Starts the controller with its arm at `joints`.
+        """Starts the controller with its arm at `joints`; told a fault of `ursim.ports.faults`, it has it.
 
         Connections to an earlier controller are lost.
         """
         pose = ",".join(repr(angle) for angle in self.joints)
         self._start(
-            "robot", "ursim.__main__", "--host", self.addresses.host, f"--joints={pose}",
+            "robot", "ursim.__main__", "--commands", "--host", self.addresses.host, f"--joints={pose}",
             f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
         )  # fmt: skip
 

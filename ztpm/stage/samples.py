@@ -26,7 +26,7 @@ from pep.rtde.wire.messages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
     from types import TracebackType
 
     from pep.rtde.wire.messages import Answer
@@ -38,6 +38,8 @@ NAMES: Final = ("timestamp", "actual_q", "actual_qd", "target_qd")
 TIMEOUT_S: Final = 5.0
 STILL_RAD_S: Final = 1e-3
 """All joints slower than this is standstill (1 mrad/s)."""
+NEAR_RAD: Final = 1e-3
+"""Difference of each joint within which the arm stands at a place."""
 
 
 class StateRecorderError(RuntimeError):
@@ -65,6 +67,10 @@ class Sample:
     def still(self) -> bool:
         """True where every joint is slower than 1 mrad/s."""
         return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
+
+    def near(self, q_rad: Sequence[float]) -> bool:
+        """True where every joint is within a milliradian of `q_rad`."""
+        return all(abs(a - b) <= NEAR_RAD for a, b in zip(self.q_rad, q_rad, strict=True))
 
     @property
     def commanded_rad_s(self) -> float:

@@ -230,22 +230,33 @@ class Stage:
             self.side = target
         return answer
 
+    def place(self, target: tuple[float, ...]) -> None:
+        """Puts the arm, once it stands still, elsewhere by hand: no motion, and nothing is decided.
+
+        Raises:
+            StageError: the arm does not come to be there.
+        """
+        until(lambda: self.near(target) or self.still, "the arm stands still")
+        if not self.near(target):
+            self.cell.robot.tell({"fault": "placed", "joints_rad": target})
+            until(lambda: self.near(target), "the arm where it is put")
+
+    def near(self, target: tuple[float, ...]) -> bool:
+        """True where the arm stands there, within a milliradian."""
+        return max(abs(a - b) for a, b in zip(self.joints, target, strict=True)) <= STILL_RAD_S
+
     def bring(self, target: tuple[float, ...]) -> None:
         """Moves the arm to `target` by the orchestrator, with the usual authority, in several tries if need be.
 
         Raises:
             StageError: when that is not permitted.
         """
-
-        def there() -> bool:
-            return max(abs(a - b) for a, b in zip(self.joints, target, strict=True)) <= STILL_RAD_S
-
         answer: Answer | None = None
         for _ in range(BRING_TRIES):
-            if there():
+            if self.near(target):
                 return
             answer = self.move("orchestrator", to=target, speed=BRING_RAD_S)
-        if not there():
+        if not self.near(target):
             said = None if answer is None else (answer.reason, answer.content)
             raise StageError(f"the arm was not brought to where the step begins: {said}")
 

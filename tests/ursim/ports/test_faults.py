@@ -53,6 +53,19 @@ def sound(cell):
     cell.fault("sound_network")
 
 
+def test_an_arm_that_is_placed_stands_elsewhere_at_once(cell):
+    there = [0.1, -1.7, 1.3, -1.1, -1.5, 6.0]
+    receive = rtde_receive.RTDEReceiveInterface(cell.host)
+    try:
+        cell.fault("placed", joints_rad=there)
+        until(lambda: receive.getActualQ() == pytest.approx(there))
+        assert receive.getActualQd() == [0.0] * 6
+        cell.fault("placed", joints_rad=HOME)
+        until(lambda: receive.getActualQ() == pytest.approx(HOME))
+    finally:
+        let_go(receive)
+
+
 def test_a_delay_holds_every_answer_back_and_loses_none(sound):
     with Stream(sound) as client:
         sound.fault("delay", seconds=0.2)
@@ -212,6 +225,10 @@ def test_every_stop_by_its_own_mode_bits_and_aftermath(cell):
         '{"fault": "meteor"}',
         '{"fault": ["stop"]}',
         '{"fault": "stop", "now": true}',
+        '{"fault": "placed"}',
+        '{"fault": "placed", "joints_rad": [0, 0, 0]}',
+        '{"fault": "placed", "joints_rad": [0, 0, 0, 0, 0, NaN]}',
+        '{"fault": "placed", "joints_rad": [0, 0, 0, 0, 0, 7]}',
         '{"fault": "delay"}',
         '{"fault": "delay", "seconds": -1}',
         '{"fault": "delay", "seconds": NaN}',
