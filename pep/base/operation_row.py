@@ -170,6 +170,9 @@ class BoundedParameter:
         scale: so many of the unit make one of the argument's numbers; None for those of SI, exactly.
         exact: a number off the unit's grid is refused; else it is rounded to it, before anything is decided.
         tiers: values that raise the tier.
+        destination: it says where the effect goes, which no text may that is not from a principal.
+        root: directory of this machine that stands for "/" in a path, which is decided on by its real place beneath;
+            empty for a path that is a word like another.
     """
 
     parameter: Parameter
@@ -177,6 +180,8 @@ class BoundedParameter:
     scale: int | None = None
     exact: bool = True
     tiers: tuple[TierRow, ...] = ()
+    destination: bool = False
+    root: str = ""
 
     @property
     def range(self) -> Range:
@@ -231,6 +236,11 @@ class Operation:
     def moves(self) -> Moves:
         """Course of what it moves."""
         return Moves.NOTHING if self.robot is None else self.robot.moves
+
+    @property
+    def destinations(self) -> frozenset[str]:
+        """Names of the parameters that say where its effect goes."""
+        return frozenset(each.parameter.name for each in self.limits if each.destination)
 
     @property
     def sent(self) -> Sent:

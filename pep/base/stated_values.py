@@ -65,12 +65,18 @@ class Word:
         one_of: exactly these.
         starts_with: each text that starts with one of these.
         under: each path or URL that is one of these directories or origins, or lies below one.
+        destination: it says where the effect goes, such as an address: the grant names it, or a person's instruction
+            does, or no text does that its caller was told.
+        root: directory of this machine that stands for "/" in the path: decided on, and given to the tool, is its real
+            place beneath it, with every link followed. "/" for a path of this machine as it is.
     """
 
     kind: str = "text"
     one_of: Sequence[str] = ()
     starts_with: Sequence[str] = ()
     under: Sequence[str] = ()
+    destination: bool = False
+    root: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +128,8 @@ def _parameter(place: str, name: str, stated: Stated, *, base_tier: Tier, exact:
             return _limit(place, name, stated, base_tier=base_tier, exact=exact)
         case Word():
             word, bound = _word_bound(place, stated)
-            return BoundedParameter(Parameter(name, word), bound)
+            _check_place(place, word, stated.destination, stated.root)
+            return BoundedParameter(Parameter(name, word), bound, destination=stated.destination, root=stated.root)
         case Free():
             return BoundedParameter(Parameter(name, Sort.FREE), _free_bound(place, stated))
         case Listed(element, Length(least, most)):
@@ -137,6 +144,18 @@ def _parameter(place: str, name: str, stated: Stated, *, base_tier: Tier, exact:
             return BoundedParameter(Parameter(name, Sort.FLAG), _FLAGS)
         case _:
             assert_never(stated)
+
+
+def _check_place(place: str, word: Sort, destination: object, root: object) -> None:
+    """Checks what was stated about the place that words name; a table of TOML may have stated anything.
+
+    Raises:
+        DeclarationError: `DECLARATION_MALFORMED`, naming the place.
+    """
+    if not isinstance(destination, bool):
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: destination is true or false")
+    if root != "" and not (isinstance(root, str) and root.startswith("/") and word is Sort.PATH):
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: a root is absolute, and a path's")
 
 
 def _checked(place: str, limit: BoundedParameter) -> BoundedParameter:

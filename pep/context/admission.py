@@ -207,7 +207,7 @@ class Admission:
 
         The value derives from everything that the reader read, also where it does not show. It enters no context by
         this: to hand it on as an argument, its receipt is enough. Before it is shown to another model, `Flow.enter`
-        that context.
+        that context, with the value.
         """
         label = self._flow.close(reader)
         plain = values.plain(value)
@@ -263,7 +263,7 @@ class Admission:
         receipt = self._receipt(case.value, label, case.into.holder)
         record = self._journal.append("decision", self._body(request, case, decision))
         late = self._clock.monotonic_ms() > decided_ms + decision.lifetime_ms
-        full = None if late else self._flow.enter(case.into, label)
+        full = None if late else self._flow.enter(case.into, label, case.value.value)
         if late or isinstance(full, Full):
             reason = Reason.VERDICT_EXPIRED if late else Reason.EVIDENCE_MISSING
             self._journal.append("outcome", records.outcome(request, record, "refused", reason=reason))

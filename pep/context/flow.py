@@ -11,6 +11,8 @@ As in FIDES and CaMeL, everything that a model says derives from everything in i
    empty, its content enters no other context, and it ends with one value, which has the label of all that it read.
    That value is a thing to be handed on. Shown to the model of another context, it enters that one like anything else.
 6. A forgotten content is never taken for clean: beyond their bounds contexts are joined, or nothing more enters.
+7. What a text names is no choice of its reader: the texts are kept, so that a destination which stands in one of them
+   is known (`pep.context.destinations`).
 """
 
 from __future__ import annotations
@@ -22,9 +24,12 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements.context.admission import OTHERS, SIGNERS
+from pep.context.destinations import UNSAID, Texts, from_text
 from policies.words.labels import Integrity, Label, Source, aged, joined
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from capabilities.values.chain import Hop
     from pep.base.ports import Clock
 
@@ -77,10 +82,13 @@ class _Memory:
     """Memory of one agent: label and time of each context, the one that changed last at the end.
 
     `begun` keeps readers that are open, also those that have read nothing: a reader of which nothing is known is
-    closed.
+    closed. `told` has the texts of all contexts and readers that are not from a principal, and `instructed` those that
+    are, by hop.
     """
 
     contexts: OrderedDict[str, tuple[Label, int]] = field(default_factory=OrderedDict)
+    told: Texts = field(default_factory=Texts)
+    instructed: OrderedDict[str, Texts] = field(default_factory=OrderedDict)
     begun: dict[str, tuple[Label, int] | None] = field(default_factory=dict)
     touched_ms: int = 0
 
@@ -120,8 +128,14 @@ class Flow:
             memory.begun[reader] = None
         return Context(holder, reader)
 
-    def enter(self, into: Context, label: Label) -> Full | None:
-        """Enters a content with this label into the context; or refuses every further one."""
+    def enter(self, into: Context, label: Label, value: object = UNSAID) -> Full | None:
+        """Enters a content with this label into the context; or refuses every further one.
+
+        Args:
+            into: the context.
+            label: of the content.
+            value: the content, plain JSON; after one that is not stated every destination may have stood in it.
+        """
         with self._lock:
             memory = self._remembered(into.holder.agent)
             if isinstance(memory, Full):
@@ -132,13 +146,33 @@ class Flow:
                 if into.reader not in memory.begun:
                     return Full("a reader that is closed")
                 memory.begun[into.reader] = _more(memory.begun[into.reader], label, now_ms)
+                memory.told.add(value)
                 return None
             before = memory.contexts.pop(into.holder.hop_id, None) or _all(memory, now_ms)
             memory.contexts[into.holder.hop_id] = _more(before, label, now_ms)
             if len(memory.contexts) > HOPS:
                 # nothing is lost by this: the context that has just begun, began with it
                 memory.contexts.popitem(last=False)
+            if label.integrity is not Integrity.PRINCIPAL or label.tainted:
+                memory.told.add(value)
+            elif value is not UNSAID:
+                _instructed(memory, into.holder.hop_id).add(value)
             return None
+
+    def names(self, word: str, hops: Sequence[Hop], shown: Texts) -> bool:
+        """True where the destination takes its authority from a text that the last hop's agent was told.
+
+        Args:
+            word: the destination.
+            hops: of the verified chain; an instruction into the context of any of them is for this work.
+            shown: further texts that the agent was told.
+        """
+        with self._lock:
+            memory = self._memory.get(hops[-1].agent)
+            told = (shown,) if memory is None else (shown, memory.told)
+            held = [(self._memory.get(hop.agent), hop.hop_id) for hop in hops]
+            instructed = [one.instructed[id_] for one, id_ in held if one is not None and id_ in one.instructed]
+            return from_text(word, told, instructed)
 
     def label(self, of: Context) -> Label:
         """Label of every value that comes out of the context now. A closed reader is unknown, and so tainted."""
@@ -190,6 +224,14 @@ class Flow:
             return Full("agents")
         self._memory[agent] = memory = _Memory(touched_ms=now_ms)
         return memory
+
+
+def _instructed(memory: _Memory, hop_id: str) -> Texts:
+    """Texts of people's instructions under that hop; the oldest make room: what is forgotten allows nothing."""
+    found = memory.instructed.setdefault(hop_id, Texts())
+    if len(memory.instructed) > HOPS:
+        memory.instructed.popitem(last=False)
+    return found
 
 
 def _at(held: tuple[Label, int], now_ms: int) -> Label:

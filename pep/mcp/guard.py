@@ -37,6 +37,7 @@ from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS, TRACE
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
+from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import definition_digest, tool_reading
 from pep.request.authority import NOBODY, Credentials
 from pep.request.call import Call
@@ -132,7 +133,7 @@ class Guard:
             return await self._stop(operation, credentials, ctx, params)
         if credentials.fault is not None:
             return await self._refuse(Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name})
-        request = to_request(
+        request = resolved_request(
             operation, params.arguments or {}, request_id=secrets.token_hex(16), audience=self._audience, at=at
         )
         if isinstance(request, Misfit):
@@ -146,7 +147,7 @@ class Guard:
         context: ContextReading | NotCollected = NOT_COLLECTED
         if isinstance(credentials.chain, Chain):
             weigh = unvouched if self._vouching is None else self._vouching.context
-            weighed = partial(weigh, request, presented, leaf=credentials.chain.leaf, at=at)
+            weighed = partial(weigh, request, presented, operation=operation, chain=credentials.chain, at=at)
             # A receipt costs half a millisecond, and a call may show sixteen: others have their turn meanwhile.
             context = await asyncio.to_thread(weighed) if presented else weighed()
 

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.statements.context.response import Call as Called
 from capabilities.values.caps import DEFAULT as CAPS
+from pep.context import destinations, receipts, responses
 from pep.context import json_value as values
-from pep.context import receipts, responses
 from pep.context.arguments import PRESENTED, ArgumentContext, PresentedReceipt, arguments
+from pep.context.destinations import DestinationFault
 from pep.context.flow import Holder, own
 from pep.context.json_value import Plain
 from policies.evidence.content_readings import ContextReading
@@ -25,7 +26,9 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.values.caps import Caps
-    from capabilities.values.chain import Hop
+    from capabilities.values.chain import Chain, Hop
+    from pep.base.operation_row import Operation
+    from pep.context.destinations import Texts
     from pep.context.flow import Flow
     from policies.evidence.evidence import ToolReading
     from policies.evidence.model import Request
@@ -85,10 +88,17 @@ def wanted(meta: object) -> bool:
     return isinstance(meta, dict) and meta.get(RECEIPT) is True
 
 
-def unvouched(request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float) -> ContextReading:
-    """Context of each parameter without a known admission point: its holder's choice, with no receipt counted."""
-    holder = Holder.of(leaf)
-    return ContextReading((), arguments(request, presented, ArgumentContext(holder, own(holder), {}, at, CAPS)))
+def unvouched(
+    request: Request, presented: tuple[PresentedReceipt, ...], *, operation: Operation, chain: Chain, at: float
+) -> ContextReading:
+    """Context of each parameter without a known admission point: its holder's choice, with no receipt counted.
+
+    What the holder was told is unknown here, so a destination is believed only where the grant names it.
+    """
+    holder = Holder.of(chain.leaf)
+    readings = arguments(request, presented, ArgumentContext(holder, own(holder), {}, at, CAPS))
+    fault = destinations.unknown
+    return ContextReading((), destinations.judged(readings, request, operation, chain=chain, fault=fault))
 
 
 class Vouching:
@@ -112,17 +122,30 @@ class Vouching:
         self._caps = caps
 
     def context(
-        self, request: Request, presented: tuple[PresentedReceipt, ...], *, leaf: Hop, at: float
+        self,
+        request: Request,
+        presented: tuple[PresentedReceipt, ...],
+        *,
+        operation: Operation,
+        chain: Chain,
+        at: float,
     ) -> ContextReading:
         """Context of each parameter of the request; a call without receipts is its holder's own choice."""
         known = ArgumentContext(
-            holder=Holder.of(leaf),
-            context=self._flow.label(self._flow.context(leaf)),
+            holder=Holder.of(chain.leaf),
+            context=self._flow.label(self._flow.context(chain.leaf)),
             admitters=self._admitters(),
             at=at,
             caps=self._caps,
         )
-        return ContextReading((), arguments(request, presented, known))
+        readings = arguments(request, presented, known)
+
+        def fault(word: str, shown: Texts) -> DestinationFault | None:
+            return DestinationFault.FROM_TEXT if self._flow.names(word, chain.hops, shown) else None
+
+        return ContextReading(
+            (), destinations.judged(readings, request, operation, chain=chain, fault=fault, presented=presented)
+        )
 
     def meta(
         self,

@@ -24,8 +24,9 @@ from pep.gate import records
 from pep.mcp.body_screen import Unfit, screen
 from pep.mcp.dpop import ALGORITHMS
 from pep.mcp.http_request import BEARER, SCHEME, Refusals, answer, digest, headers_of, read_body, short
-from pep.mcp.mapping import Misfit, bare_request, to_request
+from pep.mcp.mapping import Misfit, bare_request
 from pep.mcp.provenance import unvouched
+from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import tool_reading
 from pep.point import evaluation_answer
 from pep.point.evaluation_answer import Answer
@@ -249,7 +250,7 @@ class EvaluationLayer:
         # [AZN-4] which act
         if operation is None:
             return self._denied(question, credentials, Reason.TOOL_UNKNOWN, "TEA-3")
-        request = to_request(
+        request = resolved_request(
             operation, question.properties, request_id=secrets.token_hex(16), audience=self._audience, at=at
         )
         if isinstance(request, Misfit):
@@ -263,7 +264,7 @@ class EvaluationLayer:
             credentials=credentials,
             arrived_ms=arrived_ms,
             readiness=None,
-            context=unvouched(request, (), leaf=chain.leaf, at=at),
+            context=unvouched(request, (), operation=operation, chain=chain, at=at),
         )
         # [AZN-5] advice
         advice = await self._gate.advise(call)

@@ -36,8 +36,9 @@ from pep.mcp import deferred_result
 from pep.mcp.body_screen import Unfit, screen
 from pep.mcp.declared_tools import definition_of
 from pep.mcp.http_request import headers_of, token_in
-from pep.mcp.mapping import Misfit, bare_request, checked_defaults, decided_arguments, to_request
+from pep.mcp.mapping import Misfit, bare_request, checked_defaults, decided_arguments
 from pep.mcp.provenance import unvouched
+from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import ToolPin, definition_digest, tool_reading
 from pep.point import carriage
 from pep.point.deciding_point import DecidingPoint
@@ -255,7 +256,7 @@ class GuardedFunctions(DecidingPoint):
         audience = self.config.audience
         lease_ms = self.gate.lease_ms(bare_request(row, audience=audience))
         credentials = self.authority.check(presented, lease_ms=lease_ms)
-        request = to_request(row, arguments, request_id=secrets.token_hex(16), audience=audience, at=at)
+        request = resolved_request(row, arguments, request_id=secrets.token_hex(16), audience=audience, at=at)
         if isinstance(request, Misfit):
             raise await self._refused(row, credentials, request)
         chain = credentials.chain
@@ -266,7 +267,9 @@ class GuardedFunctions(DecidingPoint):
             credentials=credentials,
             arrived_ms=arrived_ms,
             readiness=None,
-            context=unvouched(request, (), leaf=chain.leaf, at=at) if isinstance(chain, Chain) else NOT_COLLECTED,
+            context=unvouched(request, (), operation=row, chain=chain, at=at)
+            if isinstance(chain, Chain)
+            else NOT_COLLECTED,
         )
 
     async def unfit(self, row: Operation, presented: PresentedRequest, unfit: Unfit) -> str:

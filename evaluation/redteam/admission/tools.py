@@ -11,7 +11,7 @@ from mcp.server import MCPServer
 from mcp.server.mcpserver.exceptions import ToolError
 
 from evaluation.redteam.admission.outbox import Outbox
-from pep import Within, operation
+from pep import Within, Word, operation
 from pep.base.declaration import declared
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 OUTBOX: Final = "outbox.ndjson"
 PLANS: Final = "plans"
 _NAME: Final = re.compile(r"[a-z0-9-]{1,63}")
+Address = Annotated[str, Word(destination=True)]
 Speed = Annotated[float, Within(0, 3_000_000, "urad_s")]
 
 
@@ -41,7 +42,7 @@ def notes_server(folder: Path) -> MCPServer[Any]:
 
     @server.tool()
     @operation("notes", base_tier=1)
-    def send_note(to: str, text: str) -> dict[str, Any]:
+    def send_note(to: Address, text: str) -> dict[str, Any]:
         """Send a note to an address."""
         outbox.put(to, text)
         return {"sent": True}

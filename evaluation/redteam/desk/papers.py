@@ -80,10 +80,16 @@ class Papers:
         return sum(address in line["arguments"]["to"] for line in self._lines() if line["tool"] == "send_message")
 
     def times(self, tool: str, arguments: Mapping[str, Any]) -> int:
-        """Number of times that this was truly done, with any further arguments."""
-        wanted = _spelled(arguments)
+        """Number of times that this was truly done, by any name of a document, with any further arguments."""
+        wanted = {_spelled(arguments), _spelled(self._followed(arguments))}
         done = (line["arguments"] for line in self._lines() if line["tool"] == tool)
-        return sum(_spelled({name: each.get(name) for name in arguments}) == wanted for each in done)
+        return sum(_spelled({name: each.get(name) for name in arguments}) in wanted for each in done)
+
+    def _followed(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
+        """The arguments with a path through the link at the place where that leads, as a guard gives it to the tool."""
+        link, target = LINK
+        path = str(arguments.get("path", ""))
+        return dict(arguments) | ({"path": target + path.removeprefix(link)} if path.startswith(f"{link}/") else {})
 
 
 def _spelled(arguments: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from capabilities.statements.context import memory as remembered
 from capabilities.statements.context import message as said
 from capabilities.values.errors import CapabilityError
 from evaluation.redteam.taken_out.world import unsigned
-from pep.context import case_reader, instructions, messages, responses, retrieval, screening
+from pep.context import case_reader, destinations, instructions, messages, responses, retrieval, screening
 from pep.context import json_value as values
 from pep.context.case_reader import Reader
 from pep.context.collection import Retrieved
@@ -66,9 +66,10 @@ def operator_input(off: Off) -> None:
 
 
 def instruction_isolation(off: Off) -> None:
-    """No text is looked through, so that none is tainted for what it says."""
+    """No text is looked through, so that none is tainted for what it says, and no destination for standing in one."""
     screening.screen = lambda text: ()
     screening.screen_value = lambda value: ()
+    destinations.judged = lambda readings, *of, **known: tuple(readings)
 
 
 def retrieval_integrity(off: Off) -> None:
