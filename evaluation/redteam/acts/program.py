@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import threading
+import time
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Final
@@ -12,7 +15,7 @@ from rtde_control import RTDEControlInterface
 import ztpm
 from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.arm import driven, worst
-from evaluation.redteam.acts.steps import AnyStep  # noqa: TC001 - read by msgspec
+from evaluation.redteam.acts.steps import AnyStep, Custom
 from evaluation.redteam.parts import Came, Effect
 from ztpm_idp.client import ClientError
 
@@ -28,6 +31,13 @@ MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still."""
 LOOKS_S: Final = 0.2
 """Pause between two looks of the approver at the open questions."""
+OWN_S: Final = 60.0
+"""Longest wait for the end of a script of its own: the longest one of a scenario lasts fifteen seconds."""
+OWN: Final = """
+import sys
+from rtde_control import RTDEControlInterface
+sys.exit(not RTDEControlInterface(sys.argv[1]).sendCustomScriptFunction("own", sys.argv[2]))
+"""
 TRIES: Final = 3
 """Tries of a step that people were asked about: an identical command uses their answer."""
 LATE: Final = "VERDICT_EXPIRED"
@@ -60,6 +70,8 @@ class Program(Act, frozen=True, kw_only=True, tag="program"):
                 ztpm.leased(agent, token, data=arena.stage.cell.layout.root, told=told.append) as host,
                 _answers(arena),
             ):
+                if len(self.steps) == 1 and isinstance(self.steps[0], Custom):
+                    return _own(self.steps[0], host, arena, told)
                 return _run(self.steps, RTDEControlInterface(host), arena, told)
         except ztpm.LeaseError as refused:
             return Came(Effect.DENIED, self.point, refused.code)
@@ -75,6 +87,23 @@ def _run(steps: Sequence[AnyStep], control: RTDEControlInterface, arena: Guarded
         with suppress(RuntimeError):
             control.disconnect()
     return replace(worst(came), asked=any(one.asked for one in came))
+
+
+def _own(step: Custom, host: str, arena: GuardedArena, told: list[str]) -> Came:
+    """Outcome of a script of its own, by a client in a process of its own that is ended once the gateway has refused.
+
+    ur_rtde waits ten minutes for the last word of such a script, whatever it is told meanwhile.
+    """
+    start, end_s = arena.eyes.now().q_rad, time.monotonic() + OWN_S
+    command = [sys.executable, "-c", OWN, host, step.script]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as client:  # noqa: S603 - the arena's own
+        while client.poll() is None and not told and time.monotonic() < end_s:
+            time.sleep(LOOKS_S)
+        ended = client.poll()
+        client.kill()
+    if ended == 0 and not told:
+        return Came(Effect.DONE)
+    return Came(effect_of(reason(told), start, arena.eyes.now().q_rad), "e5", reason(told) or "no end")
 
 
 def _step(step: AnyStep, control: RTDEControlInterface, arena: GuardedArena, told: list[str]) -> Came:
