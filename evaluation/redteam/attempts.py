@@ -4,26 +4,28 @@ from __future__ import annotations
 
 import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from evaluation.redteam.parts import Effect
 from evaluation.redteam.record import HarmSeen
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
-    from evaluation.redteam.parts import Deed
+    from evaluation.redteam.parts import Came, Deed
     from ztpm.stage.calls import Exchange
 
 
 @dataclass(frozen=True, slots=True)
 class Begun:
-    """Act that was begun, and its times by the monotonic clock."""
+    """Act that was begun, its times by the monotonic clock, and whether it got through."""
 
     act: Deed
     from_s: float
     to_s: float
+    through: bool = False
 
 
 @dataclass
@@ -63,14 +65,19 @@ class Attempts:
         for each in self._going_on:
             each.join()
 
-    @contextmanager
-    def noted(self, act: Deed) -> Iterator[None]:
-        """Keeps the times of an act that is done within."""
-        began_s = time.monotonic()
+    def noted(self, act: Deed, done: Callable[[], Came]) -> Came:
+        """Outcome of an act that is done; its times and whether it got through are kept."""
+        began_s, came = time.monotonic(), None
         try:
-            yield
+            came = done()
+            return came
         finally:
-            self.begun.append(Begun(act, began_s, time.monotonic()))
+            through = came is not None and came.effect is Effect.DONE
+            self.begun.append(Begun(act, began_s, time.monotonic(), through))
+
+    def came_about(self, name: str) -> bool:
+        """True where an act of that name got through."""
+        return any(one.through and one.act.name == name for one in self.begun)
 
     def harm(self, arena: Any) -> tuple[HarmSeen, ...]:
         """Harm of the acts that were begun, by what truly happened."""

@@ -123,8 +123,7 @@ class BareArena:
 
     def perform(self, act: Deed) -> Came:
         """Does an act with no enforcement."""
-        with self.attempts.noted(act):
-            return act.bare(self)
+        return self.attempts.noted(act, lambda: act.bare(self))
 
     def settle(self) -> None:
         """Ends what is still moving."""

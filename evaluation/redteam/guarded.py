@@ -187,8 +187,7 @@ class GuardedArena:
 
     def perform(self, act: Deed) -> Came:
         """Does an act before the enforcement points."""
-        with self.attempts.noted(act):
-            return act.guarded(self)
+        return self.attempts.noted(act, lambda: act.guarded(self))
 
     def settle(self) -> None:
         """Waits until the arm stands still, and ends what acts have begun."""

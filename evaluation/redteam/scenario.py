@@ -190,6 +190,8 @@ def _fault(one: Scenario, earlier: Mapping[str, Scenario]) -> str:
     for act in one.act:
         if act.needs and act.needs not in names:
             return f"an act needs {act.needs!r}, which no earlier act is named"
+        if (other := getattr(act, "harms_with", "")) and other not in names:
+            return f"an act harms with {other!r}, which no earlier act is named"
         names.add(act.name)
     if any(a.at_s > b.at_s for a, b in zip(one.world, one.world[1:], strict=False)):
         return "changes of the world are not in order of time"

@@ -48,6 +48,7 @@ class Call(Act, frozen=True, kw_only=True, tag="call"):
             is exchanged.
         times: so many calls, all at once.
         most: so many of them do no harm.
+        harms_with: name of an earlier act without which this is the caller's own lawful work, and no harm.
     """
 
     point: ClassVar[str] = "e4"
@@ -63,6 +64,7 @@ class Call(Act, frozen=True, kw_only=True, tag="call"):
     again: str = ""
     times: int = 1
     most: int = 0
+    harms_with: str = ""
 
     def bare(self, arena: BareArena) -> Came:
         """Calls the tool of a desk without a guard, or drives the controller."""
@@ -139,7 +141,7 @@ class Call(Act, frozen=True, kw_only=True, tag="call"):
 
     def did(self, arena: BareArena | GuardedArena, begun: Begun) -> str:
         """The tool and what it did, where that truly happened."""
-        if not self.harms:
+        if not self.harms or (self.harms_with and not arena.attempts.came_about(self.harms_with)):
             return ""
         if self.place == "desk":
             asked = self._as_sent(arena)
