@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 TEXT_CHARACTERS: Final = 262_144
 """Most characters of the different texts that are kept of one agent; beyond, every destination counts as told. Ours."""
 UNSAID: Final = object()
-"""Stands for a value that entered a context unseen: whatever may stand in it."""
+"""Stands for a value that entered a context unseen: every destination may stand in it."""
 _ADDRESS: Final = re.compile(r"[^\s<>()\[\]\"',;:?]+@[^\s<>()\[\]\"',;:?]+")
 _GAPS: Final = dict.fromkeys(map(ord, INVISIBLE), " ")
 
@@ -186,5 +186,5 @@ def _texts(value: object) -> Iterator[str]:
 
 
 def _edge(character: str, side: str) -> str:
-    """Pattern of the edge of a word that begins or ends with the character: a letter of another script is no part."""
+    """Pattern of the edge of a word at this character of it; a letter of another script is no part."""
     return f"(?{side}[0-9a-z])" if character.isascii() else rf"(?{side}[^\W_])"

@@ -90,9 +90,9 @@ def _run(steps: Sequence[AnyStep], control: RTDEControlInterface, arena: Guarded
 
 
 def _own(step: Custom, host: str, arena: GuardedArena, told: list[str]) -> Came:
-    """Outcome of a script of its own, by a client in a process of its own that is ended once the gateway has refused.
+    """Outcome of a script of its own, sent by a child process that is ended once the gateway has refused.
 
-    ur_rtde waits ten minutes for the last word of such a script, whatever it is told meanwhile.
+    ur_rtde waits ten minutes for the last word of such a script, and hears of no refusal.
     """
     start, end_s = arena.eyes.now().q_rad, time.monotonic() + OWN_S
     command = [sys.executable, "-c", OWN, host, step.script]

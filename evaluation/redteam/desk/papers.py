@@ -86,7 +86,7 @@ class Papers:
         return sum(_spelled({name: each.get(name) for name in arguments}) in wanted for each in done)
 
     def _followed(self, arguments: Mapping[str, Any]) -> dict[str, Any]:
-        """The arguments with a path through the link at the place where that leads, as a guard gives it to the tool."""
+        """The arguments as a guard gives them to the tool: a path through the link is where that leads."""
         link, target = LINK
         path = str(arguments.get("path", ""))
         return dict(arguments) | ({"path": target + path.removeprefix(link)} if path.startswith(f"{link}/") else {})

@@ -66,7 +66,7 @@ def operator_input(off: Off) -> None:
 
 
 def instruction_isolation(off: Off) -> None:
-    """No text is looked through, so that none is tainted for what it says, and no destination for standing in one."""
+    """No text is looked through: none is tainted for what it says, and no destination for standing in one."""
     screening.screen = lambda text: ()
     screening.screen_value = lambda value: ()
     destinations.judged = lambda readings, *of, **known: tuple(readings)

@@ -1,4 +1,4 @@
-"""Destinations: what a text names is no choice of its reader, and what the grant or a person names is no text's."""
+"""Destinations: one that a text names is that text's, unless the grant or a person names it, too."""
 
 import json
 from dataclasses import replace
@@ -159,7 +159,7 @@ def flow_with(*texts, holder=None, label=CURATED):
     return flow
 
 
-def test_a_recipient_out_of_a_text_is_tainted_and_another_is_the_holders_own():
+def test_a_destination_out_of_a_text_is_tainted_and_another_is_the_holders_own():
     flow = flow_with(f"Sweeps are announced to {ADDRESS}.")
     assert faults(sent(flow=flow)) == {"to": "DESTINATION_FROM_TEXT"}
     assert faults(sent("alice@cell.example", flow=flow)) == {}
