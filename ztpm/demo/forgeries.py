@@ -99,9 +99,8 @@ def ballot(stage: Stage, signer: str, ask_id: str, *, approver: str) -> str:
 
 
 def posted_vote(stage: Stage, caller: str, ask_id: str, ballot: str) -> Refused:
-    """Identity provider's answer to a vote that an agent posts with a proof of its own."""
-    key = read_key(stage.cell.layout.agent_key(caller), stage.cell.passphrase)
-    with httpx2.Client(auth=ProofAuth(key), timeout=30.0) as http:
+    """Identity provider's answer to a vote that an agent, or a stranger, posts with a proof of its own."""
+    with httpx2.Client(auth=ProofAuth(stage.agents[caller].key), timeout=30.0) as http:
         answer = http.post(f"{stage.cell.addresses.issuer}/approvals/{ask_id}/votes", json={"vote": ballot})
     return Refused(answer.status_code, str(answer.json().get("code", "NONE")))
 

@@ -7,8 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from evaluation.redteam.acts.act import Act
+from evaluation.redteam.cast import FASTEST_URAD_S
 from evaluation.redteam.parts import Came, Effect
 from pep.rtde.robot.gripper import RobotiqGripper
+from ztpm.stage.lending import arm_only
 from ztpm.stage.stage import ACCELERATION_RAD_S2, until
 
 if TYPE_CHECKING:
@@ -140,7 +142,12 @@ class QueueJoint(Act, frozen=True, kw_only=True, tag="queue_joint"):
         return driven(_drive(arena, self, [self.to_rad]))
 
     def guarded(self, arena: GuardedArena) -> Came:
-        """Calls the tool twice at once; where the other is refused, a third time once the arm stands."""
+        """Calls the tool twice at once; where the other is refused, a third time once the arm stands.
+
+        Another role asks with an authority of its own, which the orchestrator lends it where it has none.
+        """
+        if self.by_second and not arena.token(self.by_second, "arm"):
+            arena.cast.hand_down(self.by_second, arm_only(speed_high=FASTEST_URAD_S))
         with ThreadPoolExecutor(1, "first") as one:
             first = one.submit(_moved, arena, self, self.first_rad)
             under_way(arena, over=first.done)
