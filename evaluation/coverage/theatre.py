@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Final
 
@@ -34,7 +34,8 @@ START: Final[Mapping[str, Callable[[Cell], None]]] = {
 class Theatre:
     """One cell, opened for the first composition and changed for each later one.
 
-    Nobody answers questions in it: what is deferred does not happen.
+    Nobody answers questions in it: what is deferred does not happen. One sensor watches it, and may be deceived: what
+    detects, prevents or contains without a true view is shown there, too.
 
     Attributes:
         begin: begins a process.
@@ -58,7 +59,7 @@ class Theatre:
         if self._arena is None or off == self._off:
             self.close()
             self._off = off
-            self._arena = self._place.enter_context(guarded_arena(approver=None, begin=self._begin))
+            self._arena = self._place.enter_context(self._cell())
         else:
             try:
                 self._change(self._arena, off)
@@ -71,6 +72,9 @@ class Theatre:
         """Ends the cell."""
         self._arena = None
         self._place.close()
+
+    def _cell(self) -> AbstractContextManager[GuardedArena]:
+        return guarded_arena(approver=None, begin=self._begin, second_sensor=False)
 
     def _begin(self, name: str, module: str, *arguments: str, **options: Any) -> Child:
         return composed(self._off, self.begin)(name, module, *arguments, **options)

@@ -19,7 +19,7 @@ from evaluation.redteam.naming import named
 from evaluation.redteam.parts import Came, Effect, beside
 from pep.base.operations import STOP
 from ztpm.base.processes import Child
-from ztpm.cell.setup import GATEWAY_ID
+from ztpm.cell.setup import GATEWAY_ID, SECOND_SENSOR_ID, SENSOR_ID, sensor_keys
 from ztpm.demo.run import play
 from ztpm.demo.story import STORY
 from ztpm.stage.calls import call
@@ -56,9 +56,9 @@ class GuardedArena:
     """Running cell, and the cast of the scenario that is played.
 
     Attributes:
-        stage: the cell with its people.
+        stage: the cell with its people, watched by one or two sensors; the first is the one that is attacked.
         eyes: every sample of its controller.
-        tap: eavesdropper on its sensor.
+        tap: eavesdropper on its first sensor.
         approver: name of the person who says yes to each question, or None for an absent one.
         beside: what runs beside the cell, ended with the arena.
         begin: begins each process of the arena.
@@ -176,14 +176,19 @@ class GuardedArena:
         self.stage.tokens[DIRECTOR], self._renewed_s = issued.token, time.monotonic()
 
     def show(self, moment: Moment) -> None:
-        """Shows the registered sensor what truly changed, if it sees it."""
+        """Shows each sensor what truly changed; what the first one does not see only the second, if there is one."""
         command = moment.command()
-        if not moment.seen or not command:
+        sees_it = None if moment.seen else SECOND_SENSOR_ID
+        if not command or sees_it not in (None, *sensor_keys(self.stage.cell.layout)):
             return
         if moment.at_s <= 0 and command.keys() <= {"people", "objects"}:
-            self.stage.scene(people=command.get("people"), objects=command.get("objects"))
+            self.stage.scene(people=command.get("people"), objects=command.get("objects"), sensor=sees_it)
         else:
-            self.stage.cell.sensor.tell(command)
+            self.stage.cell.sensor.tell(command if sees_it is None else {**command, "sensor": sees_it})
+
+    def tell_attacked(self, command: dict[str, object]) -> None:
+        """Tells the first sensor alone, which is the one that is silenced, covered or deceived."""
+        self.stage.cell.sensor.tell({**command, "sensor": SENSOR_ID})
 
     def perform(self, act: Deed) -> Came:
         """Does an act before the enforcement points."""
@@ -338,17 +343,20 @@ def came(answer: Answer, point: str, *, asked: bool, wanted: str = REACHED) -> C
 
 
 @contextmanager
-def guarded_arena(*, approver: str | None, begin: Callable[..., Child] = Child.begin) -> Iterator[GuardedArena]:
+def guarded_arena(
+    *, approver: str | None, begin: Callable[..., Child] = Child.begin, second_sensor: bool = True
+) -> Iterator[GuardedArena]:
     """An arena on a cell of its own, removed afterwards.
 
     Args:
         approver: person who says yes to each question, or None for an absent one.
         begin: begins each process of the cell (`evaluation.redteam.composition`).
+        second_sensor: a second sensor watches the cell, which no scenario attacks.
 
     Raises:
         StageError: the cell did not come about.
     """
-    with stage(begin=begin) as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes:
+    with stage(begin=begin, second_sensor=second_sensor) as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes:
         tap = FrameTap(on_stage.cell)
         for act in STORY.only(frozenset({"delegate"})):
             seen = play(on_stage, act)

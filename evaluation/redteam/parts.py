@@ -72,7 +72,7 @@ class Moment(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tr
 
     Attributes:
         at_s: after the first act was begun; 0 is before it.
-        seen: whether the registered sensor shows it.
+        seen: whether the first sensor, which is the one that is attacked, shows it; a second one always does.
         people, objects, walk, move, hold, place: as the simulated sensor understands them.
     """
 

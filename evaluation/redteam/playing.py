@@ -28,7 +28,7 @@ class Arena(Protocol):
         """Brings everything to where the scenario begins."""
 
     def show(self, moment: Moment) -> None:
-        """Shows the registered sensor what truly changed, if it sees it."""
+        """Shows the sensors what truly changed, as far as they see it."""
 
     def perform(self, act: Deed) -> Came:
         """Does an act."""

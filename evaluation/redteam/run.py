@@ -36,6 +36,8 @@ TRIES: Final = 3
 """Tries of a scenario: a loaded machine may refuse by itself, and a process of a cell may die."""
 MACHINE: Final = frozenset({"VERDICT_EXPIRED", "REVOCATION_VIEW_STALE", "BEHAVIOUR_OLD"})
 """Refusals that a machine without time gives; in no scenario is one of these the right answer."""
+BLIND: Final = "WATCH_BLIND"
+"""Refusal that such a machine gives, too, and the right answer where an act takes the view from the watch."""
 
 
 @dataclass(slots=True)
@@ -54,10 +56,16 @@ class Played:
 
 
 def arena(setting: Setting) -> AbstractContextManager[Arena]:
-    """An arena in a setting, on processes of its own."""
+    """An arena in a setting, on processes of its own.
+
+    A second sensor is CII-4's independent evidence: without that primitive there is none.
+    """
     if setting.mode == BARE:
         return bare_arena()
-    return guarded_arena(approver=APPROVER if setting.approver else None, begin=composed(MODES[setting.mode]))
+    off = MODES[setting.mode]
+    return guarded_arena(
+        approver=APPROVER if setting.approver else None, begin=composed(off), second_sensor="CII-4" not in off
+    )
 
 
 @dataclass
@@ -162,7 +170,7 @@ class Red:
                         if attempt == TRIES - 1:
                             self._failed(scenario, setting, error)
                         continue
-                    if attempt < TRIES - 1 and any(one.reason in MACHINE for one in run.came):
+                    if attempt < TRIES - 1 and _refused_by_machine(scenario, run):
                         with self._lock:
                             self._done.anew += 1
                         continue
@@ -179,6 +187,13 @@ class Red:
     def _tell(self, more: int) -> None:
         self._count += more
         self.told(f"{self._count} of {self._of} runs")
+
+
+def _refused_by_machine(scenario: Scenario, run: RunRecord) -> bool:
+    """True where a machine without time refused: for `BLIND` in a benign scenario that blinds nobody."""
+    reasons = {one.reason for one in run.came}
+    blind = BLIND in reasons and not scenario.hazardous and not any(act.blinds for act in scenario.act)
+    return blind or not reasons.isdisjoint(MACHINE)
 
 
 def _shares(left: Sequence[Scenario], cells: int) -> Iterator[list[Scenario]]:

@@ -95,6 +95,11 @@ class Layout:
         return self.root / "cell" / "sensor.key"
 
     @property
+    def second_sensor_key(self) -> Path:
+        """The second simulated sensor's key, there in a cell that was made with two."""
+        return self.root / "cell" / "sensor-2.key"
+
+    @property
     def platform_key(self) -> Path:
         """The simulated platform attestor's key."""
         return self.root / "platform" / "platform.key"

@@ -1,16 +1,17 @@
-"""The embedded cell: identity provider, simulated robot and sensor, gateway and tool server, a process each."""
+"""The embedded cell: identity provider, simulated robot and sensors, gateway and tool server, a process each."""
 
 from __future__ import annotations
 
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from itertools import chain
 from typing import TYPE_CHECKING, Final, Self
 
 from capabilities.keys import keys
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from ztpm.base.layout import Layout, read_key
 from ztpm.base.processes import Child
-from ztpm.cell.setup import GATEWAY_ID, PEP_ID, SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses
+from ztpm.cell.setup import GATEWAY_ID, PEP_ID, SENSOR_CALIBRATION, SENSOR_TRANSIT_MS, Addresses, sensor_keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
@@ -41,7 +42,7 @@ class Cell:
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         begin_child: begins a child; `Child.begin` unless a test breaks one.
-        idp, robot, sensor, gateway, tools: its processes, once started.
+        idp, robot, sensor, gateway, tools: its processes, once started; `sensor` is all sensors of the cell.
     """
 
     layout: Layout
@@ -161,14 +162,17 @@ class Cell:
         return f"--tcp={tcp}", f"--payload={payload}"
 
     def start_sensor(self, *options: str) -> None:
-        """Starts the sensor, which sees an empty scene.
+        """Starts the sensors, one process for all of the cell; each sees an empty scene.
 
         Args:
             options: further ones of its command line.
         """
+        each = [
+            ("--sensor", name, "--key-file", str(file), "--calibration", SENSOR_CALIBRATION)
+            for name, file in sensor_keys(self.layout).items()
+        ]
         self._start(
-            "sensor", "ursim.sensor.sensor", "--key-file", str(self.layout.sensor_key), "--sensor",
-            SENSOR_ID, "--calibration", SENSOR_CALIBRATION,
+            "sensor", "ursim.sensor.sensor", *chain.from_iterable(each),
             "--to", f"{self.addresses.gateway_host}:{self.addresses.perception_port}", *options,
             environment=self._secret,
         )  # fmt: skip
@@ -211,9 +215,9 @@ class Cell:
             child.stop()
 
     def register(self, admin: Operator) -> None:
-        """Registers the PEPs, the sensor and the reviewed tool definitions, by a person."""
+        """Registers the PEPs, the sensors and the reviewed tool definitions, by a person."""
         self.register_peps(admin)
-        self.register_sensor(admin)
+        self.register_sensors(admin)
         self.register_tools(admin)
 
     @property
@@ -233,15 +237,29 @@ class Cell:
             if only is None or name in only:
                 admin.register_pep(name, key, [self.addresses.audience])
 
-    def register_sensor(self, admin: Operator) -> None:
-        """Registers the sensor."""
-        admin.register_sensor(
-            SENSOR_ID,
-            keys.public_raw(read_key(self.layout.sensor_key, self.passphrase)),
-            calibration=SENSOR_CALIBRATION,
-            transit_ms=SENSOR_TRANSIT_MS,
-            audience=self.addresses.audience,
-        )
+    @property
+    def sensors(self) -> dict[str, bytes]:
+        """Raw public keys of the sensors by id: each watches the same cell, and must be heard."""
+        return {
+            name: keys.public_raw(read_key(file, self.passphrase)) for name, file in sensor_keys(self.layout).items()
+        }
+
+    def register_sensors(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
+        """Registers the sensors.
+
+        Args:
+            admin: the person who registers.
+            only: ids, or None for all.
+        """
+        for name, key in self.sensors.items():
+            if only is None or name in only:
+                admin.register_sensor(
+                    name,
+                    key,
+                    calibration=SENSOR_CALIBRATION,
+                    transit_ms=SENSOR_TRANSIT_MS,
+                    audience=self.addresses.audience,
+                )
 
     def register_tools(self, admin: Operator, *, only: Collection[str] | None = None) -> None:
         """Registers the tools as they are defined now; the caller has reviewed them.

@@ -12,12 +12,11 @@ from typing import TYPE_CHECKING, Final
 
 import httpx2
 
-from capabilities.keys import keys
 from capabilities.statements import registry
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.errors import CapabilityError
-from ztpm.base.layout import read_key, write_private
-from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS
+from ztpm.base.layout import write_private
+from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_TRANSIT_MS
 from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
@@ -100,7 +99,7 @@ def registered(issuer: str, audience: str, trust: TrustBundle, *, auth: ProofAut
 
 
 def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]:
-    """Differences between the registry and the cell's present enforcement points, sensor and tools.
+    """Differences between the registry and the cell's present enforcement points, sensors and tools.
 
     Args:
         cell: cell with the present keys.
@@ -111,12 +110,12 @@ def differences(cell: Cell, snapshot: RegistrySnapshot) -> tuple[Differing, ...]
         if known.get(name) != key:
             how = Difference.CHANGED if name in known else Difference.MISSING
             found.append(Differing(Kind.PEP, name, how))
-    sensor = snapshot.sensor(SENSOR_ID)
-    public = keys.public_raw(read_key(cell.layout.sensor_key, cell.passphrase))
-    if sensor is None:
-        found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.MISSING))
-    elif (sensor.key, sensor.calibration, sensor.transit_ms) != (public, SENSOR_CALIBRATION, SENSOR_TRANSIT_MS):
-        found.append(Differing(Kind.SENSOR, SENSOR_ID, Difference.CHANGED))
+    for name, key in cell.sensors.items():
+        sensor = snapshot.sensor(name)
+        if sensor is None:
+            found.append(Differing(Kind.SENSOR, name, Difference.MISSING))
+        elif (sensor.key, sensor.calibration, sensor.transit_ms) != (key, SENSOR_CALIBRATION, SENSOR_TRANSIT_MS):
+            found.append(Differing(Kind.SENSOR, name, Difference.CHANGED))
     from pep.mcp.arm_server import tool_definitions
 
     return (*found, *tool_differences(snapshot, tool_definitions()))
@@ -172,8 +171,7 @@ def enrol(cell: Cell, admin: Operator, trust: TrustBundle) -> tuple[Differing, .
         for kind in Kind
     }
     cell.register_peps(admin, only=missing[Kind.PEP])
-    if missing[Kind.SENSOR]:
-        cell.register_sensor(admin)
+    cell.register_sensors(admin, only=missing[Kind.SENSOR])
     cell.register_tools(admin, only=missing[Kind.TOOL])
     write_private(cell.layout.enrolled, b"The cell's parts are registered; nothing registers them again by itself.\n")
     return tuple(differing for differing in found if differing.how is not Difference.MISSING)

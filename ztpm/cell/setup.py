@@ -10,6 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from msgspec import structs
+
 from capabilities.keys import keys
 from capabilities.rotation.rotation_json import ring_to_json
 from capabilities.statements import cell as cell_statement
@@ -31,10 +33,17 @@ if TYPE_CHECKING:
 PEP_ID: Final = "cell-1"
 GATEWAY_ID: Final = "gateway-1"
 SENSOR_ID: Final = "camera-1"
+SECOND_SENSOR_ID: Final = "camera-2"
 SENSOR_CALIBRATION: Final = hashlib.sha256(b"simulated sensor, ideal pinhole, base frame").hexdigest()
-"""Digest of the calibration document; the simulated sensor's is this sentence."""
+"""Digest of the calibration document; a simulated sensor's is this sentence."""
 SENSOR_TRANSIT_MS: Final = 20
-"""Declared longest transit of a frame from the simulated sensor on loopback."""
+"""Declared longest transit of a frame from a simulated sensor on loopback."""
+
+
+def sensor_keys(layout: Layout) -> dict[str, Path]:
+    """Key files of a cell's sensors by id: the first one's, and the second's in a cell that was made with two."""
+    second = {SECOND_SENSOR_ID: layout.second_sensor_key} if layout.second_sensor_key.exists() else {}
+    return {SENSOR_ID: layout.sensor_key, **second}
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +190,15 @@ def read_addresses(layout: Layout) -> Addresses:
     return addresses
 
 
-def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, policy: str, defer_timeout_s: int) -> None:
+def initialise(
+    layout: Layout,
+    addresses: Addresses,
+    *,
+    passphrase: bytes,
+    policy: str,
+    defer_timeout_s: int,
+    second_sensor: bool = False,
+) -> None:
     """Makes every file of a new cell and its three operators, or no file.
 
     Args:
@@ -190,6 +207,7 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
         passphrase: encrypts every private key.
         policy: name of a shipped policy set, or a path.
         defer_timeout_s: time for which the PEP waits for an answer to a deferral.
+        second_sensor: a second sensor watches the same cell, with a key of its own; both must be heard.
 
     Raises:
         ztpm.base.layout.LayoutError: when the directory has anything in it.
@@ -201,6 +219,9 @@ def initialise(layout: Layout, addresses: Addresses, *, passphrase: bytes, polic
     if not is_empty(layout):
         raise LayoutError(f"{layout.root} is not empty")
     try:
+        new_key(layout.sensor_key, passphrase)
+        if second_sensor:
+            new_key(layout.second_sensor_key, passphrase)
         _fill(layout, addresses, passphrase, policy, defer_timeout_s)
     except BaseException:
         # The directory was empty: all that is in it is ours.
@@ -226,7 +247,10 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     gateway = door | _gateway_settings(layout, addresses, defer_timeout_s, surveyor)
     write_private(layout.gateway_config, _lines(gateway) + b"\n[cell]\n")
     _check_readable(layout)
-    stands = survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time()))
+    stands = structs.replace(
+        survey.embedded(audience=addresses.audience, author=SURVEYOR, sensor=SENSOR_ID, at=int(time.time())),
+        sensors=tuple(sensor_keys(layout)),
+    )
     write_private(layout.cell_file, cell_statement.sign(stands, surveyor).encode() + b"\n")
     ring = make_ring(layout, addresses.issuer, passphrase, at=int(time.time()))
     new_key(layout.idp_key(OAUTH_KEY), passphrase)
@@ -234,7 +258,6 @@ def _fill(layout: Layout, addresses: Addresses, passphrase: bytes, policy: str, 
     write_private(layout.platform_jwks, workload.jwks(keys.public_raw(platform)))
     new_key(layout.pep_key, passphrase)
     new_key(layout.gateway_key, passphrase)
-    new_key(layout.sensor_key, passphrase)
     for state in (layout.state, layout.gateway_state):
         state.mkdir(mode=0o700, parents=True, exist_ok=True)
     write_private(layout.key_ring, ring_to_json(ring))

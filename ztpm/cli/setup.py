@@ -28,6 +28,9 @@ def init(
     where: Annotated[Path, typer.Option("--data", help="Directory to create.", envvar=PLACE_VARIABLE)] = Path(".ztpm"),
     host: Annotated[str, typer.Option(help="Address the cell listens on; plain HTTP is for loopback only.")] = "",
     policy: Annotated[str, typer.Option(help="Shipped policy set or a file.")] = "paper-default",
+    second_sensor: Annotated[
+        bool, typer.Option("--second-sensor", help="Two simulated sensors watch the cell, and both must be heard.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
@@ -38,7 +41,14 @@ def init(
     addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))
     layout = Layout(where.resolve())
     try:
-        initialise(layout, addresses, passphrase=passphrase, policy=policy, defer_timeout_s=60)
+        initialise(
+            layout,
+            addresses,
+            passphrase=passphrase,
+            policy=policy,
+            defer_timeout_s=60,
+            second_sensor=second_sensor,
+        )
     except LayoutError as error:
         fail("EXISTS", str(error))
     except SetupError as error:

@@ -30,6 +30,7 @@ def stage(
     begin: Callable[..., Child] = Child.begin,
     directory: Path | None = None,
     prepare: Callable[[Layout, bytes], None] | None = None,
+    second_sensor: bool = False,
 ) -> Iterator[Stage]:
     """Stage on a fresh cell, removed afterwards.
 
@@ -37,12 +38,20 @@ def stage(
         begin: begins a process in place of `Child.begin`; the tests of the defences break one here.
         directory: kept afterwards; a temporary one by default.
         prepare: given the cell's files and their passphrase before anything is started, to change one of them.
+        second_sensor: a second sensor watches the cell beside the first.
     """
     with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
         layout = Layout(directory or Path(temporary) / "cell")
         addresses = free_addresses(secrets.token_bytes(16))
         passphrase = secrets.token_urlsafe(24).encode()
-        initialise(layout, addresses, passphrase=passphrase, policy="paper-default", defer_timeout_s=DEFER_TIMEOUT_S)
+        initialise(
+            layout,
+            addresses,
+            passphrase=passphrase,
+            policy="paper-default",
+            defer_timeout_s=DEFER_TIMEOUT_S,
+            second_sensor=second_sensor,
+        )
         with layout.idp_config.open("a") as settings:
             settings.write(f"asks_a_minute = {ASKS}\nasks_an_hour = {ASKS}\n")
         if prepare is not None:

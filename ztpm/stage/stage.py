@@ -17,6 +17,7 @@ from rtde_receive import RTDEReceiveInterface
 from capabilities.keys import keys
 from capabilities.keys.trust import TrustBundle
 from ztpm.base.layout import new_key, read_key
+from ztpm.cell.setup import sensor_keys
 from ztpm.cell.simulated_platform import Attestor, workload_id
 from ztpm_idp.client import Agent, Operator
 
@@ -101,6 +102,7 @@ class Stage:
         eyes: joint angles and speeds over a connection of the stage's own.
         open_ask: id of the deferral that waits for people.
         further_journals: of enforcement points beside the cell's own.
+        shown: number of people and of objects in the last scene that each sensor was told.
     """
 
     cell: Cell
@@ -113,6 +115,7 @@ class Stage:
     journal_at: dict[Path, int] = field(default_factory=dict)
     ledger_at: int = 0
     side: tuple[float, ...] = LEFT
+    shown: dict[str, tuple[int, int]] = field(default_factory=dict)
 
     @property
     def joints(self) -> tuple[float, ...]:
@@ -284,14 +287,27 @@ class Stage:
         return in_time(lambda: call(server, auth, tool, arguments))
 
     def scene(
-        self, *, people: list[dict[str, object]] | None = None, objects: list[dict[str, object]] | None = None
+        self,
+        *,
+        people: list[dict[str, object]] | None = None,
+        objects: list[dict[str, object]] | None = None,
+        sensor: str | None = None,
     ) -> None:
-        """Shows the sensor exactly these people and objects, and waits until the PEP has seen them."""
+        """Shows the sensors exactly these people and objects, and waits until the PEP has seen them.
+
+        Args:
+            people, objects: in the words of the simulated sensor.
+            sensor: id of the only one that is shown them; None for every sensor of the cell.
+        """
         people, objects = people or [], objects or []
-        self.cell.sensor.tell({"people": people, "objects": objects})
+        told = sensor_keys(self.cell.layout) if sensor is None else (sensor,)
+        scene: dict[str, object] = {"people": people, "objects": objects}
+        self.cell.sensor.tell(scene if sensor is None else {**scene, "sensor": sensor})
+        self.shown |= dict.fromkeys(told, (len(people), len(objects)))
+        expected = tuple(map(sum, zip(*self.shown.values(), strict=True)))  # each sensor's sight counts
 
         def arrived() -> bool:
             world = self.ask("orchestrator", "read_state", {}).content.get("world") or {}
-            return (world.get("people"), world.get("objects")) == (len(people), len(objects))
+            return (world.get("people"), world.get("objects")) == expected
 
         until(arrived, "the new scene at the PEP")

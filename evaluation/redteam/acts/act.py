@@ -39,6 +39,11 @@ class Act(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         """True where it is done at the arena's desk."""
         return getattr(self, "place", "") == "desk"
 
+    @property
+    def blinds(self) -> bool:
+        """True where it takes the view of the cell from the watch over what follows."""
+        return False
+
     def did(self, arena: BareArena | GuardedArena, begun: Begun) -> str:  # noqa: ARG002 - for acts that harm
         """Harm that it names and has truly done, or nothing.
 

@@ -1,4 +1,4 @@
-"""Tap on a sensor's stream: an eavesdropper who keeps its frames."""
+"""Tap on the attacked sensor's stream: an eavesdropper who keeps its frames."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ import json
 import socket
 import threading
 from collections import deque
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.keys import keys
+from ztpm.cell.setup import SENSOR_ID
 
 if TYPE_CHECKING:
     from ztpm.cell.cell import Cell
@@ -19,10 +20,10 @@ LOOPBACK: Final = "127.0.0.1"
 
 
 class FrameTap:
-    """Second receiver of a cell's sensor, which is begun anew for it.
+    """Second receiver of a cell's first sensor; the sensors are begun anew for it.
 
     Args:
-        cell: whose sensor it is.
+        cell: whose sensors they are.
     """
 
     def __init__(self, cell: Cell) -> None:
@@ -34,7 +35,7 @@ class FrameTap:
         self.begin_sensor()
 
     def begin_sensor(self) -> None:
-        """Begins the sensor anew: it sees an empty scene."""
+        """Begins the sensors anew: they see an empty scene."""
         self._cell.start_sensor("--to", f"{LOOPBACK}:{self._server.getsockname()[1]}")
 
     def newest(self) -> str | None:
@@ -64,10 +65,16 @@ class FrameTap:
     def _keep(self, line: socket.socket) -> None:
         with line, line.makefile("r", encoding="ascii") as frames:
             for frame in frames:
-                self._frames.append(frame.rstrip("\n"))
+                if _claims(frame)["sensor"] == SENSOR_ID:
+                    self._frames.append(frame.rstrip("\n"))
 
 
 def shown(frame: str) -> tuple[int, int]:
     """Number of people and of objects that a frame shows, unverified."""
-    claims = json.loads(keys.unb64u(frame.split(".")[1]))
+    claims = _claims(frame)
     return len(claims["people"]), len(claims["objects"])
+
+
+def _claims(frame: str) -> dict[str, Any]:
+    claims: dict[str, Any] = json.loads(keys.unb64u(frame.split(".")[1]))
+    return claims

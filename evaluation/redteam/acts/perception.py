@@ -1,4 +1,7 @@
-"""Acts on perception: frames that are forged, repeated or late, and a sensor that is silenced or deceived."""
+"""Acts on perception: frames that are forged, repeated or late, and a sensor that is silenced or covered.
+
+They attack the first sensor of the cell; a second one, where there is one, goes on as before.
+"""
 
 from __future__ import annotations
 
@@ -13,6 +16,7 @@ from capabilities.keys import keys
 from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.forging import Forgery, Wrong
 from evaluation.redteam.parts import Came, Effect
+from pep.perception.sensor_frames import FrameFault
 from ursim.sensor.sensor_scene import Seen
 from ztpm.base.layout import read_key
 from ztpm.stage.stage import until
@@ -40,7 +44,7 @@ class Frames(Act, frozen=True, kw_only=True, tag="frames"):
         people, objects: that they claim, and nobody and nothing else; in the words of the simulated sensor.
         complete: they claim to cover all that the sensor watches.
         hz: so many a second.
-        silenced: the true sensor is kept from sending meanwhile.
+        silenced: the true sensor in whose name they are sent is kept from sending meanwhile.
     """
 
     point: ClassVar[str] = "e3"
@@ -52,12 +56,17 @@ class Frames(Act, frozen=True, kw_only=True, tag="frames"):
     hz: float = HZ
     silenced: bool = False
 
+    @property
+    def blinds(self) -> bool:
+        """True where nothing true comes from the sensor any more."""
+        return self.silenced
+
     def bare(self, arena: BareArena) -> Came:  # noqa: ARG002 - as every act
         """Nothing asks where a frame comes from: what it claims is what is believed."""
         return Came(Effect.DONE)
 
     def guarded(self, arena: GuardedArena) -> Came:
-        """Sends them beside the sensor's own; it is done where the view is what they claim."""
+        """Sends them beside the sensors' own; it is done where the view is what they claim, and no more."""
         arena.ends.callback(lambda: until(lambda: arena.stage.perception() == "fresh", "a fresh view"))
         if self.silenced:
             silence(arena)
@@ -81,6 +90,11 @@ class Silence(Act, frozen=True, kw_only=True, tag="silence"):
 
     for_s: float | None = None
 
+    @property
+    def blinds(self) -> bool:
+        """True where the sensor does not come back before the next act."""
+        return self.for_s is None
+
     def bare(self, arena: BareArena) -> Came:  # noqa: ARG002 - as every act
         """Nobody looks."""
         return Came(Effect.DONE)
@@ -91,7 +105,7 @@ class Silence(Act, frozen=True, kw_only=True, tag="silence"):
         silence(arena)
         if self.for_s is not None:
             time.sleep(self.for_s)
-            arena.stage.cell.sensor.tell({"pause": False})
+            arena.tell_attacked({"pause": False})
             until(lambda: arena.stage.perception() == "fresh", "a fresh view")
         return Came(Effect.DONE)
 
@@ -107,17 +121,17 @@ class Blinker(Act, frozen=True, kw_only=True, tag="half_blind"):
 
     def guarded(self, arena: GuardedArena) -> Came:
         """Tells the sensor so."""
-        arena.stage.cell.sensor.tell({"complete": False})
-        arena.ends.callback(arena.stage.cell.sensor.tell, {"complete": True})
+        arena.tell_attacked({"complete": False})
+        arena.ends.callback(arena.tell_attacked, {"complete": True})
         until(lambda: arena.stage.perception() != "fresh", "a view that is not whole")
         return Came(Effect.DONE)
 
 
 class Restart(Act, frozen=True, kw_only=True, tag="restart_sensor"):
-    """The sensor is switched off and on, and sees what is there as before.
+    """The sensors are switched off and on, and see what is there as before.
 
     Attributes:
-        people, objects: that it then sees.
+        people, objects: that they then see.
     """
 
     point: ClassVar[str] = "e3"
@@ -130,7 +144,7 @@ class Restart(Act, frozen=True, kw_only=True, tag="restart_sensor"):
         return Came(Effect.DONE)
 
     def guarded(self, arena: GuardedArena) -> Came:
-        """Restarts its process."""
+        """Restarts their process."""
         arena.tap.begin_sensor()
         until(lambda: arena.stage.perception() == "fresh", "a fresh view")
         arena.stage.scene(people=list(self.people), objects=list(self.objects))
@@ -139,14 +153,18 @@ class Restart(Act, frozen=True, kw_only=True, tag="restart_sensor"):
 
 def silence(arena: GuardedArena) -> None:
     """Keeps the sensor from sending until the arm stands at the end."""
-    arena.stage.cell.sensor.tell({"pause": True})
-    arena.ends.callback(lambda: arena.stage.cell.sensor.tell({"pause": False}))  # it may be another process by then
+    arena.tell_attacked({"pause": True})
+    arena.ends.callback(arena.tell_attacked, {"pause": False})
 
 
 def _believed(arena: GuardedArena, frames: Frames) -> Came:
-    """Outcome of the frames, by the record about them and by the view that there is then."""
+    """Outcome of the frames, by the record about them and by the view that there is then.
+
+    A contradiction between two sensors refuses no frame; people who appear at once, as on a stage, make one.
+    """
     noted = (row.get("body") for row in arena.stage.journal())
     faults = [body["fault"] for body in noted if isinstance(body, dict) and body.get("what") == "perception"]
+    faults = [fault for fault in faults if fault != FrameFault.CONTRADICTED]
     if faults:
         return Came(Effect.DENIED, frames.point, str(faults[0]))
     world = arena.stage.ask("orchestrator", "read_state", {}).content.get("world") or {}

@@ -37,6 +37,8 @@ def unknown_part(robot: Robot, cell: CellParameters) -> GrippedObject:
 def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParameters) -> GrippedObject | None:
     """The one object that is between the fingers, as held; None when there is none or more than one.
 
+    What several sensors show under one name is one object: the held body contains every sight of it.
+
     Args:
         robot: the arm, holding nothing yet.
         q: measured joint angles, rad.
@@ -55,14 +57,15 @@ def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParamet
         distance, _ = core_distance(pads[None], cores)
         if float(distance[0] - radius[0]) <= cell.grip_reach_m + thing.uncertainty_m:
             near.append(thing)
-    if len(near) != 1:
+    if len({thing.id for thing in near}) != 1:
         return None
-    thing = near[0]
+    thing, *others = near
     a, b, radius_m = _capsule_around(thing.shape)
     # Where it was seen, give or take: the ball of the uncertainty around every point of it.
-    radius_m += thing.uncertainty_m
+    sights_m = [_outermost(other.shape, np.array([a, b])) + other.uncertainty_m for other in others]
+    radius_m = max([radius_m + thing.uncertainty_m, *sights_m])
     start, end = (_vector((point - origin) @ rotation) for point in (a, b))
-    if thing.age_s > cell.perception_age_limit_s:
+    if any(sight.age_s > cell.perception_age_limit_s for sight in near):
         return None  # where it was so long ago is not where it is gripped
     known = next((part for part in cell.parts if part.object == thing.id), None)
     return GrippedObject(

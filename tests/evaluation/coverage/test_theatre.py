@@ -17,7 +17,8 @@ class Arenas:
         self.told: list[str] = []
 
     @contextmanager
-    def opened(self, **_):
+    def opened(self, *, second_sensor: bool, **_):
+        assert not second_sensor  # a sole sensor may be deceived
         self.told.append("cell")
         stage = SimpleNamespace(
             close=lambda: None, perception=lambda: "fresh",

@@ -1,16 +1,28 @@
 """Enrolment: a party that was registered once is never registered again behind a person's back."""
 
+from itertools import pairwise
+from types import SimpleNamespace
+
 import pytest
 from capabilities.statements.registry import PartyEntry, RegistrySnapshot, SensorEntry, ToolEntry
 from capabilities.values.scope import Tier
 from msgspec.structs import replace
 from pep.mcp.arm_server import tool_definitions
-from ztpm.base.layout import Layout, read_key
+from ztpm.base.layout import SURVEYOR, Layout, new_key, read_key
 from ztpm.cell.cell import Cell
 from ztpm.cell.enrolment import Difference, Differing, EnrolmentError, Kind, RestoringError, enrol, registered
-from ztpm.cell.setup import SENSOR_CALIBRATION, SENSOR_ID, SENSOR_TRANSIT_MS, Addresses, initialise
+from ztpm.cell.setup import (
+    SECOND_SENSOR_ID,
+    SENSOR_CALIBRATION,
+    SENSOR_ID,
+    SENSOR_TRANSIT_MS,
+    Addresses,
+    initialise,
+)
 
 from capabilities.keys import keys
+from capabilities.statements import cell as cell_statement
+from capabilities.values.caps import DEFAULT as CAPS
 from ztpm.cell import enrolment
 from ztpm_idp.client import ClientError, ProofAuth
 
@@ -102,6 +114,43 @@ def test_what_differs_later_is_told_and_left_as_it_is(cell, registry):
         Differing(Kind.PEP, "gateway-1", Difference.MISSING),
     }
     assert (registry.sensors, registry.tools) == before
+
+
+def test_a_second_sensor_has_a_key_and_a_registration_of_its_own_and_is_named_in_the_signed_cell(tmp_path, monkeypatch):
+    layout, addresses = Layout(tmp_path / "cell"), Addresses("127.77.0.17")
+    initialise(
+        layout, addresses, passphrase=PASSPHRASE, policy="paper-default", defer_timeout_s=60, second_sensor=True
+    )
+    two = Cell(layout, addresses, PASSPHRASE, (0.0,) * 6)
+    made = Registry(two)
+    monkeypatch.setattr(enrolment, "registered", lambda issuer, audience, trust, *, auth: made.snapshot())
+    assert enrol(two, made, None) == ()
+    assert list(made.sensors) == [SENSOR_ID, SECOND_SENSOR_ID]
+    assert len({sensor.key for sensor in made.sensors.values()}) == 2
+    surveyor = keys.public_raw(read_key(layout.operator_key(SURVEYOR), PASSPHRASE))
+    assert cell_statement.open(layout.cell_file.read_text().strip(), {surveyor}, CAPS).sensors == tuple(made.sensors)
+    made.sensors[SECOND_SENSOR_ID] = replace(made.sensors[SECOND_SENSOR_ID], key=bytes(32))
+    assert enrol(two, made, None) == (Differing(Kind.SENSOR, SECOND_SENSOR_ID, Difference.CHANGED),)
+
+
+def test_each_sensor_of_a_cell_is_begun_with_its_own_key(cell):
+    def begin(*told, **_):
+        begun.extend(told)
+        return SimpleNamespace(until_ready=lambda: None, stop=lambda: None)
+
+    def given(option):
+        return [value for word, value in pairwise(begun) if word == option]
+
+    begun, layout = [], cell.layout
+    cell.begin_child = begin
+    cell.start_sensor("--paused")
+    assert (given("--sensor"), given("--key-file"), begun[-1]) == ([SENSOR_ID], [str(layout.sensor_key)], "--paused")
+    new_key(layout.second_sensor_key, PASSPHRASE)
+    begun.clear()
+    cell.start_sensor()
+    assert given("--sensor") == [SENSOR_ID, SECOND_SENSOR_ID]
+    assert given("--key-file") == [str(layout.sensor_key), str(layout.second_sensor_key)]
+    assert given("--calibration") == [SENSOR_CALIBRATION] * 2
 
 
 @pytest.mark.parametrize("member", ["operation", "base_tier"])

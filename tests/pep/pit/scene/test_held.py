@@ -315,6 +315,20 @@ def test_the_one_object_between_the_fingers():
     assert ask(ROBOT.holding(unknown_part(ROBOT, cell)), empty(), sweep(0.25, 0.8)).tier == 4
 
 
+def test_one_object_that_two_sensors_see_is_held_with_every_sight_of_it():
+    x, y, z = tcp()
+    first = Thing("cup", "fragile", Sphere((x, y, z - 0.01), 0.02), 0.01, "camera-1")
+    second = replace(first, shape=Sphere((x + 0.01, y, z - 0.01), 0.03), source="camera-2")
+    held = gripped(ROBOT, HOME, (first, second), CELL)
+    assert held.object == "cup"
+    assert held.shape.radius_m == pytest.approx(0.01 + 0.03 + 0.01, abs=1e-6)
+    both = replace(empty(), objects=(first, second))
+    assert not without_held(both, ROBOT.holding(held), HOME, tolerance_m=0.0).objects
+    assert gripped(ROBOT, HOME, (first, first), CELL) == gripped(ROBOT, HOME, (first,), CELL)
+    assert gripped(ROBOT, HOME, (first, replace(second, id="can")), CELL) is None
+    assert gripped(ROBOT, HOME, (first, replace(second, age_s=CELL.perception_age_limit_s + 0.01)), CELL) is None
+
+
 def test_how_near_to_the_pads_counts_as_gripped():
     x, y, z = tcp()
     for gap, caught in ((0.005, True), (0.019, True), (0.021, False)):
