@@ -356,7 +356,10 @@ def guarded_arena(
     Raises:
         StageError: the cell did not come about.
     """
-    with stage(begin=begin, second_sensor=second_sensor) as on_stage, StateRecorder(on_stage.cell.addresses.host) as eyes:
+    with (
+        stage(begin=begin, second_sensor=second_sensor) as on_stage,
+        StateRecorder(on_stage.cell.addresses.host) as eyes,
+    ):
         tap = FrameTap(on_stage.cell)
         for act in STORY.only(frozenset({"delegate"})):
             seen = play(on_stage, act)

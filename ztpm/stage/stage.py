@@ -296,7 +296,8 @@ class Stage:
         """Shows the sensors exactly these people and objects, and waits until the PEP has seen them.
 
         Args:
-            people, objects: in the words of the simulated sensor.
+            people: in the words of the simulated sensor.
+            objects: in the same words.
             sensor: id of the only one that is shown them; None for every sensor of the cell.
         """
         people, objects = people or [], objects or []

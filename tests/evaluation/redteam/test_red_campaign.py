@@ -222,7 +222,7 @@ def test_refusal_for_want_of_time_is_played_again(tmp_path: Path) -> None:
 def test_a_blind_watch_is_the_machines_only_where_no_act_blinds_it(tmp_path, id_: str, first: str, anew: int) -> None:
     (scenario,) = scenario_files(id_)
     if first:
-        (other,) = read({"one.toml": f"{HEAD.format(id=id_)}[[scenario.act]]\nby = \"stranger\"\n{first}"})
+        (other,) = read({"one.toml": f'{HEAD.format(id=id_)}[[scenario.act]]\nby = "stranger"\n{first}'})
         scenario = msgspec.structs.replace(scenario, act=(*other.act, *scenario.act))
     arenas = Arenas({(id_, "all", True): [BLIND, DONE, DONE, DONE]})
     result = campaign(tmp_path / "runs", arenas, (scenario,), modes=("all",))

@@ -118,9 +118,7 @@ def test_what_differs_later_is_told_and_left_as_it_is(cell, registry):
 
 def test_a_second_sensor_has_a_key_and_a_registration_of_its_own_and_is_named_in_the_signed_cell(tmp_path, monkeypatch):
     layout, addresses = Layout(tmp_path / "cell"), Addresses("127.77.0.17")
-    initialise(
-        layout, addresses, passphrase=PASSPHRASE, policy="paper-default", defer_timeout_s=60, second_sensor=True
-    )
+    initialise(layout, addresses, passphrase=PASSPHRASE, policy="paper-default", defer_timeout_s=60, second_sensor=True)
     two = Cell(layout, addresses, PASSPHRASE, (0.0,) * 6)
     made = Registry(two)
     monkeypatch.setattr(enrolment, "registered", lambda issuer, audience, trust, *, auth: made.snapshot())
