@@ -11,6 +11,7 @@ import pytest
 from capabilities.values.caps import DEFAULT
 from typer.testing import CliRunner
 from ztpm.base.layout import Layout, read_key
+from ztpm.cell.setup import SECOND_SENSOR_ID, SENSOR_ID
 from ztpm.cell.simulated_platform import TRUST_DOMAIN, Attestor, workload_id
 from ztpm.point.cell_config import read_cell
 from ztpm.point.gateway_config import read_gateway_config
@@ -45,7 +46,8 @@ def test_whatever_the_directory_is_called_both_services_read_their_files(tmp_pat
     assert read_door_config(layout.cell_config).trust_file == layout.trust
     config = read_gateway_config(layout.gateway_config)
     assert config.trust_file == layout.trust
-    assert read_cell(config, at=time.time()).author == "carol"
+    cell = read_cell(config, at=time.time())
+    assert (cell.author, list(cell.sensors)) == ("carol", [SENSOR_ID])
     assert layout.trust.is_file()
 
 
@@ -64,9 +66,11 @@ def test_the_cells_attestor_signs_what_its_provider_takes(tmp_path):
 
 def test_nobody_else_can_read_anything_of_a_cell(tmp_path):
     layout = Layout(tmp_path / "cell")
-    assert run("init", "--data", str(layout.root))[0] == 0
+    assert run("init", "--data", str(layout.root), "--second-sensor")[0] == 0
     files = [path for path in layout.root.rglob("*") if path.is_file()]
-    assert layout.database in files
+    assert {layout.database, layout.sensor_key, layout.second_sensor_key} <= set(files)
+    sensors = read_cell(read_gateway_config(layout.gateway_config), at=time.time()).sensors
+    assert list(sensors) == [SENSOR_ID, SECOND_SENSOR_ID]
     assert {path.name: stat.S_IMODE(path.stat().st_mode) for path in files if path.stat().st_mode & 0o077} == {}
 
 

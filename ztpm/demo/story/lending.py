@@ -46,7 +46,8 @@ def _init(stage: Stage) -> StepObservation:
     private = [path for path in layout.root.rglob("*.key") if path.stat().st_mode & 0o077 == 0]
     joints = len(stage.joints)
     told = f"three operators, {len(private)} encrypted keys (600); the provider answers {ready}, the arm too"
-    return StepObservation(told, "DONE", "READY", None, latency, ok=ready == 200 and len(private) == 13 and joints == 6)
+    all_keys = len(private) == 12 + len(stage.cell.sensors)
+    return StepObservation(told, "DONE", "READY", None, latency, ok=ready == 200 and all_keys and joints == 6)
 
 
 @LENDING.step("register", Expect("DONE", recorded=False, ledger="agent-registered"), needs=("init",))
