@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pep.pit.checker.robot import CheckerRobot
     from pep.pit.checker.stance import Six
 
-VERSION: Final = "ztpm-pit-proof/3"
+VERSION: Final = "ztpm-pit-proof/4"
 CUT_MOST: Final = 1024  # intervals on which speeds of the whole path are bounded; bounds the work
 RADIANS_PER_CUT: Final = 0.5  # PHY-7: summed way of all joints per two places where torque is asked
 TORQUES_LEAST: Final = 16  # PHY-7: intervals between places where torque is asked

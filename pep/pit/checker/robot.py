@@ -29,6 +29,7 @@ class CheckerBody:
     Attributes:
         levers: per joint the farthest that an end can be from the joint's axis, metre; 0 where the joint moves it not.
         part: "tool" or "payload" where it may be meant to touch something, else "".
+        overhang: drawn in by this, metre, the capsule is inside what it encloses; None where nobody measured it.
     """
 
     name: str
@@ -39,6 +40,7 @@ class CheckerBody:
     radius: float
     levers: tuple[float, ...]
     part: str = ""
+    overhang: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +109,7 @@ class _Capsule:
     b: Vec
     radius: float
     part: str
+    overhang: float | None = None
 
 
 def robot_of(text: str) -> CheckerRobot:
@@ -224,7 +227,9 @@ def _joint(row: Any) -> _Joint:
 
 def _capsule(row: Any, part: str) -> _Capsule:
     place = "model.capsules"
-    row = table(row, place, ("name", "a_m", "b_m", "radius_m") if part else ("name", "link", "a_m", "b_m", "radius_m"))
+    names = ("name", "a_m", "b_m", "radius_m")
+    row = table(row, place, names if part else (*names, "link"), may=("overhang_m",))
+    overhang = row.get("overhang_m")
     return _Capsule(
         name=word(row["name"], place),
         link=JOINTS if part else whole(row["link"], place, low=0, high=JOINTS),
@@ -232,6 +237,7 @@ def _capsule(row: Any, part: str) -> _Capsule:
         b=vector(row["b_m"], place, _size),
         radius=decimal(row["radius_m"], place, low=1e-6, high=SIZE_MOST_M),  # a body has an extent
         part=part,
+        overhang=None if overhang is None else decimal(overhang, place, low=0, high=SIZE_MOST_M),
     )
 
 
@@ -264,7 +270,7 @@ def _body(capsule: _Capsule, reference: int, offsets: Sequence[Vec]) -> CheckerB
             levers[joint - 1] = math.hypot(offsets[joint][0], offsets[joint][1]) + farthest
             farthest += length(offsets[joint])
     c = capsule
-    return CheckerBody(c.name, c.link, reference, c.a, c.b, c.radius, tuple(levers), c.part)
+    return CheckerBody(c.name, c.link, reference, c.a, c.b, c.radius, tuple(levers), c.part, c.overhang)
 
 
 def _apart(

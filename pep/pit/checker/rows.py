@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 PAIRS_MOST: Final = 200_000  # of one question; bounds the work
 ROUNDING_M: Final = 1e-9  # far above float64 rounding of metre-sized sums, far below anything that matters
 APART_M: Final = 1e-9  # cores nearer than this give no direction
-AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's core meets it, and no overlap is deeper
+AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's surface has met it
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +79,8 @@ def pairs_of(robot: CheckerRobot, obstacles: Sequence[Obstacle], cell: Cell) -> 
 def _violated_below(body: CheckerBody, obstacle: Obstacle, cell: Cell) -> float | None:
     """PHY-5, PHY-6: clearance below which a body and what is around the arm are a violation, metre."""
     if obstacle.kind in {"fragile", "rigid"}:
-        return max(-cell.overlap_limit_m, min(AXIS_MET_M - (obstacle.radius + body.radius), 0.0))
+        met = max(body.radius - AXIS_MET_M, 0.0)
+        return max(-cell.overlap_limit_m, -(met if body.overhang is None else min(body.overhang, met)))
     return 0.0 if obstacle.kind in VIOLABLE else None
 
 

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
     from pep.pit.scene.view import View
     from pep.pit.search.timed_course import Drive
 
-VERSION: Final = "ztpm-pit-proof/3"
+VERSION: Final = "ztpm-pit-proof/4"
 NO_FORM: Final = "only motions of the arm have a certificate that can be written down"
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",

@@ -69,7 +69,11 @@ class RobotJoint:
 
 @dataclass(frozen=True, slots=True)
 class LinkCapsule:
-    """A capsule that contains a piece of a link; link 0 is the fixed base."""
+    """A capsule that contains a piece of a link; link 0 is the fixed base.
+
+    Attributes:
+        overhang_m: drawn in by this, the capsule is wholly inside the link (PHY-40); None where nobody measured it.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: str
@@ -77,17 +81,23 @@ class LinkCapsule:
     a_m: Vector
     b_m: Vector
     radius_m: float
+    overhang_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
 class ToolCapsule:
-    """A capsule that contains a piece of the tool, in the flange frame."""
+    """A capsule that contains a piece of the tool, in the flange frame.
+
+    Attributes:
+        overhang_m: as of a link's capsule, at every opening of the fingers.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     name: str
     a_m: Vector
     b_m: Vector
     radius_m: float
+    overhang_m: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,6 +191,7 @@ def validated(model: Model) -> Model:
     for part in parts:
         need(THINNEST_M <= part.radius_m <= SIZE_LIMIT_M, f"{part.name}: radius")
         need(max(map(abs, (*part.a_m, *part.b_m))) <= SIZE_LIMIT_M, f"{part.name}: size")
+        need(part.overhang_m is None or 0 <= part.overhang_m <= SIZE_LIMIT_M, f"{part.name}: overhang")
     for tool in model.tools:
         need(len(tool.capsules) > 0 and 0 < tool.mass_kg <= MASS_LIMIT_KG, f"{tool.name}: geometry or mass")
         need(max(map(abs, (*tool.com_m, *tool.tcp_m))) <= SIZE_LIMIT_M, f"{tool.name}: size")

@@ -36,6 +36,9 @@ class Body:
 
     Seen from link 0 it moves in the world. Seen from a link of the arm it moves relative to that link alone, which is
     what self-collision asks about: joints below `reference` do not matter.
+
+    Attributes:
+        overhang_m: as of a link's capsule in the model.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Body:
     a_m: Vector
     b_m: Vector
     radius_m: float
+    overhang_m: float | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -198,10 +202,10 @@ def _assemble(model: Model, tool_name: str, held: GrippedObject | None = None) -
     tool = next((t for t in model.tools if t.name == tool_name), None)
     if tool is None:
         raise ModelError("PHYSICS_FAULT", f"no tool named {tool_name}")
-    on_tool = tuple(LinkCapsule(c.name, JOINTS, c.a_m, c.b_m, c.radius_m) for c in tool.capsules)
+    on_tool = tuple(LinkCapsule(c.name, JOINTS, c.a_m, c.b_m, c.radius_m, c.overhang_m) for c in tool.capsules)
     payload = () if held is None else (LinkCapsule(PAYLOAD, JOINTS, *held.ends_m, held.shape.radius_m),)
     capsules = (*model.capsules, *on_tool, *payload)
-    bodies = [Body(c.name, c.link, 0, c.a_m, c.b_m, c.radius_m) for c in capsules if c.link > 0]
+    bodies = [Body(c.name, c.link, 0, c.a_m, c.b_m, c.radius_m, c.overhang_m) for c in capsules if c.link > 0]
     world_bodies = len(bodies)
     pairs = _self_pairs(model, capsules, {c.name for c in on_tool}, bodies)
     bodies += [Body(f"com_{j.name}", k + 1, 0, j.com_m, j.com_m, 0) for k, j in enumerate(model.joints)]

@@ -163,7 +163,7 @@ class CellParameters:
     surveyed_uncertainty_m: float = 0.0  # surveyed objects: only the robot's own uncertainty is left
     fragile_band_m: float = 0.25  # PHY-6: policy band
     rigid_band_m: float = 0.02  # PHY-6: policy band
-    overlap_limit_m: float = 0.05  # PHY-6: deeper than capsules can pretend, in the arm itself or in a thing
+    overlap_limit_m: float = 0.05  # PHY-6: deeper than capsules can pretend, in the arm itself; in a thing at most
     fragile_break_force_n: float = 20.0  # G1: the gripper's least force; unknown strength breaks at it
 
     # contact that is meant

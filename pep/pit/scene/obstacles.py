@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pep.pit.base.motion import Floats
-    from pep.pit.robot.robot import Robot
+    from pep.pit.robot.robot import Body, Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Scene, Workspace
 
@@ -65,7 +65,7 @@ KINDS_IN_ORDER: Final = tuple(PairKind)
 CODE: Final = {kind: code for code, kind in enumerate(KINDS_IN_ORDER)}
 NO_HARM: Final = np.inf  # of an obstacle that is no person: no speed or force harms it in that sense
 NEVER: Final = -np.inf  # clearance below which a pair is a violation that cannot be one
-AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's core meets it, and no overlap is deeper
+AXIS_MET_M: Final = 1e-3  # PHY-6: a body's axis this near to a thing's surface has met it
 NOBODY: Final[frozenset[str]] = frozenset()
 
 
@@ -125,10 +125,15 @@ class Obstacles:
         return Obstacles(names, sources, whole, max(groups, default=-1) + 1, Solids(numbers, solids.hull, solids.hulls))
 
 
-def bound_by_axis(violated_below: Floats, radii: Floats) -> Floats:
-    """Clearances below which pairs of these radii are violations: no lower than where the axis meets the core."""
-    met = np.minimum(AXIS_MET_M - radii, 0.0)
-    return np.where(violated_below == NEVER, NEVER, np.maximum(violated_below, met))
+def deepest_m(bodies: Iterable[Body]) -> Floats:
+    """Overlap of each body with a thing beyond which nobody can allow it: PHY-6, but for the cell's own limit."""
+    axis = [(body, max(body.radius_m - AXIS_MET_M, 0.0)) for body in bodies]
+    return np.array([met if body.overhang_m is None else min(body.overhang_m, met) for body, met in axis])
+
+
+def bound_by_body(violated_below: Floats, deepest: Floats) -> Floats:
+    """Clearances below which pairs are violations: no lower than their bodies may overlap a thing."""
+    return np.where(violated_below == NEVER, NEVER, np.maximum(violated_below, -deepest))
 
 
 def groups_of(kinds: Iterable[int], names: Iterable[str]) -> list[int]:

@@ -22,7 +22,8 @@ from pep.pit.scene.obstacles import (
     LAW_COLUMNS,
     NEVER,
     PairKind,
-    bound_by_axis,
+    bound_by_body,
+    deepest_m,
     groups_of,
     own_of,
     seen_in,
@@ -210,7 +211,7 @@ def _paired(robot: Robot, scene: Scene, cell: CellParameters, grown_m: float, to
     by_body = numbers[:moved].reshape(-1, count, SOLID)
     by_body[:] = things.solids.numbers[:, None]
     by_body[:, :, RADII] = by_body[:, :, RADIUS] + fixed.radius
-    by_body[:, :, VIOLATED_BELOW] = bound_by_axis(by_body[:, :, VIOLATED_BELOW], by_body[:, :, RADII])
+    by_body[:, :, VIOLATED_BELOW] = bound_by_body(by_body[:, :, VIOLATED_BELOW], fixed.deepest)
     numbers[moved:] = fixed.numbers
     kinds = whole[:moved].reshape(-1, count, WHOLE)
     kinds[:] = things.whole[:, None]
@@ -248,6 +249,7 @@ class _Fixed:
     Attributes:
         column, body: of each row, the obstacle's and the body's index.
         radius: of each moving body, metre.
+        deepest: overlap of each with a thing beyond which it is a violation, metre.
         numbers, whole: of the rows behind those of things; their groups are counted from 0.
         names, sources: of the obstacles there.
     """
@@ -255,6 +257,7 @@ class _Fixed:
     column: NDArray[np.intp]
     body: NDArray[np.intp]
     radius: Floats
+    deepest: Floats
     numbers: Floats
     whole: NDArray[np.int64]
     names: tuple[str, ...]
@@ -280,12 +283,13 @@ def _fixed(robot: Robot, cell: CellParameters, workspace: Workspace | None, thin
         column,
         body,
         radius[moving],
+        deepest_m(robot.bodies[: len(moving)]),
         numbers,
         whole,
         (*inner.names, *walls.names),
         (*inner.sources, *walls.sources),
     )
-    for array in (found.column, found.body, found.radius, found.numbers, found.whole):
+    for array in (found.column, found.body, found.radius, found.deepest, found.numbers, found.whole):
         array.setflags(write=False)
     return found
 

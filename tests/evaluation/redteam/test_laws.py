@@ -71,8 +71,8 @@ def test_a_way_through_a_thing_is_a_violation_and_a_graze_is_not():
 
 
 @pytest.mark.long
-def test_an_approver_may_let_few_ways_into_a_thing_happen_and_no_honest_way_is_refused():
+def test_an_approver_may_let_no_way_into_a_thing_happen_and_no_honest_way_is_refused():
     found = violations(scenarios())
     assert found.hazardous > 150
-    assert len(found.authorisable) < 0.1 * found.hazardous
+    assert found.authorisable == ()
     assert found.refused == ()

@@ -187,7 +187,7 @@ def no_utf8(document, rng):
 
 @kind
 def key_twice(document, rng):
-    name = pick(rng, [b'"digest":""', b'"v":"ztpm-pit-proof/3"', b'"proof":{"cover":[]}', b'"answer":{"tier":0}'])
+    name = pick(rng, [b'"digest":""', b'"v":"ztpm-pit-proof/4"', b'"proof":{"cover":[]}', b'"answer":{"tier":0}'])
     return b"{" + name + b"," + document[1:]
 
 
@@ -251,7 +251,7 @@ def edited_without_a_seal(document, rng):
 
 @resealed
 def other_version(top, rng):
-    top["v"] = pick(rng, ["ztpm-pit-proof/3", "ztpm-pit-proof/0", "", 1, None])
+    top["v"] = pick(rng, ["ztpm-pit-proof/4", "ztpm-pit-proof/0", "", 1, None])
 
 
 @resealed

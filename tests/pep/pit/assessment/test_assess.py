@@ -316,7 +316,6 @@ def test_a_stuck_arm_may_retreat_slowly_and_only_away():
 
 # ---- things that the way leads through
 
-LIMIT = CELL.overlap_limit_m
 CAP_M = 0.0345  # of the fingers' lowest capsule, whose lower side is 34.5 mm below its axis
 OVER_TIP_M = 0.1767 - 0.1439  # its axis is so far above the tool point
 NEARLY = 2 * VIOLATION_RESOLUTION_M
@@ -355,11 +354,11 @@ def wedge(depth):
 @pytest.mark.parametrize("uncertainty_m", [0.0, 0.01, 0.2])
 @pytest.mark.parametrize(
     ("shape", "deepest"),
-    [(ball, LIMIT), (block, CAP_M - AXIS_MET_M), (wedge, CAP_M - AXIS_MET_M)],
+    [(ball, CAP_M - AXIS_MET_M), (block, CAP_M - AXIS_MET_M), (wedge, CAP_M - AXIS_MET_M)],
     ids=["ball", "block", "polytope"],
 )
 def test_a_thing_hit_deeper_than_capsules_can_pretend_is_a_violation(shape, deepest, kind, uncertainty_m):
-    """Balls count from 0.05 m on, blocks from the fingers' axis on; before, a person may be asked."""
+    """Things of every shape count from the fingers' axis on; before, a person may be asked."""
     still = MoveJ(HOME, HOME, 0.2, 1.0)
     turn = MoveJ(HOME, (*HOME[:5], 0.4), 0.2, 1.0)  # about the tool's own axis: no clearance changes
     for depth, violations in ((deepest - NEARLY, ()), (deepest + NEARLY, (kind,))):
@@ -381,9 +380,40 @@ def test_a_surveyed_thing_is_one_too_and_the_parameter_says_how_deep():
     assert (table.violations, table.contributions[0].object) == (("rigid",), "table")
     post = StaticObject("post", "fragile", sphere=ball(0.06))
     surveyed = replace(CELL, objects=(post,))
-    for limit, violations in ((0.05, ("fragile",)), (0.08, ())):
+    for limit, violations in ((0.02, ("fragile",)), (0.05, ())):
         cell = replace(surveyed, overlap_limit_m=limit)
         assert ask(cell.surveyed, sweep(), cell).violations == violations
+
+
+@pytest.mark.parametrize("body", ROBOT.bodies[: ROBOT.world_bodies], ids=lambda body: body.name)
+def test_a_body_deeper_in_a_thing_than_its_capsule_sticks_out_is_a_violation(body):
+    """A small ball beside the axis of one body, to either side of its limit, and no other body as deep as its own."""
+    limits = {
+        each.name: min(CELL.overlap_limit_m, each.radius_m - AXIS_MET_M, each.overhang_m or math.inf)
+        for each in ROBOT.bodies[: ROBOT.world_bodies]
+    }
+    ends = NumpyPath(ROBOT, MoveJ(HOME, HOME, 1.0, 1.0)).nodes(np.array([0]))[1].ends[0]
+    radius, small = body.radius_m, 0.01
+    (a, b), mine = ends[ROBOT.body_index(body.name)], limits[body.name]
+    around = np.random.default_rng(3).normal(size=(2000, 3))
+    across = around - np.outer(around @ (b - a), b - a) / ((b - a) @ (b - a))
+    across /= np.linalg.norm(across, axis=1)[:, None]
+    places = a + np.linspace(0, 1, 2000)[:, None] * (b - a) + (radius + small - mine) * across
+
+    def spare(name):
+        """Overlap that the other body still may have there."""
+        p, q = ends[ROBOT.body_index(name)]
+        share = np.clip((places - p) @ (q - p) / ((q - p) @ (q - p)), 0, 1)
+        off = np.linalg.norm(places - p - share[:, None] * (q - p), axis=1)
+        return off - ROBOT.bodies[ROBOT.body_index(name)].radius_m - small + limits[name]
+
+    others = np.min([spare(name) for name in limits if name != body.name], axis=0)
+    best = int(others.argmax())
+    assert others[best] > 2 * NEARLY
+    still, way = MoveJ(HOME, HOME, 0.2, 1.0), across[best]
+    for deeper, violations in ((-NEARLY, ()), (NEARLY, ("rigid",))):
+        x, y, z = places[best] - deeper * way
+        assert ask(thing_with(Sphere((x, y, z), small)), still).violations == violations
 
 
 def test_a_way_through_a_thing_is_found_however_short_the_meeting():

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pep.pit.scene.obstacles import AXIS_MET_M
 from pep.pit.search.certify import RESOLUTION
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
@@ -188,7 +189,7 @@ def test_a_violation_between_the_looks_is_found(wrist):
         assert left == Remaining(holds=False, index_milli=4000, cause="zone")
         # A thing that they graze 2 mm deeper than a person may allow, and one of which they stay 2 mm short.
         for deeper in (0.002, -0.002):
-            deep = Sphere((x, y, z + 0.1767 - 0.1784 - 0.06 + CELL.overlap_limit_m + deeper), 0.06)
+            deep = Sphere((x, y, z + 0.1767 - 0.1784 - 0.06 + 0.0345 - AXIS_MET_M + deeper), 0.06)
             left = rest(replace(empty(), objects=(Thing("bowl", "fragile", deep, 0.01),)), move, 0.2)
             assert (left.holds, left.cause) == ((False, "fragile") if deeper > 0 else (True, ""))
 

@@ -25,7 +25,7 @@ MASSES = np.array([j["mass_kg"] for j in MODEL["joints"]])
 LEAST_LAW_M = 0.05
 INSIDE_M = 1e-6
 """So near to being as deep as can be the direction says nothing."""
-AXIS_MET_M = 1e-3  # PHY-6: of a thing no overlap is deeper than to here before the axis meets the core
+AXIS_MET_M = 1e-3  # PHY-6: so near to a thing's surface the axis of a body meets it
 VIOLATED_BY_M = 1e-4 + 1e-6  # what a search may leave undecided, and what rounds
 
 
@@ -142,7 +142,10 @@ class World:
         radius = self.stage.radius[:moving, None] + self.stage.core_radius
         self.least_m = -np.concatenate([radius.ravel(), self.stage.own_radius])
         solid = np.flatnonzero(np.isin(self.columns.kinds, ["fragile", "rigid"]))
-        self.columns.below[solid] = -np.clip(-AXIS_MET_M - self.least_m[solid], 0, self.cell.overlap_limit_m)
+        moved = [self.stage.bodies[k] for k in self.stage.moving]
+        most = self.cell.overlap_limit_m
+        deepest = np.array([min(most, max(each.radius - AXIS_MET_M, 0.0), each.overhang) for each in moved])
+        self.columns.below[solid] = -deepest[self.mover[solid]]
 
     def _fastest(self):
         """No body goes faster (m/s), and what can be nearer between two first samples than at both (m)."""

@@ -19,7 +19,7 @@ LINKS, JOINTS = 7, 6
 
 @dataclass(frozen=True)
 class Body:
-    """A capsule or ball on a link."""
+    """A capsule or ball on a link; `overhang` is infinite where the model has none."""
 
     name: str
     link: int
@@ -27,6 +27,7 @@ class Body:
     b: tuple
     radius: float
     part: str = ""
+    overhang: float = np.inf
 
 
 @cache
@@ -36,8 +37,11 @@ def tool_of(name):
 
 def bodies_of(tool, held):
     """All capsules of the robot; those of the base first, the moving ones in the order of the model."""
-    found = [Body(c["name"], c["link"], tuple(c["a_m"]), tuple(c["b_m"]), c["radius_m"]) for c in MODEL["capsules"]]
-    found += [Body(c["name"], 6, tuple(c["a_m"]), tuple(c["b_m"]), c["radius_m"], "tool") for c in tool["capsules"]]
+
+    def body(c, link, part=""):
+        return Body(c["name"], link, (*c["a_m"],), (*c["b_m"],), c["radius_m"], part, c.get("overhang_m", np.inf))
+
+    found = [body(c, c["link"]) for c in MODEL["capsules"]] + [body(c, 6, "tool") for c in tool["capsules"]]
     if held is not None:
         found.append(Body("payload", 6, *ends_of(held), "payload"))
     return found
