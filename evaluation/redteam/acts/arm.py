@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 from evaluation.redteam.acts.act import Act
@@ -294,8 +295,9 @@ def _drive(arena: BareArena, act: _Leading, targets: Iterable[Joints]) -> bool:
 
 
 def worst(came: list[Came]) -> Came:
-    """First of several that did not get through, or the last one."""
-    return next((one for one in came if one.effect is not Effect.DONE), came[-1])
+    """First of several that did not get through, or the last one; people were asked where any of them asked."""
+    first = next((one for one in came if one.effect is not Effect.DONE), came[-1])
+    return replace(first, asked=any(one.asked for one in came))
 
 
 def under_way(arena: BareArena | GuardedArena, over: Any = lambda: False) -> None:

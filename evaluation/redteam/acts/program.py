@@ -7,7 +7,6 @@ import sys
 import threading
 import time
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from rtde_control import RTDEControlInterface
@@ -86,7 +85,7 @@ def _run(steps: Sequence[AnyStep], control: RTDEControlInterface, arena: Guarded
     finally:
         with suppress(RuntimeError):
             control.disconnect()
-    return replace(worst(came), asked=any(one.asked for one in came))
+    return worst(came)
 
 
 def _own(step: Custom, host: str, arena: GuardedArena, told: list[str]) -> Came:
