@@ -104,7 +104,7 @@ def message_of(
         case "other_hop":
             return msgspec.structs.replace(stated, hop_id=secrets.token_hex(16))
         case "other_token":
-            return msgspec.structs.replace(stated, token_id=secrets.token_hex(16))
+            return msgspec.structs.replace(stated, token_id=secrets.token_urlsafe(16))
         case _:
             return stated
 

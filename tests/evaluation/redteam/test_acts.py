@@ -91,8 +91,14 @@ def test_swings_grow_to_both_sides():
 
 def test_first_that_did_not_get_through_is_what_came():
     done, denied, late = Came(Effect.DONE), Came(Effect.DENIED, "e5", "BUSY"), Came(Effect.DEFERRED)
-    assert worst([done, denied, late, done]) is denied
+    assert worst([done, denied, late, done]) == denied
     assert worst([done, done]) == done
+
+
+def test_people_were_asked_where_any_of_several_asked():
+    approved, refused = Came(Effect.DONE, "e5", asked=True), Came(Effect.DENIED, "e5", "PHYSICS_VIOLATION")
+    assert worst([approved, refused]) == Came(Effect.DENIED, "e5", "PHYSICS_VIOLATION", asked=True)
+    assert not worst([Came(Effect.DONE, "e5"), refused]).asked
 
 
 def test_reason_is_the_code_of_the_first_line():
