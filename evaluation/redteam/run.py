@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 APPROVER: Final = "bob"
 BARE: Final = "none"
 BARE_BESIDE: Final = 4
-"""Arenas with no enforcement in the place of one with it: nothing is computed there, and the arm takes its time."""
+"""Arenas with no enforcement in the place of one with it: only the arm takes time there."""
 SETTINGS: Final = (*(Setting(mode, approver=True) for mode in reversed(MODES)), Setting(BARE, approver=False))
 """Modes in the order in which they are begun; an absent approver is tried where the other one was asked."""
 SHARE_LEAST: Final = 10

@@ -41,7 +41,7 @@ SENSOR_TRANSIT_MS: Final = 20
 
 
 def sensor_keys(layout: Layout) -> dict[str, Path]:
-    """Key files of a cell's sensors by id: the first one's, and the second's in a cell that was made with two."""
+    """Key files of a cell's sensors by id, of two in a cell that was made with two."""
     second = {SECOND_SENSOR_ID: layout.second_sensor_key} if layout.second_sensor_key.exists() else {}
     return {SENSOR_ID: layout.sensor_key, **second}
 

@@ -1,4 +1,4 @@
-"""Two sensors of the arena's cell: acts attack the first alone, and what it does not see the second one shows."""
+"""Two sensors of the arena's cell: acts attack the first alone, the second one shows the rest."""
 
 import socket
 import time

@@ -387,7 +387,7 @@ def test_a_surveyed_thing_is_one_too_and_the_parameter_says_how_deep():
 
 @pytest.mark.parametrize("body", ROBOT.bodies[: ROBOT.world_bodies], ids=lambda body: body.name)
 def test_a_body_deeper_in_a_thing_than_its_capsule_sticks_out_is_a_violation(body):
-    """A small ball beside the axis of one body, to either side of its limit, and no other body as deep as its own."""
+    """A small ball beside the axis of one body, to either side of its limit alone."""
     limits = {
         each.name: min(CELL.overlap_limit_m, each.radius_m - AXIS_MET_M, each.overhang_m or math.inf)
         for each in ROBOT.bodies[: ROBOT.world_bodies]

@@ -218,7 +218,7 @@ def directions(count):
 @pytest.mark.shared
 @pytest.mark.parametrize(("mesh", "link", "xyz", "rpy"), MESHES)
 def test_a_capsule_drawn_in_by_its_overhang_is_inside_the_vendors_mesh(mesh, link, xyz, rpy):
-    """In no direction does it reach farther than the mesh, which is convex; the number is within 1 mm of the least.
+    """In no direction does it reach farther than the convex mesh; the number is within 1 mm of the least.
 
     Of the two long links the mesh is the hull over both housings, so a housing's capsule is held against the corners of
     its own half, also turned over its joint's axis, and a tube's against the tube.
