@@ -26,7 +26,7 @@ from ztpm.stage.calls import call
 from ztpm.stage.lending import lent
 from ztpm.stage.live import stage
 from ztpm.stage.samples import StateRecorder
-from ztpm.stage.stage import StageError, until
+from ztpm.stage.stage import BRING_RAD_S, StageError, until
 from ztpm_idp.client import ClientError
 
 if TYPE_CHECKING:
@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 
 DIRECTOR: Final = "orchestrator"
 """Agent that sets the stage; no scenario attacks with it."""
+ATTENDANT: Final = "bob"
+"""Person who lets the arm be brought to where a scenario begins."""
 FRESH_S: Final = 600.0
 """Age from which on its authority is renewed."""
 REACHED: Final = "reached"
@@ -127,9 +129,23 @@ class GuardedArena:
     def _brought(self, start_rad: tuple[float, ...]) -> bool:
         """True once the arm stands there: earlier acts are looked at together with the way, for a time."""
         with suppress(StageError):
+            self._led(start_rad)
             self.stage.bring(start_rad)
             return True
         return False
+
+    def _led(self, start_rad: tuple[float, ...]) -> None:
+        """Asks for the way there; a person who sees the cell says yes to one that needs it.
+
+        Setting the stage is no part of a scenario, so one person answers also where its approver is absent.
+        """
+
+        def ask() -> Answer:
+            return self.stage.move(DIRECTOR, to=start_rad, speed=BRING_RAD_S)
+
+        answer = ask()
+        if answer.decision == "DEFER":
+            self._answered(ATTENDANT, answer, ask)
 
     def _await_desk(self) -> None:
         """Waits until the desk, which may have been started just now, knows what is revoked."""
