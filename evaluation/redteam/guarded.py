@@ -17,7 +17,7 @@ from evaluation.redteam.cast import ROLES, Cast
 from evaluation.redteam.desk.desk import guarded_desk, replaced
 from evaluation.redteam.naming import named
 from evaluation.redteam.parts import Came, Effect, beside
-from pep.base.operations import STOP
+from pep.base.operations import SPEED_JOINT, STOP
 from ztpm.base.processes import Child
 from ztpm.cell.setup import GATEWAY_ID, SECOND_SENSOR_ID, SENSOR_ID, sensor_keys
 from ztpm.demo.run import play
@@ -46,7 +46,7 @@ ATTENDANT: Final = "bob"
 FRESH_S: Final = 600.0
 """Age from which on its authority is renewed."""
 REACHED: Final = "reached"
-HALTED: Final = {STOP.name: "stopped"}
+WANTED: Final = {STOP.name: "stopped", SPEED_JOINT.name: "ended"}
 """Outcome of the tools whose word for success is another one."""
 ASKS: Final = 3
 """Times that a question is asked anew which was over before it was read."""
@@ -241,21 +241,21 @@ class GuardedArena:
         def ask() -> Answer:
             return self.stage.ask(caller, tool, arguments, url=url, token=token)
 
-        return self._with_people(ask, point, HALTED.get(tool, REACHED))[0]
+        return self._with_people(ask, point, tool)[0]
 
     def asked(
         self, role: str, place: Place, tool: str, arguments: dict[str, object], *, point: str
     ) -> tuple[Came, Answer]:
         """Outcome of a call as of `call`, at any place, and the last answer to it."""
-        return self._with_people(lambda: self.sent(role, place, tool, arguments), point)
+        return self._with_people(lambda: self.sent(role, place, tool, arguments), point, tool)
 
-    def _with_people(self, ask: Callable[[], Answer], point: str, wanted: str = REACHED) -> tuple[Came, Answer]:
+    def _with_people(self, ask: Callable[[], Answer], point: str, tool: str) -> tuple[Came, Answer]:
         """Outcome of a call, and the last answer to it: the approver answers a question, and it is made again."""
         answer = ask()
         asked = answer.decision == "DEFER"
         if asked and self.approver is not None:
             answer = self._answered(self.approver, answer, ask)
-        return came(answer, point, asked=asked, wanted=wanted), answer
+        return came(answer, point, asked=asked, tool=tool), answer
 
     def _answered(self, approver: str, question: Answer, ask: Callable[[], Answer]) -> Answer:
         """Answer to the same call once the approver has said yes and the enforcement point knows it.
@@ -346,15 +346,16 @@ def _another(ask: Callable[[], Answer], ask_id: str, found: list[Answer]) -> boo
     return found[-1].content.get("ask_id") != ask_id or found[-1].decision != "DEFER"
 
 
-def came(answer: Answer, point: str, *, asked: bool, wanted: str = REACHED) -> Came:
-    """Outcome of a call, by its answer; `wanted` is the tool's word for its success."""
+def came(answer: Answer, point: str, *, asked: bool, tool: str = "") -> Came:
+    """Outcome of a call of a tool, by its answer; a motion of a time that ended with a reason was stopped."""
     if answer.decision == "DEFER":
         return Came(Effect.DEFERRED, point, answer.reason, asked=True)
     if answer.decision != "PERMIT":
         return Came(Effect.DENIED, point, answer.reason, asked=asked)
-    outcome = str(answer.content.get("outcome", wanted))
-    if outcome != wanted:
-        return Came(Effect.STOPPED, point, str(answer.content.get("reason") or outcome), asked=asked)
+    wanted = WANTED.get(tool, REACHED)
+    outcome, reason = str(answer.content.get("outcome", wanted)), answer.content.get("reason")
+    if outcome != wanted or (wanted == WANTED[SPEED_JOINT.name] and reason):
+        return Came(Effect.STOPPED, point, str(reason or outcome), asked=asked)
     return Came(Effect.DONE, asked=asked)
 
 

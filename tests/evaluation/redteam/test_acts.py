@@ -9,7 +9,7 @@ from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.acts.arm import StepJoint, SwingJoint, worst
 from evaluation.redteam.acts.program import Program, effect_of, reason
 from evaluation.redteam.acts.raw import PORTS
-from evaluation.redteam.guarded import HALTED, came
+from evaluation.redteam.guarded import came
 from evaluation.redteam.scenario import read
 from ztpm.stage.calls import Answer
 
@@ -148,14 +148,18 @@ def test_routine_is_so_many_calls_of_its_own_authority_and_tells_the_first_that_
 
 
 @pytest.mark.parametrize(
-    ("wanted", "outcome", "effect"),
+    ("tool", "outcome", "reason", "effect"),
     [
-        ("reached", "reached", Effect.DONE),
-        ("reached", "stopped", Effect.STOPPED),
-        (HALTED["stop"], "stopped", Effect.DONE),
-        (HALTED["stop"], "unknown", Effect.STOPPED),
+        ("move_joint", "reached", "", Effect.DONE),
+        ("move_joint", "stopped", "REVOKED", Effect.STOPPED),
+        ("move_joint", "ended", "", Effect.STOPPED),
+        ("stop", "stopped", "", Effect.DONE),
+        ("stop", "unknown", "", Effect.STOPPED),
+        ("speed_joint", "ended", "", Effect.DONE),
+        ("speed_joint", "ended", "VERDICT_EXPIRED", Effect.STOPPED),
+        ("speed_joint", "world_changed", "WATCH_BLIND", Effect.STOPPED),
     ],
 )
-def test_a_stop_that_was_asked_for_has_come_about(wanted, outcome, effect):
-    answer = Answer(200, "PERMIT", "PERMITTED", 0, {"outcome": outcome})
-    assert came(answer, "e4", asked=False, wanted=wanted).effect is effect
+def test_each_tool_has_its_word_for_success(tool, outcome, reason, effect):
+    answer = Answer(200, "PERMIT", "PERMITTED", 0, {"outcome": outcome, "reason": reason})
+    assert came(answer, "e5", asked=False, tool=tool).effect is effect

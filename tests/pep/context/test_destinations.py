@@ -22,7 +22,7 @@ from tests.pep.kit import ManualClock
 
 from pep import Word, operation
 
-pytestmark = pytest.mark.clause("STM-20")
+pytestmark = pytest.mark.clause("STM-21")
 
 ADDRESS = "archive@backup.example"
 STANDS = {
