@@ -5,7 +5,14 @@
 
 from __future__ import annotations
 
+import functools
+import os
+from typing import TYPE_CHECKING
+
 import httpx2
+
+if TYPE_CHECKING:
+    import ssl
 
 
 def client(timeout_s: float, transport: httpx2.BaseTransport | None = None) -> httpx2.Client:
@@ -15,9 +22,21 @@ def client(timeout_s: float, transport: httpx2.BaseTransport | None = None) -> h
         timeout_s: longest wait to connect, to send, for an answer, seconds.
         transport: in place of the network's, for tests.
     """
-    return httpx2.Client(transport=transport or httpx2.HTTPTransport(), timeout=timeout_s, trust_env=False)
+    return httpx2.Client(
+        transport=transport or httpx2.HTTPTransport(verify=_trusted()), timeout=timeout_s, trust_env=False
+    )
 
 
 def async_client() -> httpx2.AsyncClient:
     """Client for an event loop. The caller bounds each request."""
-    return httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(), trust_env=False)
+    return httpx2.AsyncClient(transport=httpx2.AsyncHTTPTransport(verify=_trusted()), trust_env=False)
+
+
+def _trusted() -> ssl.SSLContext:
+    """The trusted certificates, read once for each environment: that takes tens of milliseconds."""
+    return _read(os.environ.get("SSL_CERT_FILE"), os.environ.get("SSL_CERT_DIR"))
+
+
+@functools.cache
+def _read(_file: str | None, _folder: str | None) -> ssl.SSLContext:
+    return httpx2.create_ssl_context()
