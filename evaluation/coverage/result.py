@@ -30,7 +30,7 @@ class CoverageResult:
         runs: that they rest on.
         unplayed: scenario, composition and cause of each run that did not come about.
         seed: of every draw.
-        campaign: commit and digest of the scenarios.
+        campaign: commit, and digests of code and scenarios.
         seconds: how long it took, without earlier parts.
         machine: that of the run.
     """
@@ -60,6 +60,7 @@ class CoverageResult:
             "unplayed": [list(each) for each in self.unplayed],
             "seed": self.seed,
             "commit": self.campaign.commit,
+            "code": self.campaign.code,
             "scenarios": self.campaign.scenarios,
             "runs": [
                 {

@@ -14,7 +14,7 @@ from evaluation.coverage.choosing import chosen
 from evaluation.coverage.result import CoverageResult
 from evaluation.coverage.theatre import Theatre
 from evaluation.coverage.verdicts import executed, shown
-from evaluation.harness.machine import commit, machine
+from evaluation.harness.machine import code, commit, machine
 from evaluation.redteam import ledger
 from evaluation.redteam.playing import Setting
 from evaluation.redteam.run import Red
@@ -67,7 +67,7 @@ def coverage(
     begun_s, where, every = time.monotonic(), machine(), scenarios()
     cells = chosen(every, sample=request.sample, seed=request.seed)
     cells = {cell: ids for cell, ids in cells.items() if not request.only or cell.primitive in request.only}
-    of = ledger.campaign(every, commit())
+    of = ledger.campaign(every, commit=commit(), code=code())
     with ExitStack() as place:
         file = request.ledger or Path(place.enter_context(tempfile.TemporaryDirectory(prefix="ztpm-cov-"))) / "runs"
         runs = place.enter_context(ledger.Ledger.open(file, of))

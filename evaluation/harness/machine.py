@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import hashlib
 import os
 import platform
 import subprocess
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+
+PACKAGES: Final = ("capabilities", "evaluation", "pep", "policies", "ursim", "ztpm", "ztpm_idp")
+RESULTS: Final = ("evaluation", "results")
 
 
 def machine() -> dict[str, Any]:
@@ -30,6 +34,22 @@ def commit() -> str:
     except (OSError, subprocess.CalledProcessError):
         return ""
     return told.stdout.strip()
+
+
+def code(top: Path = Path(__file__).parents[2]) -> str:
+    """SHA-256 of every file of the packages as they are on disk, hexadecimal; results of an evaluation are left out.
+
+    Args:
+        top: folder of the packages.
+    """
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for file in sorted((top / package).rglob("*")):
+            name = file.relative_to(top)
+            if file.is_file() and "__pycache__" not in name.parts and name.parts[:2] != RESULTS:
+                content = hashlib.sha256(file.read_bytes()).hexdigest()
+                digest.update(f"{name.as_posix()} {content}\n".encode())
+    return digest.hexdigest()
 
 
 def _processor() -> str:

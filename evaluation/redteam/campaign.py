@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from evaluation.harness.machine import commit, machine
+from evaluation.harness.machine import code, commit, machine
 from evaluation.redteam import ledger
 from evaluation.redteam.judging import judge_of
 from evaluation.redteam.referee import RefereeError
@@ -71,7 +71,7 @@ def campaign(request: RedRequest, told: Callable[[str], None]) -> RedResult:
     chosen = _chosen(every, request)
     if strange := sorted(set(request.modes) - MODES.keys()):
         raise RequestError(f"{', '.join(strange)}: no mode has this name; there are {', '.join(MODES)}")
-    of = ledger.campaign(every, commit())
+    of = ledger.campaign(every, commit=commit(), code=code())
     try:
         judge = judge_of(request.meshes or MESHES)
     except RefereeError as error:

@@ -33,17 +33,19 @@ class RedCampaign(msgspec.Struct, frozen=True):
     """Code and scenarios of a ledger: runs of other ones do not count for it.
 
     Attributes:
-        commit: of the project; empty where that is not known.
+        commit: of the project when it was begun; empty where that is not known.
+        code: digest of the packages' files.
         scenarios: SHA-256 of the scenarios, hexadecimal.
     """
 
     commit: str
+    code: str
     scenarios: str
 
 
-def campaign(of: Sequence[Scenario], commit: str) -> RedCampaign:
-    """Campaign of all these scenarios at a commit."""
-    return RedCampaign(commit, sha256(msgspec.json.encode(of)).hexdigest())
+def campaign(of: Sequence[Scenario], *, commit: str, code: str) -> RedCampaign:
+    """Campaign of all these scenarios with this code, begun at a commit."""
+    return RedCampaign(commit, code, sha256(msgspec.json.encode(of)).hexdigest())
 
 
 def digest(run: RunRecord) -> str:
@@ -85,9 +87,9 @@ class Ledger:
                 read = [msgspec.convert(_line(line), type=RunRecord) for line in lines]
             except (strict_json.JsonError, msgspec.ValidationError) as error:
                 raise LedgerError(f"{file} is no ledger of runs ({error}); name another file") from error
-            if earlier != of:
-                what = "commit" if earlier.scenarios == of.scenarios else "scenarios"
-                raise LedgerError(f"{file} has runs of another {what}; name another file, or delete this one")
+            if (earlier.code, earlier.scenarios) != (of.code, of.scenarios):
+                what = "code" if earlier.scenarios == of.scenarios else "scenarios"
+                raise LedgerError(f"{file} has runs of other {what}; name another file, or delete this one")
         elif text:
             raise LedgerError(f"{file} is no ledger of runs; name another file")
         else:

@@ -106,7 +106,7 @@ class RedResult:
         scenarios: that were played.
         played: their runs.
         seed: of the sample, or None where every scenario was played.
-        campaign: commit and digest of the scenarios.
+        campaign: commit, and digests of code and scenarios.
         seconds: how long it took, without earlier parts.
         machine: that of the run.
     """
@@ -177,6 +177,7 @@ class RedResult:
             "unplayed": [list(each) for each in self.played.unplayed],
             "seed": self.seed,
             "commit": self.campaign.commit,
+            "code": self.campaign.code,
             "scenarios": self.campaign.scenarios,
             "runs": [
                 {

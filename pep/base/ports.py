@@ -187,6 +187,7 @@ class RemainingImpact(Protocol):
         authorised_milli: int,
         touch: frozenset[str],
         running: float | None,
+        oldest_ms: int | None,
     ) -> RemainingVerdict:
         """One look at the frames, one judgement. Never raises.
 
@@ -197,6 +198,7 @@ class RemainingImpact(Protocol):
             touch: objects that the token grants to be touched.
             running: highest fraction of the commanded speed that the arm can have now; None when nothing can slow it
                 down, which is full speed.
+            oldest_ms: frames that are older are left out; None for no such limit.
         """
         ...
 

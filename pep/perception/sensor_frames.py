@@ -13,7 +13,7 @@ import json
 import math
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
@@ -147,6 +147,12 @@ class SensorStatus:
     frame: SensorFrame | None
     rejected: RejectedFrame | None
 
+    def no_older(self, oldest_ms: int, now_ms: int) -> SensorStatus:
+        """The same, silent where its frame is older than that at the monotonic time `now_ms`."""
+        if self.frame is None or self.frame.age_ms(now_ms) <= oldest_ms:
+            return self
+        return replace(self, frame=None)
+
 
 @dataclass(frozen=True, slots=True)
 class Look:
@@ -245,20 +251,26 @@ class Frames:
         """True where the cell has a sensor of that name."""
         return sensor in self._watching()
 
-    def look(self) -> Look:
-        """Look at every sensor that the cell names, now."""
+    def look(self, *, oldest_ms: int | None = None) -> Look:
+        """Look at every sensor that the cell names, now.
+
+        Args:
+            oldest_ms: a sensor whose frame is older counts as silent; None for no such limit.
+        """
         registered = self._watching()
         with self._lock:
             heard = [self._heard(name, registered.get(name)) for name in sorted(self._named)]
             noise = self._rejected.get(NOBODY)
             taken_ms = self._clock.monotonic_ms()
+        if oldest_ms is not None:
+            heard = [one.no_older(oldest_ms, taken_ms) for one in heard]
         if noise is not None:
             heard.insert(0, SensorStatus(NOBODY, None, noise))
         return Look(tuple(heard), taken_ms)
 
-    def view(self) -> View:
-        """View of the world now, as it may be believed."""
-        return self.look().view()
+    def view(self, *, oldest_ms: int | None = None) -> View:
+        """View of the world now, as it may be believed; `oldest_ms` as of `look`."""
+        return self.look(oldest_ms=oldest_ms).view()
 
     def contradiction(self, frame: SensorFrame) -> RejectedFrame | None:
         """Contradiction about people between `frame` and another complete and fresh frame; None for none."""

@@ -119,8 +119,8 @@ class WatchAges:
 class Views(Protocol):
     """Port for the world as it may be believed now."""
 
-    def view(self) -> View:
-        """The newest frames, or why there are none."""
+    def view(self, *, oldest_ms: int | None = None) -> View:
+        """The newest frames, those that are older than `oldest_ms` left out; or why there are none."""
         ...
 
 
@@ -195,7 +195,7 @@ class Watch:
         return None
 
     def _world(self, now: int, q_rad: Sequence[float]) -> Alarm | None:
-        view = self._views.view()
+        view = self._views.view(oldest_ms=self._oldest_ms)
         match view:
             case Distrusted(rejected):
                 return self._changed(Reason.PERCEPTION_INVALID, now, f"{rejected.sensor[:64]} {rejected.fault}")
@@ -204,7 +204,7 @@ class Watch:
                 return self._blind(now, "no frame") if self._permit.sighted else None
             case Seen() as seen:
                 if seen.age_ms > self._limits.view_ms:
-                    return self._blind(now, f"a view of {seen.age_ms} ms") if self._permit.sighted else None
+                    return self._blind(now, f"a view of {seen.age_ms} ms")
                 alarm = self._answer(now)
                 unchanged = self._held is not None and seen.content == self._held
                 if unchanged:
@@ -216,6 +216,11 @@ class Watch:
                 return alarm
             case _:
                 assert_never(view)
+
+    @property
+    def _oldest_ms(self) -> int | None:
+        """Age of frames that are left out: a motion that was permitted on an old view keeps to what is new in it."""
+        return None if self._permit.sighted else self._limits.view_ms
 
     def _blind(self, now: int, what: str) -> Alarm:
         return self._changed(Reason.WATCH_BLIND, now, what)
@@ -258,7 +263,12 @@ class Watch:
         running = None if self._asked is None else self._asked[0]
         self._judging = self._submit(
             lambda: self._remaining.left(
-                request, here, authorised_milli=permit.index_milli, touch=permit.touch, running=running
+                request,
+                here,
+                authorised_milli=permit.index_milli,
+                touch=permit.touch,
+                running=running,
+                oldest_ms=self._oldest_ms,
             )
         )
 

@@ -243,12 +243,13 @@ class CellPhysics:
         authorised_milli: int,
         touch: frozenset[str],
         running: float | None,
+        oldest_ms: int | None,
     ) -> RemainingVerdict:
         """Judges whether the rest of a motion from these joint angles is proven to be inside the authorised index.
 
         The `Remaining` port: one look at the frames, one judgement; it never raises.
         """
-        look = self._frames.look()
+        look = self._frames.look(oldest_ms=oldest_ms)
         age_ms = look.age_ms(look.taken_ms)
 
         def ask() -> Remaining | ImpactFault:

@@ -220,6 +220,7 @@ class LeasedStream:
         authorised_milli: int,
         touch: frozenset[str],  # noqa: ARG002 - it was given when the stream began
         running: float | None,  # noqa: ARG002 - nothing slows a stream down
+        oldest_ms: int | None,  # noqa: ARG002 - every frame counts for the values to come, however old
     ) -> RemainingVerdict:
         """Verdict on the value that stands, by the newest view: `pep.base.ports.RemainingImpact`."""
         shown = self._certifying.see(state_q_rad)

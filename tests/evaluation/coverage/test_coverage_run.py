@@ -68,6 +68,7 @@ class Theatre:
 def theatre(monkeypatch: pytest.MonkeyPatch) -> Theatre:
     monkeypatch.setattr(running, "scenarios", lambda: SCENARIOS)
     monkeypatch.setattr(running, "commit", lambda: "abc")
+    monkeypatch.setattr(running, "code", lambda: "c")
     monkeypatch.setattr(running, "machine", dict)
     return Theatre()
 

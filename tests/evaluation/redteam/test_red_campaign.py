@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import threading
 import msgspec
 import pytest
+from evaluation.harness.machine import code
 from evaluation.redteam import ledger, playing
 from evaluation.redteam.parts import Came, Effect
 from evaluation.redteam.record import End, HarmSeen, RunRecord, end_of, refused
@@ -52,7 +53,7 @@ LATE = Came(Effect.DENIED, "e5", "VERDICT_EXPIRED")
 BLIND = Came(Effect.STOPPED, "e5", "WATCH_BLIND")
 YES_ASKED = Came(Effect.DONE, asked=True)
 SILENCE = Came(Effect.DEFERRED, "e5", "TIER_NEEDS_APPROVAL", asked=True)
-CAMPAIGN = ledger.RedCampaign("abc", "def")
+CAMPAIGN = ledger.RedCampaign("abc", "c", "def")
 
 
 def scenario_files(*ids: str) -> tuple:
@@ -187,7 +188,8 @@ def test_cells_beside_each_other_share_a_mode(tmp_path: Path) -> None:
     [
         b"notes\n",
         b"notes",
-        msgspec.json.encode(ledger.RedCampaign("abd", "def")) + b"\n",
+        msgspec.json.encode(ledger.RedCampaign("abc", "d", "def")) + b"\n",
+        msgspec.json.encode(ledger.RedCampaign("abc", "c", "deg")) + b"\n",
         b'{"commit":"abc","scenarios":"x"}\n',
     ],
 )
@@ -197,6 +199,25 @@ def test_file_of_something_else_is_refused_and_kept(tmp_path: Path, text: bytes)
     with pytest.raises(ledger.LedgerError):
         ledger.Ledger.open(file, CAMPAIGN)
     assert file.read_bytes() == text
+
+
+def test_runs_count_on_at_a_commit_that_changed_no_code(tmp_path: Path) -> None:
+    campaign(tmp_path / "runs", Arenas(), scenario_files("AC-1-001"), modes=("all",))
+    with ledger.Ledger.open(tmp_path / "runs", ledger.RedCampaign("abd", "c", "def")) as runs:
+        assert [key[0] for key in runs.runs] == ["AC-1-001"]
+
+
+def test_code_is_every_file_of_a_package_but_results(tmp_path: Path) -> None:
+    kept = tmp_path / "pep" / "robots" / "arm.toml"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("reach_m = 0.5")
+    told = code(tmp_path)
+    for other in ("evaluation/results/runs.json", "pep/__pycache__/a.pyc", "docs/a.md"):
+        (tmp_path / other).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / other).write_text("x")
+    assert code(tmp_path) == told
+    kept.write_text("reach_m = 0.6")
+    assert code(tmp_path) != told
 
 
 def test_refusal_for_want_of_time_is_played_again(tmp_path: Path) -> None:

@@ -604,7 +604,7 @@ class Standing:
         return JointState(self.q_rad, (0.0,) * 6, 7, 1)
 
 
-def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000):
+def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000, oldest_ms=None):
     patient = CellParameters(time_limit_s=60.0)  # a machine that does much else
     seen = CellPhysics(
         holding=CommittedGrip(ARM, patient),
@@ -615,7 +615,9 @@ def left(world, q_rad=(0.0,) * 6, authorised_milli=1_000):
         clock=world.clock,
     )
     seen.assess(request(), touch=frozenset())
-    return seen.left(request(), q_rad, authorised_milli=authorised_milli, touch=frozenset(), running=None)
+    return seen.left(
+        request(), q_rad, authorised_milli=authorised_milli, touch=frozenset(), running=None, oldest_ms=oldest_ms
+    )
 
 
 def test_what_is_left_is_judged_on_what_is_seen(world):
@@ -635,13 +637,33 @@ def test_what_is_left_is_judged_on_what_is_seen(world):
     assert rest.cause == "person"
 
 
+def test_what_is_left_can_be_judged_by_the_sensors_that_still_send(world):
+    second = world.registry.add_sensor("camera-2")
+    world.watching("camera-1", "camera-2")
+    world.admit()
+    world.clock.advance(30_000)  # an approver has seen since that nobody is there
+    here, limit_ms = (0.3, *MOVE["q_rad"][1:]), 150
+    assert isinstance(world.frames.view(oldest_ms=limit_ms), Unseen)
+    world.admit(sensor="camera-2", key=second)
+    assert (world.frames.view().age_ms, world.frames.view(oldest_ms=limit_ms).age_ms) == (30_020, 20)
+    assert world.frames.view(oldest_ms=limit_ms).silent == ("camera-1",)
+    empty = left(world, here, authorised_milli=3_000, oldest_ms=limit_ms)
+    assert (empty.holds, empty.fault, empty.age_ms) == (True, "", 20), empty
+    near = observed(standing_adult(-0.5, -0.1, name="bob"))
+    world.admit(sensor="camera-2", key=second, people=(near,))
+    rest = left(world, here, authorised_milli=3_000, oldest_ms=limit_ms)
+    assert (rest.holds, rest.fault, rest.cause) == (False, "", "person"), rest
+
+
 def test_what_is_left_of_a_distrusted_view_is_a_fault(world):
     world.frames.admit(world.text(key=keys.generate()))
     assert (left(world).holds, left(world).fault) == (False, Reason.PERCEPTION_INVALID)
 
 
 def test_what_breaks_while_judging_what_is_left_is_a_fault(world):
-    rest = physics(world).left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)
+    rest = physics(world).left(
+        request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None, oldest_ms=None
+    )
     assert (rest.holds, rest.fault) == (False, Reason.PHYSICS_FAULT)
 
 
@@ -664,7 +686,7 @@ def test_what_breaks_in_any_question_is_a_fault_of_its_own_reason(world, monkeyp
     monkeypatch.setattr("pep.world.world.scene_of", breaks)
     assert asked.assess(request(), touch=frozenset()).impact.reason == reason
     assert asked.together(request(), start_urad=(0,) * 6, touch=frozenset()).reason == reason
-    rest = asked.left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None)
+    rest = asked.left(request(), (0.0,) * 6, authorised_milli=4_000, touch=frozenset(), running=None, oldest_ms=None)
     assert (rest.holds, rest.fault) == (False, reason)
 
 

@@ -268,10 +268,10 @@ class House(Rig):
             judging.set_exception(error)
         return judging
 
-    def view(self):
+    def view(self, *, oldest_ms=None):
         return self.seen
 
-    def left(self, request, q_rad, *, authorised_milli, touch, running):
+    def left(self, request, q_rad, *, authorised_milli, touch, running, oldest_ms):
         return self.rest
 
     def start_of(self, request_id):

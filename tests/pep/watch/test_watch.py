@@ -103,16 +103,19 @@ class World:
     def standing(self):
         return self.fault
 
-    def view(self):
+    def view(self, *, oldest_ms=None):
         if self.override is not None:
             return self.override
+        if oldest_ms is not None and self.age_ms > oldest_ms:
+            return Unseen()
         return Seen((self.frame,), self.age_ms)
 
     @property
     def age_ms(self):
         return self.clock.mono - self.frame.arrived_ms + TRANSIT_MS
 
-    def left(self, request, q_rad, *, authorised_milli, touch, running):
+    def left(self, request, q_rad, *, authorised_milli, touch, running, oldest_ms):
+        assert oldest_ms == (None if self.sighted else LIMITS.view_ms)
         assert (request, authorised_milli, touch) == ("the request", AUTHORISED, frozenset({"table"}))
         self.left_asked.append((self.clock.mono, q_rad))
         self.runnings.append(running)

@@ -142,10 +142,10 @@ class Scene:
             judging.set_exception(error)
         return judging
 
-    def left(self, request, q_rad, *, authorised_milli, touch, running):
+    def left(self, request, q_rad, *, authorised_milli, touch, running, oldest_ms):
         return self.rest
 
-    def view(self):
+    def view(self, *, oldest_ms=None):
         return self.seen
 
     def start_of(self, request_id):

@@ -43,10 +43,10 @@ class Nothing:
     def close(self):
         pass
 
-    def left(self, request, q_rad, *, authorised_milli, touch, running):
+    def left(self, request, q_rad, *, authorised_milli, touch, running, oldest_ms):
         return RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20)
 
-    def view(self):
+    def view(self, *, oldest_ms=None):
         return Seen((), 20)
 
 

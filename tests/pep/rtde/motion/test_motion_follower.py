@@ -356,7 +356,7 @@ def slowed(scene, told=NOT_SO_FAST):
     """From 0.05 rad on the motion is told to be slower."""
     scene.asked = []
 
-    def left(request, q_rad, *, authorised_milli, touch, running):
+    def left(request, q_rad, *, authorised_milli, touch, running, oldest_ms):
         scene.asked.append(running)
         if q_rad[0] <= 0.05:
             return FULL_SPEED
