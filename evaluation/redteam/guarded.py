@@ -347,7 +347,7 @@ def _another(ask: Callable[[], Answer], ask_id: str, found: list[Answer]) -> boo
 
 
 def came(answer: Answer, point: str, *, asked: bool, tool: str = "") -> Came:
-    """Outcome of a call of a tool, by its answer; a motion of a time that ended with a reason was stopped."""
+    """Outcome of a call of a tool, by its answer; a timed motion that ended with a reason was stopped."""
     if answer.decision == "DEFER":
         return Came(Effect.DEFERRED, point, answer.reason, asked=True)
     if answer.decision != "PERMIT":

@@ -26,11 +26,10 @@ from pep.context.json_value import Plain
 from policies.words.labels import Integrity, tainted
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Sequence
 
     from capabilities.values.chain import Chain
     from pep.base.operation_row import Operation
-    from pep.context.arguments import PresentedReceipt
     from policies.evidence.content_readings import ArgumentReading
     from policies.evidence.model import Request
 
@@ -117,7 +116,7 @@ def judged(
     *,
     chain: Chain,
     fault: Callable[[str, Texts], DestinationFault | None],
-    presented: Sequence[PresentedReceipt] = (),
+    shown: Iterable[bytes] = (),
 ) -> tuple[ArgumentReading, ...]:
     """The readings, tainted for each destination that takes its authority from a text.
 
@@ -127,22 +126,22 @@ def judged(
         operation: says which parameters are destinations.
         chain: whose scope may name them one by one; a bound of another form names nothing.
         fault: of a destination, given the texts that the call itself shows.
-        presented: receipts of the call; a value that they show was told to the holder.
+        shown: JSON values that the call shows, which its holder was told.
     """
     unnamed = operation.destinations - _named(operation, chain)
     if not unnamed:
         return tuple(readings)
-    shown = Texts()
-    for one in presented:
-        read = values.read(one.value)
-        shown.add(read.value if isinstance(read, Plain) else UNSAID)
+    texts = Texts()
+    for raw in shown:
+        read = values.read(raw)
+        texts.add(read.value if isinstance(read, Plain) else UNSAID)
     found = []
     for reading, value in zip(readings, request.values, strict=True):
         words = value.value if isinstance(value.value, tuple) else (value.value,)
         vouched = reading.label.integrity is Integrity.PRINCIPAL and not reading.fault
         why = None
         if reading.name in unnamed and not vouched:
-            why = next((wrong for word in words if (wrong := fault(str(word), shown)) is not None), None)
+            why = next((wrong for word in words if (wrong := fault(str(word), texts)) is not None), None)
         found.append(
             reading if why is None else replace(reading, label=tainted(reading.label), fault=reading.fault or str(why))
         )

@@ -143,8 +143,9 @@ class Vouching:
         def fault(word: str, shown: Texts) -> DestinationFault | None:
             return DestinationFault.FROM_TEXT if self._flow.names(word, chain.hops, shown) else None
 
+        shown = (one.value for one in presented)
         return ContextReading(
-            (), destinations.judged(readings, request, operation, chain=chain, fault=fault, presented=presented)
+            (), destinations.judged(readings, request, operation, chain=chain, fault=fault, shown=shown)
         )
 
     def meta(

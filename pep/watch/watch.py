@@ -219,7 +219,7 @@ class Watch:
 
     @property
     def _oldest_ms(self) -> int | None:
-        """Age of frames that are left out: a motion that was permitted on an old view keeps to what is new in it."""
+        """Age beyond which frames are left out of the watch over a motion that was permitted on an old view."""
         return None if self._permit.sighted else self._limits.view_ms
 
     def _blind(self, now: int, what: str) -> Alarm:

@@ -378,7 +378,7 @@ def test_a_thing_hit_deeper_than_capsules_can_pretend_is_a_violation(shape, deep
 def test_a_surveyed_thing_is_one_too_and_the_parameter_says_how_deep():
     table = ask(motion=MoveJ(HOME, (0.0, HOME[1] + 1.0, *HOME[2:]), 0.5, 1.0))  # the hand would be below it
     assert (table.violations, table.contributions[0].object) == (("rigid",), "table")
-    post = StaticObject("post", "fragile", sphere=ball(0.06))
+    post = StaticObject("post", "fragile", sphere=ball(0.03))
     surveyed = replace(CELL, objects=(post,))
     for limit, violations in ((0.02, ("fragile",)), (0.05, ())):
         cell = replace(surveyed, overlap_limit_m=limit)
