@@ -437,7 +437,7 @@ def test_an_arm_that_may_still_move_is_not_let_faster(scene, how, monkeypatch):
 def test_a_watch_that_breaks_after_it_slowed_down_stops_the_arm_before_it_may_be_faster(scene):
     slowed(scene)
 
-    def broken():
+    def broken(*, oldest_ms):
         raise ZeroDivisionError
 
     stood = []
