@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import Any, Final
 
 PACKAGES: Final = ("capabilities", "evaluation", "pep", "policies", "ursim", "ztpm", "ztpm_idp")
+"""Packages whose files decide what a run shows."""
 RESULTS: Final = ("evaluation", "results")
+"""Folder of what runs have shown."""
 
 
 def machine() -> dict[str, Any]:

@@ -21,7 +21,7 @@ from pep.rtde.robot.connections import DASHBOARD
 from pep.rtde.robot.gripper import DRIVEN
 from ursim.ports.launch import SimulatedController
 from ztpm.point.cell_config import ROBOT_MODEL
-from ztpm.stage.samples import StateRecorder
+from ztpm.stage.samples import StateRecorder, near
 from ztpm.stage.stage import until
 
 if TYPE_CHECKING:
@@ -97,9 +97,9 @@ class BareArena:
             self._desk.papers.lay_out()
         self.attempts = Attempts()
         until(lambda: self.eyes.now().still, "the arm stands still")
-        near = beside(scenario.start_rad)
-        self.controller.fault("placed", joints_rad=near)
-        until(lambda: self.eyes.now().near(near), "the arm where it is put")
+        there = beside(scenario.start_rad)
+        self.controller.fault("placed", joints_rad=there)
+        until(lambda: near(self.eyes.now().q_rad, there), "the arm where it is put")
         until(lambda: self._brought(scenario.start_rad), "the arm at where the scenario begins")
         self._prepared_s = time.monotonic()
 

@@ -42,6 +42,11 @@ NEAR_RAD: Final = 1e-3
 """Difference of each joint within which the arm stands at a place."""
 
 
+def near(q_rad: Sequence[float], there_rad: Sequence[float]) -> bool:
+    """True where every joint is within a milliradian of that place."""
+    return all(abs(a - b) <= NEAR_RAD for a, b in zip(q_rad, there_rad, strict=True))
+
+
 class StateRecorderError(RuntimeError):
     """Controller that sends no state."""
 
@@ -67,10 +72,6 @@ class Sample:
     def still(self) -> bool:
         """True where every joint is slower than 1 mrad/s."""
         return all(abs(speed) < STILL_RAD_S for speed in self.qd_rad_s)
-
-    def near(self, q_rad: Sequence[float]) -> bool:
-        """True where every joint is within a milliradian of `q_rad`."""
-        return all(abs(a - b) <= NEAR_RAD for a, b in zip(self.q_rad, q_rad, strict=True))
 
     @property
     def commanded_rad_s(self) -> float:

@@ -19,6 +19,7 @@ from capabilities.keys.trust import TrustBundle
 from ztpm.base.layout import new_key, read_key
 from ztpm.cell.setup import sensor_keys
 from ztpm.cell.simulated_platform import Attestor, workload_id
+from ztpm.stage.samples import near
 from ztpm_idp.client import Agent, Operator
 
 if TYPE_CHECKING:
@@ -239,14 +240,10 @@ class Stage:
         Raises:
             StageError: the arm does not come to be there.
         """
-        until(lambda: self.near(target) or self.still, "the arm stands still")
-        if not self.near(target):
+        until(lambda: near(self.joints, target) or self.still, "the arm stands still")
+        if not near(self.joints, target):
             self.cell.robot.tell({"fault": "placed", "joints_rad": target})
-            until(lambda: self.near(target), "the arm where it is put")
-
-    def near(self, target: tuple[float, ...]) -> bool:
-        """True where the arm stands there, within a milliradian."""
-        return max(abs(a - b) for a, b in zip(self.joints, target, strict=True)) <= STILL_RAD_S
+            until(lambda: near(self.joints, target), "the arm where it is put")
 
     def bring(self, target: tuple[float, ...]) -> None:
         """Moves the arm to `target` by the orchestrator, with the usual authority, in several tries if need be.
@@ -256,10 +253,10 @@ class Stage:
         """
         answer: Answer | None = None
         for _ in range(BRING_TRIES):
-            if self.near(target):
+            if near(self.joints, target):
                 return
             answer = self.move("orchestrator", to=target, speed=BRING_RAD_S)
-        if not self.near(target):
+        if not near(self.joints, target):
             said = None if answer is None else (answer.reason, answer.content)
             raise StageError(f"the arm was not brought to where the step begins: {said}")
 

@@ -33,10 +33,12 @@ def async_client() -> httpx2.AsyncClient:
 
 
 def _trusted() -> ssl.SSLContext:
-    """The trusted certificates, read once for each environment: that takes tens of milliseconds."""
-    return _read(os.environ.get("SSL_CERT_FILE"), os.environ.get("SSL_CERT_DIR"))
+    """The trusted certificates, read once until the environment names others: that takes tens of milliseconds."""
+    file = os.environ.get("SSL_CERT_FILE")
+    changed_ns = os.stat(file).st_mtime_ns if file and os.path.exists(file) else None  # noqa: PTH110, PTH116
+    return _read(file, changed_ns, os.environ.get("SSL_CERT_DIR"))
 
 
-@functools.cache
-def _read(_file: str | None, _folder: str | None) -> ssl.SSLContext:
+@functools.lru_cache(maxsize=1)
+def _read(_file: str | None, _changed_ns: int | None, _folder: str | None) -> ssl.SSLContext:
     return httpx2.create_ssl_context()

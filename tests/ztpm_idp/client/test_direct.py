@@ -2,7 +2,9 @@
 
 import asyncio
 import http.server
+import os
 import threading
+from pathlib import Path
 
 import httpx2
 import pytest
@@ -59,5 +61,15 @@ def test_nor_from_an_event_loop(url):
 def test_an_authority_that_the_environment_does_not_name_is_not_believed(tmp_path, url, monkeypatch):
     (tmp_path / "other").mkdir()
     monkeypatch.setenv("SSL_CERT_FILE", str(Authority(tmp_path / "other", [HOST]).ca))
+    with direct_http.client(5.0) as http, pytest.raises(httpx2.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
+        http.get(url)
+
+
+@pytest.mark.parametrize("url", ["https"], indirect=True)
+def test_an_authority_that_took_the_place_of_another_is_the_one_that_counts(tmp_path, url):
+    with direct_http.client(5.0) as http:
+        assert http.get(url).status_code == 200
+    (tmp_path / "other").mkdir()
+    Path(os.environ["SSL_CERT_FILE"]).write_bytes(Authority(tmp_path / "other", [HOST]).ca.read_bytes())
     with direct_http.client(5.0) as http, pytest.raises(httpx2.ConnectError, match="CERTIFICATE_VERIFY_FAILED"):
         http.get(url)
