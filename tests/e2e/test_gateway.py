@@ -255,10 +255,12 @@ def test_streams_flow(house, eyes):
         say(receive.getActualQ()[0] - q[0] > -0.05)
         settled()
         begun = receive.getActualQ()[0]
-        for _ in range(250):
+        for _ in range(2500):
             start = control.initPeriod()
             assert control.speedJ([-0.2, 0, 0, 0, 0, 0], 0.5, 0.05), "speedJ"
             control.waitPeriod(start)
+            if receive.getActualQ()[0] < begun - 0.03:
+                break  # how long the first step is judged is the machine's affair
         control.speedStop(10.0)
         say(receive.getActualQ()[0] < begun - 0.03)
     """) as run:  # fmt: skip

@@ -169,7 +169,9 @@ class Place:
         """The arm rests there, the script runs, the token grants everything, and nothing is still to be recorded."""
         self.gateway.without()
         self.still()
-        if not self.now.running:
+        if "control" in self.__dict__ and not self.control.isConnected():
+            self.leave()  # ur_rtde does not come back from everything; the next row gets a program of its own
+        if "control" in self.__dict__ and not self.now.running:
             self.control.reuploadScript()
         # A command just after a refused one is refused by ur_rtde itself.
         until(self.control.isSteady, pause_s=0.005)
