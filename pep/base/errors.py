@@ -41,6 +41,7 @@ class PepFault(StrEnum):
     GRIPPER_INACTIVE = "GRIPPER_INACTIVE"
     OUTPUT_UNCONFIRMED = "OUTPUT_UNCONFIRMED"
     LEDGER_REFUSED = "LEDGER_REFUSED"
+    UPSTREAM_UNREACHABLE = "UPSTREAM_UNREACHABLE"
     # declarations of tools, at start
     UNIT_UNKNOWN = "UNIT_UNKNOWN"
     SCALE_INVALID = "SCALE_INVALID"
@@ -94,3 +95,10 @@ class ActuationRefusedError(Exception):
         super().__init__(f"{reason}: {detail}" if detail else str(reason))
         self.reason = reason
         self.detail = detail
+
+
+class UpstreamError(PepError):
+    """Server behind the gateway that cannot be reached, or whose connection ended before its answer."""
+
+    def __init__(self, name: str, detail: str) -> None:
+        super().__init__(PepFault.UPSTREAM_UNREACHABLE, f"{name}: {detail}")

@@ -6,6 +6,7 @@ HTTP request is one act: what a tool calls through its server again has no crede
 
 from __future__ import annotations
 
+from contextvars import ContextVar
 from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
@@ -17,7 +18,7 @@ from pep.base.errors import ConfigError, PepFault
 from pep.mcp.http_request import CREDENTIALS, HTTP_REQUEST
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
     from urllib.parse import SplitResult
 
     from mcp_types import Tool
@@ -63,6 +64,10 @@ class _Context:
     told: CallToolResult | None = None
 
 
+_whole: ContextVar[bool] = ContextVar("_whole", default=False)
+"""True while the guard itself asks for the list, which is every caller's then."""
+
+
 def is_fastmcp(server: object) -> bool:
     """True for a server of the package `fastmcp`, which need not be installed."""
     return any(
@@ -77,7 +82,7 @@ async def tools_of(server: FastMCPServer) -> list[Tool]:
         ConfigError: a tool may run as a background task: its effect would come after its permit.
     """
     found: list[Tool] = []
-    for each in await server.list_tools():
+    for each in await _listed(server):
         definition: Tool = each.to_mcp_tool()
         if definition.execution is not None and definition.execution.task_support not in {None, "forbidden"}:
             raise ConfigError(PepFault.CONFIG_INVALID, f"{each.name}: a guarded tool is no task; use task=False")
@@ -85,10 +90,19 @@ async def tools_of(server: FastMCPServer) -> list[Tool]:
     return found
 
 
+async def _listed(server: FastMCPServer) -> Sequence[Any]:
+    """The tools for nobody in particular, through the server's own middleware."""
+    token = _whole.set(True)
+    try:
+        return await server.list_tools()
+    finally:
+        _whole.reset(token)
+
+
 async def decorated(server: FastMCPServer) -> dict[str, Operation]:
     """Rows of the server's functions that declare one, by the name of their tool."""
     return {
-        each.name: row for each in await server.list_tools() if (row := declared(getattr(each, "fn", None))) is not None
+        each.name: row for each in await _listed(server) if (row := declared(getattr(each, "fn", None))) is not None
     }
 
 
@@ -116,6 +130,7 @@ def stand_before(
     server: FastMCPServer,
     guard: Callable[[Any, CallToolRequestParams], Awaitable[Any]],
     *,
+    shown: Callable[[Any, Iterable[Tool]], frozenset[str]],
     extension: str,
     settings: Mapping[str, Any],
 ) -> None:
@@ -124,6 +139,7 @@ def stand_before(
     Args:
         server: a FastMCP server.
         guard: decides each call.
+        shown: names of the served tools that the caller of a request may use.
         extension: identifier under which clients are told.
         settings: told there.
 
@@ -140,7 +156,13 @@ def stand_before(
         raise ConfigError(PepFault.CONFIG_INVALID, "the server's own auth would refuse every token; leave it out")
 
     async def within(context: Any, call_next: Any) -> Any:
-        """One message; a call of a tool goes through the guard."""
+        """One message: a call goes through the guard, and a list has its caller's tools alone."""
+        if context.method == "tools/list":
+            listed = await call_next(context)
+            if _whole.get():
+                return listed
+            names = shown(_lister(context), [each.to_mcp_tool() for each in listed])
+            return [each for each in listed if each.name in names]
         if context.method != "tools/call":
             return await call_next(context)
         ctx = _context(context, lambda params: call_next(context.copy(message=params)))
@@ -179,6 +201,15 @@ def app_of(server: FastMCPServer, parts: SplitResult) -> ASGIApp:
         allowed_hosts=[parts.netloc],
         allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
     )
+
+
+def _lister(context: Any) -> Any:
+    """Context of a list, with the credentials of exactly this request."""
+    asked = context.fastmcp_context.request_context
+    scope = {} if asked is None or asked.request is None else asked.request.scope
+    http = scope.get(HTTP_REQUEST)
+    proven = http is not None and http.rpc.get("method") == "tools/list"
+    return SimpleNamespace(request=SimpleNamespace(scope=scope if proven else {}))
 
 
 def _context(context: Any, go_on: Callable[[CallToolRequestParams], Awaitable[Any]]) -> _Context:

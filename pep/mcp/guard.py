@@ -27,19 +27,20 @@ from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestPar
 from capabilities import tracing
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
-from pep.base.errors import ActuationRefusedError, JournalError
+from pep.base.errors import ActuationRefusedError, JournalError, UpstreamError
 from pep.base.traced import tell
 from pep.gate import records
 from pep.gate.gate import EffectResult, Gate, GateResult
 from pep.gate.observe_only import OBSERVED
-from pep.mcp import deferred_result, fastmcp_server
+from pep.mcp import deferred_result, fastmcp_server, tool_listing
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS, TRACE
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import definition_digest, tool_reading
-from pep.request.authority import NOBODY, Credentials
+from pep.mcp.tool_listing import ShownTools
+from pep.request.authority import NOBODY
 from pep.request.call import Call
 from pep.request.permit import Permit, PermitScope
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
@@ -47,7 +48,7 @@ from policies.evidence.model import Effect
 from policies.words.reason_table import REASONS, Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 
     from mcp.server.context import HandlerResult, ServerRequestContext
     from mcp_types import ListToolsResult, Tool
@@ -59,12 +60,15 @@ if TYPE_CHECKING:
     from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.provenance import Vouching
     from pep.people.asks import Asks
-    from pep.request.authority import Authority
+    from pep.request.authority import Authority, Credentials
     from policies.evidence.content_readings import ContextReading
     from policies.evidence.evidence import ToolReading
 
     CallTool = Callable[[ServerRequestContext[Any, Any], CallToolRequestParams], Awaitable[HandlerResult]]
-    ListTools = Callable[[ServerRequestContext[Any, Any]], Awaitable[Sequence[Tool]]]
+    CallContext: TypeAlias = ServerRequestContext[Any, Any]
+    ServedTool: TypeAlias = Tool
+    ServedTools: TypeAlias = Sequence[ServedTool]
+    ListTools = Callable[[CallContext, str], Awaitable[ServedTools]]
 
 SdkServer: TypeAlias = "MCPServer[Any] | Server[Any]"
 AnyServer: TypeAlias = "MCPServer[Any] | Server[Any] | FastMCPServer"
@@ -80,7 +84,7 @@ class Guard:
 
     Args:
         call: the server's own answer to a call.
-        served: the tools as the server lists them now, to the asker of a context.
+        served: the tools of a name as the server lists them now, to the asker of a context; others may be among them.
         gate: decides and enforces.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
@@ -122,10 +126,13 @@ class Guard:
         with tracing.rejoined(None if ctx.request is None else ctx.request.scope.get(TRACE)):
             return await self._answered(ctx, params)
 
+    def shown(self, ctx: ServerRequestContext[Any, Any], served: Iterable[Tool]) -> frozenset[str]:
+        """Names of the served tools that the caller of a request may use."""
+        return tool_listing.shown(served, _credentials_of(ctx), tools=self._tools, registry=self._registry)
+
     async def _answered(self, ctx: ServerRequestContext[Any, Any], params: CallToolRequestParams) -> HandlerResult:
         arrived_ms, at = self._clock.monotonic_ms(), self._clock.wall_s()
-        # The scope is this very request's; a context variable could be an older request's of the same session.
-        credentials: Credentials = NOBODY if ctx.request is None else ctx.request.scope.get(CREDENTIALS, NOBODY)
+        credentials = _credentials_of(ctx)
         operation = self._tools.get(params.name)
         if operation is None:
             return await self._refuse(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
@@ -143,7 +150,13 @@ class Guard:
         if isinstance(presented, Unreadable):
             unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
             return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
-        tool = await self._tool(operation, ctx)
+        try:
+            tool = await self._tool(operation, ctx)
+        except UpstreamError as error:
+            away: dict[str, object] = {"tool": params.name, "detail": error.detail}
+            return await self._refuse(Reason.UPSTREAM_UNREACHABLE, "TEA-3", credentials, away)
+        if self._tools.get(params.name) is not operation:  # it was read by the row of an earlier definition
+            return await self._refuse(Reason.TOOL_DEFINITION_CHANGED, "TEA-3", credentials, {"tool": params.name})
         context: ContextReading | NotCollected = NOT_COLLECTED
         if isinstance(credentials.chain, Chain):
             weigh = unvouched if self._vouching is None else self._vouching.context
@@ -216,7 +229,7 @@ class Guard:
 
     async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
-        served = [tool for tool in await self._served(ctx) if tool.name == operation.name]
+        served = [tool for tool in await self._served(ctx, operation.name) if tool.name == operation.name]
         # Of two tools of one name nobody knows which would be called.
         digest = definition_digest(served[0]) if len(served) == 1 else ""
         return tool_reading(operation.name, self._registry.tool(operation.name), digest)
@@ -279,6 +292,7 @@ def guard(
     clock: Clock,
     vouching: Vouching | None = None,
     access: AccessTokens | None = None,
+    served: ListTools | None = None,
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
@@ -295,6 +309,7 @@ def guard(
         clock: both clocks.
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
         access: answers about access tokens of OAuth clients; None: the server takes none.
+        served: as for `Guard`; None: the server's whole list is asked for.
 
     Raises:
         ConfigError: a FastMCP server that cannot be guarded as it is.
@@ -302,7 +317,7 @@ def guard(
     """
     standing = partial(
         Guard,
-        served=partial(tools_of, server),
+        served=served or (lambda ctx, name: tools_of(server, ctx)),  # noqa: ARG005 - the list is the whole one
         gate=gate,
         registry=registry,
         tools=tools,
@@ -315,7 +330,7 @@ def guard(
     if fastmcp_server.is_fastmcp(server):
         foreign = cast("FastMCPServer", server)
         stands = standing(call=fastmcp_server.call)
-        fastmcp_server.stand_before(foreign, stands, extension=EXTENSION, settings=SETTINGS)
+        fastmcp_server.stand_before(foreign, stands, shown=stands.shown, extension=EXTENSION, settings=SETTINGS)
         app = fastmcp_server.app_of(foreign, urlsplit(audience))
     else:
         app = _guarded(cast("SdkServer", server), standing, audience)
@@ -339,6 +354,9 @@ def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -
         raise RuntimeError("the server has no tools")
     stands = standing(call=own.handler)
     low.add_request_handler("tools/call", CallToolRequestParams, stands)
+    if (listed := low.get_request_handler("tools/list")) is not None:
+        shows = ShownTools(listed.handler, stands.shown)  # type: ignore[arg-type]
+        low.add_request_handler("tools/list", PaginatedRequestParams, shows)
     low.extensions[EXTENSION] = dict(SETTINGS)
     parts = urlsplit(audience)
     app = server.streamable_http_app(
@@ -382,7 +400,8 @@ async def tools_of(server: AnyServer, ctx: ServerRequestContext[Any, Any] | None
     own = cast("Server[Any]", server).get_request_handler("tools/list")
     if own is None:
         return ()
-    listed: ListToolsResult = await own.handler(ctx, PaginatedRequestParams())  # type: ignore[arg-type, assignment]
+    answer = own.handler.own if isinstance(own.handler, ShownTools) else own.handler
+    listed: ListToolsResult = await answer(ctx, PaginatedRequestParams())  # type: ignore[arg-type, assignment]
     return listed.tools
 
 
@@ -392,6 +411,11 @@ async def digests_of(server: AnyServer) -> dict[str, str]:
     for tool in await tools_of(server):
         found[tool.name] = "" if tool.name in found else definition_digest(tool)
     return found
+
+
+def _credentials_of(ctx: ServerRequestContext[Any, Any]) -> Credentials:
+    """Credentials of this very request; a context variable could be an older request's of the same session."""
+    return NOBODY if ctx.request is None else cast("Credentials", ctx.request.scope.get(CREDENTIALS, NOBODY))
 
 
 def _untold(outcome: HandlerResult) -> HandlerResult:

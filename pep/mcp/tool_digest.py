@@ -9,7 +9,7 @@ import functools
 import hashlib
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values import strict_json
 from policies.evidence.evidence import ToolReading
@@ -56,8 +56,16 @@ def tool_reading(name: str, registered: RegisteredTool | None, actual_digest: st
 
 def definition_digest(tool: Tool) -> str:
     """SHA-256 (hex) over the RFC 8785 form of the tool's definition."""
-    seen = SEEN & type(tool).model_fields.keys()
-    return _digest_of(tool.model_dump_json(by_alias=True, exclude_none=True, include=seen))
+    return _digest_of(tool.model_dump_json(by_alias=True, exclude_none=True, include=_seen(tool)))
+
+
+def plain_definition(tool: Tool) -> dict[str, Any]:
+    """The tool's definition, of which the digest is."""
+    return tool.model_dump(by_alias=True, mode="json", exclude_none=True, include=_seen(tool))
+
+
+def _seen(tool: Tool) -> set[str]:
+    return SEEN & type(tool).model_fields.keys()
 
 
 @functools.lru_cache(maxsize=TEXTS)

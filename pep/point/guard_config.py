@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Self
 
 from pep.base.declaration import row_from_toml
 from pep.base.errors import ConfigError, PepFault
@@ -13,7 +13,7 @@ from pep.point.config_text import check_url, read_text, spelled
 from policies.decision.load import SHIPPED
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from pep.base.operation_row import Operation
 
@@ -52,14 +52,30 @@ class GuardConfig:
     authzen: bool = False
 
     @classmethod
-    def read(cls, path: Path | str) -> GuardConfig:
+    def read(cls, path: Path | str) -> Self:
         """The configuration of a file.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
         """
+        return cls.read_as(path, optional=OPTIONAL)
+
+    @classmethod
+    def read_as(
+        cls, path: Path | str, *, optional: frozenset[str], completed: Callable[[dict[str, Any]], dict[str, Any]] = dict
+    ) -> Self:
+        """The configuration of a file whose settings are completed before they are checked.
+
+        Args:
+            path: of the file.
+            optional: settings that may be left out.
+            completed: gives the settings with those that follow from them.
+
+        Raises:
+            ConfigError: `CONFIG_INVALID`, naming the key.
+        """
         path = Path(path)
-        given = spelled(cls, read_text(path), optional=OPTIONAL)
+        given = completed(spelled(cls, read_text(path), optional=optional))
         home = path.absolute().parent
         if given.get("policy", SHIPPED[0]) not in SHIPPED:
             given["policy"] = str(home / given["policy"])

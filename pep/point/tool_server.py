@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from starlette.types import Message, Receive, Scope, Send
 
     from pep.base.operation_row import Operation
-    from pep.mcp.guard import AnyServer
+    from pep.mcp.guard import AnyServer, CallContext, ServedTools
     from pep.mcp.provenance import Vouching
 
 LOOPBACK: Final = "127.0.0.1"
@@ -102,6 +102,7 @@ class GuardedServer(DecidingPoint):
             issuer=config.issuer,
             clock=self.clock,
             access=self.access,
+            served=self.served,
             vouching=None if vouching is None else vouching(self),
         )
         if config.authzen:
@@ -137,6 +138,10 @@ class GuardedServer(DecidingPoint):
                 await self._app(scope, told, send)
         except PepError as error:
             await send({"type": "lifespan.startup.failed", "message": str(error)})
+
+    async def served(self, ctx: CallContext, name: str) -> ServedTools:  # noqa: ARG002 - the list is the whole one
+        """Tools as the server lists them now; those of the name are among them."""
+        return await tool_guard.tools_of(self._server, ctx)
 
     def run(self, *, host: str = "", port: int = 0) -> None:
         """Serves until SIGINT or SIGTERM.

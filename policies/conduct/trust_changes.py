@@ -173,6 +173,7 @@ CHARGES: Final[Mapping[str, TrustChange]] = MappingProxyType(
         Reason.WATCH_LATE: _HOUSE,
         Reason.TICKET_MISSING: _STRANGER,
         Reason.GATEWAY_UNREACHABLE: _HOUSE,
+        Reason.UPSTREAM_UNREACHABLE: _HOUSE,
         Reason.SUBJECT_NOT_HOLDER: _STRANGER,
         Reason.NOT_EVALUATED: _HOUSE,
     }

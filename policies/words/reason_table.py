@@ -347,6 +347,9 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         Reason.GATEWAY_UNREACHABLE: ReasonRow(
             "The robot's gateway does not answer.", "Try again; where it stays so, the operator looks at the gateway."
         ),
+        Reason.UPSTREAM_UNREACHABLE: ReasonRow(
+            "The tool's own server does not answer.", "Try again; where it stays so, the operator looks at that server."
+        ),
         Reason.SUBJECT_NOT_HOLDER: ReasonRow(
             "The subject is not the agent that holds the token.",
             "Ask about the token's last agent, as a subject of type `agent`.",

@@ -216,9 +216,9 @@ class Plant:
         return [json.loads(line) for line in lines]
 
     @asynccontextmanager
-    async def caller(self, agent, token):
+    async def caller(self, agent, token, **options):
         async with httpx2.AsyncClient(auth=Signed(token, agent.key, self.audience), timeout=30) as http:
-            async with Client(streamable_http_client(self.audience, http_client=http)) as client:
+            async with Client(streamable_http_client(self.audience, http_client=http), **options) as client:
                 yield client
 
     def use(self, agent, token, tool, arguments):

@@ -40,7 +40,7 @@ class Valve(Rig):
             self.calls.append(params.arguments)
             return CallToolResult(content=[TextContent(type="text", text="open")])
 
-        async def served(ctx):
+        async def served(ctx, name):
             return [TOOL]
 
         guard = Guard(

@@ -70,6 +70,30 @@ def test_both_kinds_of_server_answer_alike(written, make):  # noqa: F811
     assert outcomes == ["done", "failed"]
 
 
+@pytest.mark.parametrize("make", [sdk, fast])
+def test_a_list_is_of_the_tools_that_its_caller_may_use(written, make):  # noqa: F811
+    server = make()
+
+    @operation("valve-8", base_tier=1)
+    def shut_valve() -> None:
+        """Shut the other valve."""
+
+    @operation("valve-7", base_tier=1)
+    def open_later() -> None:
+        """Open it later; nobody has approved this."""
+
+    tool = server.tool() if make is sdk else server.tool
+    tool(shut_valve)
+    approved = pins(server)
+
+    async def scenario(client):
+        names = [each.name for each in (await client.list_tools()).tools]
+        tool(open_later)
+        return names, [each.name for each in (await client.list_tools()).tools]
+
+    assert served(written(), server, scenario, approved) == (["open_valve"], ["open_valve"])
+
+
 def test_a_tool_that_changes_or_comes_twice_is_not_called(written):  # noqa: F811
     server = FastMCP("plant")
     server.add_tool(Tool.from_function(open_valve, version="1.0"))

@@ -1,0 +1,267 @@
+"""Relay: a server with nothing of its own, which passes each request on to the one behind it.
+
+It lists a tool that the configuration maps, and no other. Instructions, prompts and templates of resources go on where
+they are as they were reviewed; a caller's credentials and this project's own members of `_meta` never do.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from typing import TYPE_CHECKING, Any, Final
+
+from mcp import MCPError
+from mcp.server.lowlevel.server import Server
+from mcp_types import (
+    INVALID_PARAMS,
+    CallToolRequestParams,
+    CallToolResult,
+    CompleteRequestParams,
+    CompleteResult,
+    Completion,
+    GetPromptRequestParams,
+    GetPromptResult,
+    InputRequiredResult,
+    ListPromptsResult,
+    ListResourcesResult,
+    ListResourceTemplatesResult,
+    ListToolsResult,
+    PaginatedRequestParams,
+    PromptReference,
+    ReadResourceRequestParams,
+    ReadResourceResult,
+)
+
+from pep.base.errors import UpstreamError
+from pep.mcp.deferred_result import APPROVAL
+from pep.mcp.gateway.upstream import DECLARED
+
+if TYPE_CHECKING:
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+
+    from mcp.client.session import ClientSession
+    from mcp.server.context import ServerRequestContext
+    from mcp.shared.dispatcher import ProgressFnT
+    from mcp_types import Prompt, Resource, ResourceTemplate, Tool
+
+    from pep.mcp.gateway.lock import Lock
+    from pep.mcp.gateway.upstream import ToolUpstream
+
+    Context = ServerRequestContext[Any, Any]
+
+SERVER: Final = "ztpm-gateway"
+OURS: Final = ("dev.ztpm/", "io.modelcontextprotocol/")
+"""Beginnings of the keys of `_meta` that are between the caller and this gateway alone."""
+
+
+class UpstreamRelay:
+    """All servers behind one gateway, as one.
+
+    Args:
+        upstreams: the servers.
+        lock: reviewed definitions.
+        admitted: whether a tool, as it is now, may be listed and called.
+
+    Attributes:
+        server: the SDK's server in front of them.
+    """
+
+    def __init__(self, upstreams: Sequence[ToolUpstream], lock: Lock, *, admitted: Callable[[Tool], bool]) -> None:
+        self._upstreams = upstreams
+        self._lock = lock
+        self._admitted = admitted
+        self._homes = {each.config.prefix + name: each for each in upstreams for name in each.config.tool}
+        self.server: Server[Any] = Server(
+            SERVER,
+            on_list_tools=self._list_tools,
+            on_call_tool=self._call_tool,
+            on_list_prompts=self._list_prompts,
+            on_get_prompt=self._get_prompt,
+            on_list_resources=self._list_resources,
+            on_list_resource_templates=self._list_resource_templates,
+            on_read_resource=self._read_resource,
+            on_completion=self._complete,
+            # Header checks would ask for the list of tools once more, of every server.
+            get_tool_input_schema=lambda name: None,  # noqa: ARG005 - the SDK's signature
+        )
+
+    def introduce(self) -> None:
+        """Lets clients have the instructions of the servers that are as they were reviewed."""
+        told = [
+            f"{each.config.name}: {said}"
+            for each in self._upstreams
+            if (said := each.about[1]) and self._lock.has_instructions(each.config.name, said)
+        ]
+        self.server.instructions = "\n\n".join(told) or None
+
+    async def tools(self, name: str) -> list[Tool]:
+        """Definitions of the tools of that name, as the server that has it lists them now.
+
+        Raises:
+            UpstreamError: it does not answer.
+        """
+        home = self._homes.get(name)
+        return [] if home is None else [each for each in await self.mapped(home) if each.name == name]
+
+    # ---- tools
+
+    async def _list_tools(self, ctx: Context, params: PaginatedRequestParams | None) -> ListToolsResult:  # noqa: ARG002
+        """Tools of all servers that answer; those of another are not there to be called either."""
+        found = await asyncio.gather(*(self.mapped(each) for each in self._upstreams), return_exceptions=True)
+        return ListToolsResult(tools=[tool for listed in found for tool in _of(listed)])
+
+    async def mapped(self, upstream: ToolUpstream) -> list[Tool]:
+        """Definitions of the tools of one server that are mapped and admitted, under their names here.
+
+        Raises:
+            UpstreamError: it does not answer.
+        """
+        prefix, names = upstream.config.prefix, upstream.config.tool
+        found = [_renamed(each, prefix) for each in await upstream.tools() if each.name in names]
+        return [each for each in found if self._admitted(each)]
+
+    async def _call_tool(self, ctx: Context, params: CallToolRequestParams) -> CallToolResult | InputRequiredResult:
+        home = self._homes.get(params.name)
+        if home is None:
+            raise MCPError(INVALID_PARAMS, "unknown tool")
+        answers = {key: each for key, each in (params.input_responses or {}).items() if key != APPROVAL}
+        ours = params.input_responses is not None and APPROVAL in params.input_responses
+        sent = CallToolRequestParams(
+            name=params.name.removeprefix(home.config.prefix),
+            arguments=params.arguments,
+            input_responses=answers or None,
+            request_state=None if ours else params.request_state,
+        )
+        return await home.call(sent, meta=_passed_on(ctx), progress=_progress(ctx))
+
+    # ---- what is not a tool
+
+    async def _list_prompts(self, ctx: Context, params: PaginatedRequestParams | None) -> ListPromptsResult:  # noqa: ARG002
+        found: list[Prompt] = []
+        for each in self._with("prompts"):
+            found += [
+                _renamed(prompt, each.config.prefix)
+                for prompt in _of(await _tried(each.prompts()))
+                if self._lock.has_prompt(each.config.name, prompt)
+            ]
+        return ListPromptsResult(prompts=found)
+
+    async def _get_prompt(self, ctx: Context, params: GetPromptRequestParams) -> GetPromptResult | InputRequiredResult:
+        for each in self._with("prompts"):
+            name = params.name.removeprefix(each.config.prefix)
+            known = params.name.startswith(each.config.prefix) and any(
+                prompt.name == name and self._lock.has_prompt(each.config.name, prompt)
+                for prompt in await each.prompts()
+            )
+            if known:
+                return await each.asked(
+                    lambda session, name=name: session.get_prompt(  # type: ignore[misc]
+                        name,
+                        params.arguments,
+                        input_responses=params.input_responses,
+                        request_state=params.request_state,
+                        meta=_passed_on(ctx) or None,
+                        allow_input_required=True,
+                    )
+                )
+        raise MCPError(INVALID_PARAMS, "unknown prompt")
+
+    async def _list_resources(self, ctx: Context, params: PaginatedRequestParams | None) -> ListResourcesResult:  # noqa: ARG002
+        found: list[Resource] = []
+        for each in self._with("resources"):
+            found += _of(await _tried(each.resources()))
+        return ListResourcesResult(resources=found)
+
+    async def _list_resource_templates(
+        self,
+        ctx: Context,  # noqa: ARG002 - the SDK's signature
+        params: PaginatedRequestParams | None,  # noqa: ARG002 - likewise
+    ) -> ListResourceTemplatesResult:
+        found: list[ResourceTemplate] = []
+        for each in self._with("resources"):
+            found += [
+                template
+                for template in _of(await _tried(each.resource_templates()))
+                if self._lock.has_template(each.config.name, template)
+            ]
+        return ListResourceTemplatesResult(resource_templates=found)
+
+    async def _read_resource(
+        self, ctx: Context, params: ReadResourceRequestParams
+    ) -> ReadResourceResult | InputRequiredResult:
+        """Answer of the first server that has such a resource."""
+        refused: MCPError | None = None
+        for each in self._with("resources"):
+            try:
+                return await each.asked(
+                    lambda session: session.read_resource(
+                        params.uri,
+                        input_responses=params.input_responses,
+                        request_state=params.request_state,
+                        meta=_passed_on(ctx) or None,  # type: ignore[arg-type]
+                        allow_input_required=True,
+                    )
+                )
+            except MCPError as error:
+                refused = refused or error
+        raise refused or MCPError(INVALID_PARAMS, "unknown resource")
+
+    async def _complete(self, ctx: Context, params: CompleteRequestParams) -> CompleteResult:  # noqa: ARG002
+        """Completions of the first server that has some."""
+        known = None if params.context is None else params.context.arguments
+        argument = {"name": params.argument.name, "value": params.argument.value}
+        for each in self._with("prompts" if isinstance(params.ref, PromptReference) else "resources"):
+            ref = params.ref
+            if isinstance(ref, PromptReference):
+                if not ref.name.startswith(each.config.prefix):
+                    continue
+                ref = ref.model_copy(update={"name": ref.name.removeprefix(each.config.prefix)})
+
+            def question(session: ClientSession, ref: Any = ref) -> Awaitable[CompleteResult]:
+                return session.complete(ref, argument, context_arguments=known)
+
+            found = await _tried(each.asked(question))
+            if isinstance(found, CompleteResult) and found.completion.values:
+                return found
+        return CompleteResult(completion=Completion(values=[]))
+
+    def _with(self, what: str) -> Iterable[ToolUpstream]:
+        """Servers of which the configuration passes these on."""
+        return (each for each in self._upstreams if getattr(each.config, what))
+
+
+async def _tried(answer: Any) -> Any:
+    """The answer, or the error of a server that gives none."""
+    try:
+        return await answer
+    except (UpstreamError, MCPError) as error:
+        return error
+
+
+def _of(listed: Any) -> list[Any]:
+    return listed if isinstance(listed, list) else []
+
+
+def _renamed(definition: Any, prefix: str) -> Any:
+    return definition.model_copy(update={"name": prefix + definition.name}) if prefix else definition
+
+
+def _passed_on(ctx: Context) -> dict[str, Any]:
+    """Members of `_meta` that go on, and the caller's abilities.
+
+    A caller of the era before requests stated them can do nothing between a question and its answer here.
+    """
+    meta: Mapping[str, Any] = (ctx.params or {}).get("_meta") or {}
+    kept = {key: value for key, value in meta.items() if not key.startswith(OURS) and key != "progressToken"}
+    known = ctx.session.client_capabilities
+    declared = {} if known is None else known.model_dump(by_alias=True, mode="json", exclude_none=True)
+    return {**kept, DECLARED: declared}
+
+
+def _progress(ctx: Context) -> ProgressFnT | None:
+    """Way back for a call's progress, where its caller asks for it."""
+    asked = ((ctx.params or {}).get("_meta") or {}).get("progressToken") is not None
+
+    async def told(progress: float, total: float | None, message: str | None) -> None:
+        await ctx.session.report_progress(progress, total, message)
+
+    return told if asked else None

@@ -1,0 +1,292 @@
+"""MCP server behind the gateway: a connection that is kept up, and requests over it.
+
+A process is begun by the command of the configuration alone. No credential of a caller goes on: what a request carries
+to the server is built here.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from contextlib import AsyncExitStack, asynccontextmanager
+from typing import TYPE_CHECKING, Any, Final, Self, TypeVar, cast
+
+import httpx2
+from mcp import Client, MCPError, StdioServerParameters
+from mcp.client.stdio import stdio_client
+from mcp.client.streamable_http import streamable_http_client
+from mcp_types import CONNECTION_CLOSED, METHOD_NOT_FOUND, CallToolRequestParams, JSONRPCRequest, PaginatedRequestParams
+
+from pep.base.errors import UpstreamError
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator, Awaitable, Callable
+
+    from mcp.client.session import ClientSession
+    from mcp.shared.dispatcher import ProgressFnT
+    from mcp.shared.message import SessionMessage
+    from mcp_types import CallToolResult, Implementation, InputRequiredResult, Prompt, Resource, ResourceTemplate, Tool
+
+    from pep.mcp.gateway.upstream_config import UpstreamConfig
+
+    T = TypeVar("T")
+
+CONNECT_S: Final = 10.0
+"""Longest wait for a connection; a package runner may have to unpack the server first, which goes on meanwhile."""
+AGAIN_S: Final = (0.1, 0.5, 2.0, 5.0)
+"""Waits before the next attempts to connect; the last one repeats."""
+PAGES: Final = 100
+"""Most pages of one list; a server that never ends its list is refused."""
+NAMES: Final = 10_000
+"""Most members of one list."""
+CAPABILITIES: Final = "io.modelcontextprotocol/clientCapabilities"
+"""Key of `_meta` under which a request states what its client can do (MCP 2026-07-28)."""
+DECLARED: Final = "dev.ztpm/declared"
+"""Key of `_meta` under which the caller's own statement of that goes as far as the transport."""
+
+
+class ToolUpstream:
+    """One server, under its name in the configuration.
+
+    Args:
+        config: of it.
+        changed: is told of each new state in words, as it comes.
+
+    Attributes:
+        config: the same.
+        CONNECTED: word for the state in which it answers.
+    """
+
+    CONNECTED: Final = "connected"
+
+    def __init__(self, config: UpstreamConfig, changed: Callable[[str], None]) -> None:
+        self.config = config
+        self._changed = changed
+        self._client: Client | None = None
+        self._up = asyncio.Event()
+        self._broken = asyncio.Event()
+        self._tried = asyncio.Event()
+
+    async def run(self) -> None:
+        """Keeps the connection up, until it is cancelled."""
+        tries = 0
+        while True:
+            try:
+                async with self._connected() as client:
+                    tries = 0
+                    self._client = client
+                    self._broken.clear()
+                    self._up.set()
+                    self._tried.set()
+                    self._changed(self.CONNECTED)
+                    await self._broken.wait()
+                    self._changed("the connection ended")
+            except Exception as error:  # noqa: BLE001 - whatever a foreign server does: it is connected to again
+                self._changed(f"not connected: {_words(error)}")
+            finally:
+                self._client = None
+                self._up.clear()
+                self._tried.set()
+            await asyncio.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
+            tries += 1
+
+    async def tried(self) -> None:
+        """Waits for the first connection, or the first failure."""
+        await self._tried.wait()
+
+    @asynccontextmanager
+    async def _connected(self) -> AsyncIterator[Client]:
+        config = self.config
+        async with AsyncExitStack() as stack:
+            if config.url:
+                bearer = os.environ.get(config.bearer, "") if config.bearer else ""
+                headers = {"authorization": f"Bearer {bearer}"} if bearer else {}
+                http = httpx2.AsyncClient(headers=headers, timeout=httpx2.Timeout(CONNECT_S, read=config.timeout_s))
+                await stack.enter_async_context(http)
+                transport = streamable_http_client(config.url, http_client=http)
+            else:
+                command, *arguments = config.command
+                environment = {name: os.environ[name] for name in config.environment if name in os.environ}
+                parameters = StdioServerParameters(
+                    command=command,
+                    args=arguments,
+                    env=environment,
+                    cwd=config.folder,
+                    encoding_error_handler="replace",
+                )
+                transport = stdio_client(parameters)
+            client = Client(_declaring(transport), cache=None, read_timeout_seconds=config.timeout_s)
+            async with asyncio.timeout(CONNECT_S) as within:
+                await stack.enter_async_context(client)
+                within.reschedule(None)
+            yield client
+
+    # ---- requests
+
+    @property
+    def about(self) -> tuple[Implementation | None, str | None]:
+        """The server's name and version, and its instructions; nothing while it is not connected."""
+        client = self._client
+        return (None, None) if client is None else (client.server_info, client.instructions)
+
+    async def tools(self) -> list[Tool]:
+        """Definitions of its tools as it lists them now.
+
+        Raises:
+            UpstreamError: it does not answer, or its list has no end.
+        """
+        return await self._listed("tools", lambda session, page: session.list_tools(params=page))
+
+    async def prompts(self) -> list[Prompt]:
+        """Its prompts, likewise; none where it has none."""
+        if self._lacks("prompts"):
+            return []
+        return await self._listed("prompts", lambda session, page: session.list_prompts(params=page))
+
+    async def resource_templates(self) -> list[ResourceTemplate]:
+        """Templates of its resources, likewise."""
+        if self._lacks("resources"):
+            return []
+        return await self._listed(
+            "resource_templates", lambda session, page: session.list_resource_templates(params=page)
+        )
+
+    async def resources(self) -> list[Resource]:
+        """Its resources, likewise."""
+        if self._lacks("resources"):
+            return []
+        return await self._listed("resources", lambda session, page: session.list_resources(params=page))
+
+    async def asked(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
+        """Answer to a question without an effect; asked again over a new connection where one has ended.
+
+        Raises:
+            UpstreamError: it does not answer.
+            MCPError: it refuses.
+        """
+        try:
+            return await self._sent(question)
+        except UpstreamError:
+            return await self._sent(question)
+
+    async def call(
+        self, params: CallToolRequestParams, *, meta: dict[str, Any], progress: ProgressFnT | None
+    ) -> CallToolResult | InputRequiredResult:
+        """Result of a call, sent once.
+
+        Args:
+            params: name of the tool here, decided arguments, and a caller's answers to the server's own questions.
+            meta: of the request.
+            progress: is told of the server's progress.
+
+        Raises:
+            UpstreamError: it does not answer; whether it did anything is not known.
+            MCPError: it refuses.
+        """
+        return await self._sent(
+            lambda session: cast("Any", session).call_tool(
+                params.name,
+                params.arguments,
+                progress_callback=progress,
+                input_responses=params.input_responses,
+                request_state=params.request_state,
+                meta=meta or None,
+                allow_input_required=True,
+            )
+        )
+
+    def _lacks(self, capability: str) -> bool:
+        client = self._client
+        return client is None or getattr(client.server_capabilities, capability) is None
+
+    async def _listed(
+        self, what: str, page: Callable[[ClientSession, PaginatedRequestParams], Awaitable[Any]]
+    ) -> list[Any]:
+        found: list[Any] = []
+        cursor: str | None = None
+        for _ in range(PAGES):
+            at = PaginatedRequestParams(cursor=cursor)
+            try:
+                listed = await self.asked(lambda session, at=at: page(session, at))  # type: ignore[misc]
+            except MCPError as error:
+                if error.code == METHOD_NOT_FOUND:  # also where the server says that it has some
+                    return []
+                raise UpstreamError(self.config.name, f"its list of {what} is refused: {error.code}") from error
+            found.extend(getattr(listed, what))
+            cursor = listed.next_cursor
+            if len(found) > NAMES:
+                break
+            if cursor is None:
+                return found
+        raise UpstreamError(self.config.name, f"its list of {what} is longer than {NAMES}")
+
+    async def _sent(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
+        try:
+            async with asyncio.timeout(CONNECT_S):
+                await self._up.wait()
+        except TimeoutError:
+            raise UpstreamError(self.config.name, "not connected") from None
+        client = self._client
+        if client is None:
+            raise UpstreamError(self.config.name, "not connected")
+        try:
+            return await question(client.session)
+        except MCPError as error:
+            if error.code != CONNECTION_CLOSED:
+                raise
+            self._end(client)
+            raise UpstreamError(self.config.name, "the connection ended") from error
+        except (OSError, httpx2.HTTPError) as error:
+            self._end(client)
+            raise UpstreamError(self.config.name, _words(error)) from error
+
+    def _end(self, client: Client) -> None:
+        """Ends the connection that failed, unless another has taken its place."""
+        if self._client is client:
+            self._up.clear()
+            self._broken.set()
+
+
+def _words(error: BaseException) -> str:
+    """Kind of the first error within, and for an error of the system its own words."""
+    while isinstance(error, BaseExceptionGroup):
+        error = error.exceptions[0]
+    return (
+        f"{type(error).__name__}: {error.strerror}"
+        if isinstance(error, OSError) and error.strerror
+        else type(error).__name__
+    )
+
+
+class _Declaring:
+    """Write stream that states the caller's abilities in place of this client's own, where a request carries them."""
+
+    def __init__(self, stream: Any) -> None:
+        self._stream = stream
+
+    async def send(self, message: SessionMessage) -> None:
+        request = message.message
+        if isinstance(request, JSONRPCRequest) and request.params is not None:
+            meta = request.params.get("_meta")
+            if isinstance(meta, dict) and DECLARED in meta:
+                declared = meta.pop(DECLARED)
+                if CAPABILITIES in meta:  # else the server is of the era that heard them once, from this client
+                    meta[CAPABILITIES] = declared
+        await self._stream.send(message)
+
+    async def aclose(self) -> None:
+        await self._stream.aclose()
+
+    async def __aenter__(self) -> Self:
+        await self._stream.__aenter__()
+        return self
+
+    async def __aexit__(self, *raised: object) -> None:
+        await self._stream.__aexit__(*raised)
+
+
+@asynccontextmanager
+async def _declaring(transport: Any) -> AsyncIterator[Any]:
+    """The transport, whose requests state their callers' abilities."""
+    async with transport as (read, write):
+        yield read, _Declaring(write)

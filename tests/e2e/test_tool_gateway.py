@@ -1,0 +1,325 @@
+"""Gateway before servers that nobody changed: real processes over stdio and HTTP, an unchanged client, a real provider."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import anyio
+import httpx2
+import pytest
+from capabilities.values.scope import Range, Scope, Stems, Tier
+from mcp.types import ElicitResult
+from pep.point.tool_gateway_config import ToolGatewayConfig
+from tests.e2e.test_any_tool import DEADLINE_S, TOP, Plant, approve, told
+from tests.ztpm_idp.test_process import PASSPHRASE, free_port
+
+from capabilities.keys import keys
+from pep import grant
+
+pytestmark = pytest.mark.e2e
+MAPPING = """
+[tool.write_note]
+object = "notes"
+base_tier = 1
+[tool.write_note.arguments]
+title = "text"
+stars = { low = 0, high = 5, unit = "count", integer = true, above = { 4 = 3 } }
+"""
+
+
+class Front(Plant):
+    """The provider, a gateway, and two servers behind it: notes over stdio, slow ones over HTTP."""
+
+    def __init__(self, folder):
+        super().__init__(folder)
+        self.calls, self.changed = folder / "calls.ndjson", folder / "changed.json"
+        self.slow_port, self.slow = free_port(), None
+
+    @property
+    def environment(self):
+        return super().environment | {"FOREIGN_CALLS": str(self.calls), "FOREIGN_CHANGED": str(self.changed)}
+
+    @property
+    def config(self):
+        return self.folder / "gateway.toml"
+
+    def serve_slow(self):
+        command = [sys.executable, "-m", "tests.e2e.foreign_server", "slow", str(self.slow_port)]
+        self.slow = subprocess.Popen(command, cwd=TOP, env=self.environment)
+        assert self.answers(f"http://127.0.0.1:{self.slow_port}/mcp", self.slow) in {400, 405, 406}
+
+    def write(self):
+        key = keys.generate()
+        path = self.folder / "pep.key"
+        path.write_bytes(keys.to_pem(key, PASSPHRASE.encode()))
+        path.chmod(0o600)
+        with httpx2.Client() as http:
+            (self.folder / "trust.json").write_bytes(http.get(f"{self.provider.issuer}/trust").content)
+        (self.folder / "notes.toml").write_text(MAPPING)
+        self.config.write_text(f"""
+            audience = "{self.audience}"
+            pep_id = "gateway"
+            issuer = "{self.provider.issuer}"
+            trust_file = "trust.json"
+            pep_key_file = "pep.key"
+            folder = "state"
+            [upstream.notes]
+            command = [{json.dumps(sys.executable)}, "-m", "tests.e2e.foreign_server", "notes"]
+            folder = {json.dumps(str(TOP))}
+            environment = ["FOREIGN_CALLS", "FOREIGN_CHANGED"]
+            mapping = "notes.toml"
+            resources = true
+            prompts = true
+            [upstream.slow]
+            url = "http://127.0.0.1:{self.slow_port}/mcp"
+            prefix = "slow_"
+            timeout_s = 20
+            [upstream.slow.tool.work]
+            object = "slow"
+            base_tier = 1
+            [upstream.slow.tool.work.arguments]
+            seconds = {{ low = 0, high = 8000, unit = "ms", scale = 1000 }}
+            [upstream.slow.tool.ask]
+            object = "slow"
+            base_tier = 0
+        """)
+        with self.provider.operator() as alice:
+            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
+        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
+        self.person.chmod(0o600)
+        self.rows = ToolGatewayConfig.read(self.config).rows()
+
+    def pinned(self):
+        """Lines for the person, once the tools are registered and the lock file is written."""
+        done = subprocess.run(
+            [sys.executable, "-m", "ztpm", "mcp", "pin", "--as", "alice", "--issuer", self.provider.issuer, "--key",
+             str(self.person), "--gateway", str(self.config), "--yes"],
+            cwd=TOP, capture_output=True, text=True, timeout=DEADLINE_S, env=self.environment, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        return done.stdout
+
+    def start(self):
+        command = [sys.executable, "-m", "ztpm", "mcp", "gateway", "--config", str(self.config), "--json"]
+        with (self.folder / "gateway.log").open("w") as log:
+            self.child = subprocess.Popen(
+                command, cwd=TOP, env=self.environment, stdout=subprocess.PIPE, stderr=log, text=True
+            )
+        self.ready = json.loads(self.child.stdout.readline())
+        return self
+
+    def stop(self):
+        self.child.send_signal(signal.SIGTERM)
+        self.child.communicate(timeout=DEADLINE_S)
+
+    def use(self, agent, token, tool, arguments):
+        """Answer to a call, sent again where the machine was too slow for a verdict's lifetime, as its remedy says."""
+        until = time.monotonic() + DEADLINE_S
+        while True:
+            answer = super().use(agent, token, tool, arguments)
+            if told(answer)["reason"] != "VERDICT_EXPIRED" or time.monotonic() > until:
+                return answer
+
+    def lend(self, agent, *grants, ceiling=Tier.REVERSIBLE):
+        now = int(time.time())
+        scope = Scope(
+            grants=tuple(sorted(grants, key=lambda each: (each.object, each.operation))), ceiling=ceiling,
+            audiences=frozenset({self.audience}), delegates=frozenset(), depth=0, not_before=now - 5,
+            not_after=now + 600,
+        )  # fmt: skip
+        with self.provider.operator() as alice:
+            return alice.issue(agent, scope, purpose="try the servers").token
+
+    def heard(self):
+        """Calls that the servers noted."""
+        return [json.loads(line) for line in self.calls.read_text().splitlines()] if self.calls.exists() else []
+
+    def listed(self, agent, token):
+        async def once():
+            async with self.caller(agent, token) as client:
+                return sorted(each.name for each in (await client.list_tools()).tools)
+
+        return asyncio.run(once())
+
+    def end(self):
+        if self.slow is not None:
+            self.slow.kill()
+        super().end()
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    made = Front(tmp_path_factory.mktemp("front"))
+    try:
+        made.serve_slow()
+        made.write()
+        made.said = made.pinned()
+        yield made.start()
+    finally:
+        made.end()
+
+
+@pytest.fixture
+def front(served):
+    served.calls.unlink(missing_ok=True)
+    return served
+
+
+def test_servers_that_nobody_changed(front):
+    assert '+          "description": "Write a note."' in front.said
+    assert (front.ready["tools"], front.ready["withheld"]) == (["slow_ask", "slow_work", "write_note"], {})
+    agent = front.agent("keeper")
+    notes = grant(front.rows["write_note"], stars=Range(0, 3), title=Stems(frozenset({"public "}), ""))
+    token = front.lend(agent, notes, grant(front.rows["slow_work"]), grant(front.rows["slow_ask"]))
+    only_notes = front.lend(agent, notes)
+
+    # A list is of its caller's tools; a tool that is not mapped is nobody's.
+    assert front.listed(agent, token) == ["slow_ask", "slow_work", "write_note"]
+    assert front.listed(agent, only_notes) == ["write_note"]
+    assert told(front.use(agent, token, "wipe", {}))["reason"] == "TOOL_UNKNOWN"
+
+    # Permitted: the decided arguments arrive, and nothing of the caller's credentials.
+    done = front.use(agent, token, "write_note", {"title": "public one", "stars": 3})
+    assert (done.content[0].text, told(done)["decision"]) == ("write_note done", "PERMIT")
+    (heard,) = front.heard()
+    assert heard["arguments"] == {"title": "public one", "stars": 3}
+    assert not [key for key in heard["meta"] if key.startswith("dev.ztpm")]
+    # Refused by the token's limit, and not heard of by the server.
+    refused = told(front.use(agent, token, "write_note", {"title": "public one", "stars": 4}))
+    assert (refused["reason"], refused["nearest_permitted"]) == ("LIMIT_EXCEEDED_BY_REQUEST", 3)
+    refused = told(front.use(agent, token, "write_note", {"title": "secret one", "stars": 1}))
+    assert refused["decision"] == "DENY"
+    assert len(front.heard()) == 1
+
+    # Over HTTP: neither the token nor the proof goes on.
+    assert told(front.use(agent, token, "slow_work", {"seconds": 0.1}))["decision"] == "PERMIT"
+    heard = front.heard()[-1]
+    assert (heard["tool"], heard["arguments"]) == ("work", {"seconds": 0.1})
+    assert not {"authorization", "dpop"} & set(heard["headers"])
+
+
+def test_a_changed_definition_is_not_called_until_it_is_approved_again(front):
+    agent = front.agent("changer")
+    token = front.lend(agent, grant(front.rows["write_note"]))
+    note = {"title": "a", "stars": 1}
+    assert told(front.use(agent, token, "write_note", note))["decision"] == "PERMIT"
+    for how in ({}, {"title": "Note"}, {"annotations": {"readOnlyHint": True}}):
+        front.changed.write_text(json.dumps(how))
+        assert told(front.use(agent, token, "write_note", note))["reason"] == "TOOL_DEFINITION_CHANGED"
+        assert front.listed(agent, token) == []
+    assert len(front.heard()) == 1
+    front.changed.unlink()
+    assert told(front.use(agent, token, "write_note", note))["decision"] == "PERMIT"
+    front.changed.write_text("{}")
+    said = front.pinned()
+    assert "say it to nobody" in said
+    until = time.monotonic() + DEADLINE_S
+    while told(front.use(agent, token, "write_note", note))["decision"] != "PERMIT":
+        assert time.monotonic() < until
+    front.changed.unlink()
+    front.pinned()
+
+
+def test_a_person_is_asked_and_the_retry_happens_once(front):
+    agent = front.agent("asker")
+    token = front.lend(agent, grant(front.rows["write_note"]), ceiling=Tier.HIGH_CONSEQUENCE)
+    note = {"title": "five stars", "stars": 5}
+    deferred = told(front.use(agent, token, "write_note", note))
+    assert (deferred["decision"], front.heard()) == ("DEFER", [])
+    answer = front.use(agent, token, "write_note", note).structured_content
+    approve(front, answer["approval_id"])
+    until = time.monotonic() + DEADLINE_S
+    while told(front.use(agent, token, "write_note", note))["decision"] != "PERMIT":
+        assert time.monotonic() < until
+        time.sleep(0.1)
+    assert told(front.use(agent, token, "write_note", note))["decision"] == "DEFER"
+    assert len(front.heard()) == 1
+
+
+def test_progress_questions_and_cancellation_go_through(front):
+    agent = front.agent("worker")
+    token = front.lend(agent, grant(front.rows["slow_work"]), grant(front.rows["slow_ask"]))
+
+    async def all_of_it():
+        seen = []
+
+        async def progressed(progress, total, message):
+            seen.append((progress, total, message))
+
+        async with front.caller(agent, token) as client:
+            await client.call_tool("slow_work", {"seconds": 0.4}, progress_callback=progressed)
+            assert seen == [(step, 4, f"step {step}") for step in (1, 2, 3, 4)]
+            with anyio.move_on_after(1.5):
+                await client.call_tool("slow_work", {"seconds": 8})
+        until = time.monotonic() + DEADLINE_S
+        while {"cancelled": True} not in front.heard():
+            assert time.monotonic() < until
+            await asyncio.sleep(0.05)
+
+        async def answered(context, params):
+            return ElicitResult(action="accept", content={"name": "Ada"})
+
+        async with front.caller(agent, token, elicitation_callback=answered) as client:
+            assert (await client.call_tool("slow_ask", {})).content[0].text == "hello Ada"
+
+    asyncio.run(all_of_it())
+
+
+def test_prompts_resources_and_instructions_as_they_were_reviewed(front):
+    agent = front.agent("reader")
+    token = front.lend(agent, grant(front.rows["write_note"]))
+
+    async def read():
+        async with front.caller(agent, token) as client:
+            assert client.instructions == "notes: Use notes well.\n\nslow: Use slow well."
+            assert [each.name for each in (await client.list_prompts()).prompts] == ["greet"]
+            assert (await client.get_prompt("greet")).messages[0].content.text == "hello"
+            assert [str(each.uri) for each in (await client.list_resources()).resources] == ["note://1"]
+            assert (await client.read_resource("note://1")).contents[0].text == "the note"
+
+    asyncio.run(read())
+    # Nothing was reviewed: neither prompts nor instructions go on.
+    front.stop()
+    lock = front.folder / "gateway.lock.json"
+    kept = lock.read_bytes()
+    lock.unlink()
+    front.start()
+
+    async def withheld():
+        async with front.caller(agent, token) as client:
+            assert client.instructions is None
+            assert (await client.list_prompts()).prompts == []
+
+    asyncio.run(withheld())
+    lock.write_bytes(kept)
+
+
+def test_a_server_that_goes_and_comes_back(front):
+    front.stop()
+    front.slow.kill()
+    front.slow.wait()
+    front.start()
+    assert front.ready["tools"] == ["write_note"]
+    agent = front.agent("waiter")
+    token = front.lend(agent, grant(front.rows["slow_work"]), grant(front.rows["write_note"]))
+    assert told(front.use(agent, token, "write_note", {"title": "a", "stars": 1}))["decision"] == "PERMIT"
+    assert told(front.use(agent, token, "slow_work", {"seconds": 0}))["reason"] == "TOOL_UNKNOWN"
+    front.serve_slow()
+    until = time.monotonic() + DEADLINE_S
+    while told(front.use(agent, token, "slow_work", {"seconds": 0}))["decision"] != "PERMIT":
+        assert time.monotonic() < until
+        time.sleep(0.2)
+    front.slow.kill()
+    front.slow.wait()
+    refused = told(front.use(agent, token, "slow_work", {"seconds": 0}))
+    assert refused["reason"] in {"UPSTREAM_UNREACHABLE", "EFFECT_FAILED"}
+    # A process behind the gateway is begun again.
+    children = subprocess.run(["pgrep", "-P", str(front.child.pid)], capture_output=True, text=True, check=True)
+    os.kill(int(children.stdout.split()[0]), signal.SIGKILL)
+    assert told(front.use(agent, token, "write_note", {"title": "b", "stars": 1}))["decision"] == "PERMIT"
