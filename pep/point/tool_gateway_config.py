@@ -52,7 +52,7 @@ class ToolGatewayConfig(GuardConfig):
                 raise ConfigError(PepFault.CONFIG_INVALID, "upstream: there is no server")
             tools: dict[str, Any] = {}
             for server in servers:
-                for name, table in server.tool.items():
+                for name, table in (server.tool or {}).items():
                     if server.prefix + name in tools:
                         said = f"upstream.{server.name}: a second tool {server.prefix}{name}; give it a prefix"
                         raise ConfigError(PepFault.CONFIG_INVALID, said)

@@ -14,10 +14,13 @@ import anyio
 import httpx2
 import pytest
 from capabilities.values.scope import Range, Scope, Stems, Tier
+from mcp import Client, StdioServerParameters
+from mcp.client.stdio import stdio_client
 from mcp.types import ElicitResult
 from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.test_any_tool import DEADLINE_S, TOP, Plant, approve, told
 from tests.ztpm_idp.test_process import PASSPHRASE, free_port
+from ztpm.base.layout import Layout
 
 from capabilities.keys import keys
 from pep import grant
@@ -323,3 +326,44 @@ def test_a_server_that_goes_and_comes_back(front):
     children = subprocess.run(["pgrep", "-P", str(front.child.pid)], capture_output=True, text=True, check=True)
     os.kill(int(children.stdout.split()[0]), signal.SIGKILL)
     assert told(front.use(agent, token, "write_note", {"title": "b", "stars": 1}))["decision"] == "PERMIT"
+
+
+def test_a_client_that_knows_only_stdio(front):
+    agent = front.agent("desk")
+    token = front.lend(agent, grant(front.rows["write_note"], stars=Range(0, 3)), grant(front.rows["slow_work"]))
+    data = front.folder / "data"
+    layout = Layout(data)
+    layout.agent_key("desk").parent.mkdir(parents=True)
+    layout.agent_key("desk").write_bytes(keys.to_pem(agent.key, PASSPHRASE.encode()))
+    layout.agent_key("desk").chmod(0o600)
+    layout.trust.write_bytes((front.folder / "trust.json").read_bytes())
+    (front.folder / "desk.token").write_text(token)
+    arguments = ["-m", "ztpm", "mcp", "connect", "desk", front.audience, "--token", str(front.folder / "desk.token")]
+
+    async def used(mode):
+        seen = []
+
+        async def progressed(progress, total, message):
+            seen.append(progress)
+
+        with (front.folder / "bridge.log").open("w") as log:
+            command = StdioServerParameters(
+                command=sys.executable, args=[*arguments, "--data", str(data)], env=front.environment, cwd=TOP
+            )
+            async with Client(stdio_client(command, errlog=log), mode=mode) as client:
+                names = sorted(each.name for each in (await client.list_tools()).tools)
+                done = await client.call_tool("write_note", {"title": "a", "stars": 2})
+                refused = await client.call_tool("write_note", {"title": "a", "stars": 4})
+                await client.call_tool("slow_work", {"seconds": 0.2}, progress_callback=progressed)
+        return names, told(done)["decision"], told(refused)["reason"], seen
+
+    for mode in ("2026-07-28", "legacy"):
+        assert asyncio.run(used(mode)) == (
+            ["slow_work", "write_note"], "PERMIT", "LIMIT_EXCEEDED_BY_REQUEST", [1, 2, 3, 4],
+        )  # fmt: skip
+    with (front.folder / "stranger.log").open("w") as log:
+        done = subprocess.run(
+            [sys.executable, *arguments[:-1], str(front.folder / "desk.token"), "--data", str(data / "none")],
+            cwd=TOP, env=front.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, b"")

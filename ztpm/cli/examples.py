@@ -108,6 +108,7 @@ EXAMPLES: Final = {
     "mandate draw": "0123456789abcdef0123456789abcdef mover --software mover.py --out mover.token",
     "cell sign": "draft.toml --key .ztpm/operators/alice.key --out cell.jws",
     "cell show": "cell.jws --signer PUBLIC",
+    "mcp connect": "planner http://127.0.0.1:8900/mcp --token planner.token",
     "mcp gateway": "--config gateway.toml",
     "mcp pin": "--as carol",
     "mcp serve": "--data .ztpm",

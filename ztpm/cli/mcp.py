@@ -13,7 +13,9 @@ import typer
 
 from capabilities.values.characters import shown
 from ztpm.cli.output import fail, say_json
-from ztpm.cli.provider.person import Json, Signer, layout_of, refusals, signed
+from ztpm.cli.provider.agent import AgentName
+from ztpm.cli.provider.person import CellDirectory, Json, Signer, layout_of, refusals, signed
+from ztpm.cli.rtde_run import LeaseSoftware, LeaseToken, Mandate, authority_of
 
 if TYPE_CHECKING:
     from pep.mcp.guard import AnyServer
@@ -101,6 +103,37 @@ def _own_tools(server: str, guard: Path) -> tuple[str, Path, tuple[ToolPin, ...]
 
     config = GuardConfig.read(guard)
     return config.audience, config.trust_file, pins(server_of(server), config)
+
+
+@app.command("connect")
+def connect(
+    agent: AgentName,
+    url: Annotated[str, typer.Argument(metavar="URL", help="Of the server, as the token names it.")],
+    *,
+    token: LeaseToken = None,
+    mandate: Mandate = "",
+    software: LeaseSoftware = None,
+    timeout_s: Annotated[float, typer.Option("--timeout", help="Longest wait for an answer, in seconds.")] = 600.0,
+    directory: CellDirectory = None,
+) -> None:
+    """Serve a guarded server's tools over stdio, each request signed with an agent's key.
+
+    For hosts that start servers by a command. Standard error says how the connection stands.
+    """
+    from pep.base.errors import PepError
+    from pep.mcp.gateway.bridge import bridge
+    from ztpm_idp.client import ProofAuth
+
+    key, text, tokens = authority_of(agent, token, mandate, software, directory=directory)
+    auth = ProofAuth(key, text) if tokens is None else tokens.auth()
+
+    def told(words: str) -> None:
+        typer.echo(f"{url}: {words}", err=True)
+
+    try:
+        asyncio.run(bridge(url, auth, timeout_s=timeout_s, told=told))
+    except PepError as error:
+        fail(error.code, error.detail)
 
 
 class LockFile:

@@ -16,8 +16,8 @@ from ztpm.cli.provider.token import read_token
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
-    from ztpm.program.lease_renewal import Tokens
     from ztpm.program.program_lease import LeaseOutcome
+    from ztpm_idp.client import Renewal
 
 LeaseToken = Annotated[
     Path | None, typer.Option("--token", help="File of the holder's token.", exists=True, dir_okay=False)
@@ -129,7 +129,7 @@ def _lent(
     from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
     from ztpm.program.refusal_lines import RefusalLines, on_standard_error
 
-    key, text, tokens = _authority(agent, *authority, directory=directory)
+    key, text, tokens = authority_of(agent, *authority, directory=directory)
     door, audience, pep = gateway
 
     def begun(host: str) -> None:
@@ -152,9 +152,9 @@ def _lent(
         fail_at("", error, "NOT_BEGUN")
 
 
-def _authority(
+def authority_of(
     agent: str, token: Path | None, mandate: str, software: Path | None, *, directory: Path | None
-) -> tuple[PrivateKey, str, Tokens | None]:
+) -> tuple[PrivateKey, str, Renewal | None]:
     """The agent's key, a token's text, and where the next ones come from; or the end of the command."""
     from ztpm_idp.client import Denied
 

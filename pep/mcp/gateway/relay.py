@@ -58,18 +58,19 @@ class UpstreamRelay:
 
     Args:
         upstreams: the servers.
-        lock: reviewed definitions.
+        lock: reviewed definitions; None where the servers guard themselves, and all they say goes on.
         admitted: whether a tool, as it is now, may be listed and called.
 
     Attributes:
         server: the SDK's server in front of them.
     """
 
-    def __init__(self, upstreams: Sequence[ToolUpstream], lock: Lock, *, admitted: Callable[[Tool], bool]) -> None:
+    def __init__(
+        self, upstreams: Sequence[ToolUpstream], lock: Lock | None, *, admitted: Callable[[Tool], bool]
+    ) -> None:
         self._upstreams = upstreams
         self._lock = lock
         self._admitted = admitted
-        self._homes = {each.config.prefix + name: each for each in upstreams for name in each.config.tool}
         self.server: Server[Any] = Server(
             SERVER,
             on_list_tools=self._list_tools,
@@ -89,7 +90,7 @@ class UpstreamRelay:
         told = [
             f"{each.config.name}: {said}"
             for each in self._upstreams
-            if (said := each.about[1]) and self._lock.has_instructions(each.config.name, said)
+            if (said := each.about[1]) and (self._lock is None or self._lock.has_instructions(each.config.name, said))
         ]
         self.server.instructions = "\n\n".join(told) or None
 
@@ -99,7 +100,7 @@ class UpstreamRelay:
         Raises:
             UpstreamError: it does not answer.
         """
-        home = self._homes.get(name)
+        home = self._home(name)
         return [] if home is None else [each for each in await self.mapped(home) if each.name == name]
 
     # ---- tools
@@ -116,11 +117,19 @@ class UpstreamRelay:
             UpstreamError: it does not answer.
         """
         prefix, names = upstream.config.prefix, upstream.config.tool
-        found = [_renamed(each, prefix) for each in await upstream.tools() if each.name in names]
+        found = [_renamed(each, prefix) for each in await upstream.tools() if names is None or each.name in names]
         return [each for each in found if self._admitted(each)]
 
+    def _home(self, name: str) -> ToolUpstream | None:
+        """The server that has the tool of that name."""
+        for each in self._upstreams:
+            own = name.removeprefix(each.config.prefix)
+            if name.startswith(each.config.prefix) and (each.config.tool is None or own in each.config.tool):
+                return each
+        return None
+
     async def _call_tool(self, ctx: Context, params: CallToolRequestParams) -> CallToolResult | InputRequiredResult:
-        home = self._homes.get(params.name)
+        home = self._home(params.name)
         if home is None:
             raise MCPError(INVALID_PARAMS, "unknown tool")
         answers = {key: each for key, each in (params.input_responses or {}).items() if key != APPROVAL}
@@ -141,7 +150,7 @@ class UpstreamRelay:
             found += [
                 _renamed(prompt, each.config.prefix)
                 for prompt in _of(await _tried(each.prompts()))
-                if self._lock.has_prompt(each.config.name, prompt)
+                if self._lock is None or self._lock.has_prompt(each.config.name, prompt)
             ]
         return ListPromptsResult(prompts=found)
 
@@ -149,7 +158,7 @@ class UpstreamRelay:
         for each in self._with("prompts"):
             name = params.name.removeprefix(each.config.prefix)
             known = params.name.startswith(each.config.prefix) and any(
-                prompt.name == name and self._lock.has_prompt(each.config.name, prompt)
+                prompt.name == name and (self._lock is None or self._lock.has_prompt(each.config.name, prompt))
                 for prompt in await each.prompts()
             )
             if known:
@@ -181,7 +190,7 @@ class UpstreamRelay:
             found += [
                 template
                 for template in _of(await _tried(each.resource_templates()))
-                if self._lock.has_template(each.config.name, template)
+                if self._lock is None or self._lock.has_template(each.config.name, template)
             ]
         return ListResourceTemplatesResult(resource_templates=found)
 

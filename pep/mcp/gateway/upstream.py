@@ -51,6 +51,7 @@ class ToolUpstream:
     Args:
         config: of it.
         changed: is told of each new state in words, as it comes.
+        auth: signs each request to a URL; None for the configured bearer token, or for nothing.
 
     Attributes:
         config: the same.
@@ -59,8 +60,11 @@ class ToolUpstream:
 
     CONNECTED: Final = "connected"
 
-    def __init__(self, config: UpstreamConfig, changed: Callable[[str], None]) -> None:
+    def __init__(
+        self, config: UpstreamConfig, changed: Callable[[str], None], *, auth: httpx2.Auth | None = None
+    ) -> None:
         self.config = config
+        self._auth = auth
         self._changed = changed
         self._client: Client | None = None
         self._up = asyncio.Event()
@@ -101,7 +105,9 @@ class ToolUpstream:
             if config.url:
                 bearer = os.environ.get(config.bearer, "") if config.bearer else ""
                 headers = {"authorization": f"Bearer {bearer}"} if bearer else {}
-                http = httpx2.AsyncClient(headers=headers, timeout=httpx2.Timeout(CONNECT_S, read=config.timeout_s))
+                http = httpx2.AsyncClient(
+                    headers=headers, auth=self._auth, timeout=httpx2.Timeout(CONNECT_S, read=config.timeout_s)
+                )
                 await stack.enter_async_context(http)
                 transport = streamable_http_client(config.url, http_client=http)
             else:

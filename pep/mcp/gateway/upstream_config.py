@@ -28,7 +28,7 @@ class UpstreamConfig(BaseModel):
         prefix: put before the names of its tools and prompts.
         timeout_s: longest wait for an answer.
         resources, prompts: whether its resources and prompts are for every holder of a live token.
-        tool: declarations of its tools, by its own names.
+        tool: declarations of its tools, by its own names; None where it guards itself, and all it has is passed on.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
@@ -39,11 +39,11 @@ class UpstreamConfig(BaseModel):
     folder: Annotated[Path, Strict(strict=False)] = Path()
     environment: Annotated[tuple[Variable, ...], Strict(strict=False)] = ()
     bearer: Variable | Literal[""] = ""
-    prefix: str = Field("", pattern=r"^[A-Za-z0-9_.-]{0,32}$")
+    prefix: str = Field(default="", pattern=r"^[A-Za-z0-9_.-]{0,32}$")
     timeout_s: float = Field(TIMEOUT_S, gt=0, le=TIMEOUT_MOST_S)
     resources: bool = False
     prompts: bool = False
-    tool: dict[str, Any] = {}
+    tool: dict[str, Any] | None = {}
 
     @model_validator(mode="after")
     def _reached(self) -> UpstreamConfig:
