@@ -2,7 +2,8 @@
 
 The proof is an ordinary one. `mcp:` and the JSON-RPC method stand for the HTTP method, which can hold no colon, so that
 no proof counts on both carriages; the server's audience stands for the URL; and the body is the RFC 8785 form of the
-params without the two members. Everything else in `_meta` is covered, so the signer is the last to touch the request.
+params without the two members, and without those that a client's SDK adds on the way (`UNCOVERED`). Everything else is
+covered, so a retry needs a new proof.
 """
 
 from __future__ import annotations
@@ -22,7 +23,23 @@ if TYPE_CHECKING:
 META: Final = "_meta"
 TOKEN: Final = "dev.ztpm/token"  # noqa: S105 - the name of a member
 PROOF: Final = "dev.ztpm/proof"
-_CREDENTIALS: Final = (TOKEN, PROOF)
+CREDENTIALS: Final = frozenset({TOKEN, PROOF})
+UNCOVERED: Final = frozenset(
+    {
+        "progressToken",
+        "io.modelcontextprotocol/protocolVersion",
+        "io.modelcontextprotocol/clientInfo",
+        "io.modelcontextprotocol/clientCapabilities",
+        "io.modelcontextprotocol/logLevel",
+        "traceparent",
+        "tracestate",
+        "baggage",
+    }
+)
+"""Members of `_meta` that an SDK writes after its caller has signed.
+
+They say how to answer, and name a trace; none is decided on.
+"""
 _CLAUSE: Final = "PRF-10"
 
 
@@ -60,10 +77,10 @@ def attach(
     at: int,
     jti: str,
 ) -> dict[str, object]:
-    """Params with token and a new proof by `key`; any later change in them voids the proof.
+    """Params with token and a new proof by `key`; any later change of what is covered voids the proof.
 
     Args:
-        params: of the request, complete: progress token, protocol version and all. Credentials in them are replaced.
+        params: of the request, complete but for members that are not covered. Credentials in them are replaced.
         rpc_method: JSON-RPC method of the request.
         audience: canonical URL of the server.
         key: the holder's.
@@ -77,8 +94,8 @@ def attach(
     meta = params.get(META, {})
     if not isinstance(meta, dict):
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "_meta is no object")
-    rest = _without(meta)
-    body = strict_json.canonical({**params, META: rest})
+    rest = _without(meta, CREDENTIALS)
+    body = _covered(params, rest)
     proof = prove(key, method=method(rpc_method), url=audience, body=body, token=token, at=at, jti=jti)
     return {**params, META: {**rest, TOKEN: token, PROOF: proof}}
 
@@ -95,7 +112,7 @@ def detach(params: object, *, rpc_method: str) -> UnverifiedRequest | Fault:
         credential that is no text, and `PROOF_MALFORMED` for credentials beside params without a canonical form.
     """
     meta = params.get(META) if isinstance(params, dict) else None
-    if not isinstance(params, dict) or not isinstance(meta, dict) or meta.keys().isdisjoint(_CREDENTIALS):
+    if not isinstance(params, dict) or not isinstance(meta, dict) or meta.keys().isdisjoint(CREDENTIALS):
         return UnverifiedRequest(None, None, method(rpc_method), b"", params)
     token, proof = meta.get(TOKEN), meta.get(PROOF)
     # A null is no absent member: a reader that takes it for one would see another request.
@@ -103,21 +120,36 @@ def detach(params: object, *, rpc_method: str) -> UnverifiedRequest | Fault:
         return Fault(FaultCode.TOKEN_MALFORMED, _CLAUSE, "the token is no text")
     if PROOF in meta and not isinstance(proof, str):
         return Fault(FaultCode.PROOF_MALFORMED, _CLAUSE, "the proof is no text")
-    rest = {**params, META: _without(meta)}
+    rest = _without(meta, CREDENTIALS)
     try:
-        body = strict_json.canonical(rest)
+        body = _covered(params, rest)
     except StatementError as error:
         return Fault(FaultCode.PROOF_MALFORMED, _CLAUSE, error.detail)
-    return UnverifiedRequest(token, proof, method(rpc_method), body, rest)
+    return UnverifiedRequest(token, proof, method(rpc_method), body, {**params, META: rest})
 
 
 def stray(params: object) -> Fault | None:
     """None for a request over HTTP, whose header alone carries credentials; `TOKEN_MALFORMED` when `_meta` does too."""
     meta = params.get(META) if isinstance(params, dict) else None
-    if isinstance(meta, dict) and not meta.keys().isdisjoint(_CREDENTIALS):
+    if isinstance(meta, dict) and not meta.keys().isdisjoint(CREDENTIALS):
         return Fault(FaultCode.TOKEN_MALFORMED, _CLAUSE, "credentials in the header's stead")
     return None
 
 
-def _without(meta: Mapping[str, object]) -> dict[str, object]:
-    return {name: value for name, value in meta.items() if name not in _CREDENTIALS}
+def stripped(params: Mapping[str, object]) -> dict[str, object]:
+    """The params without credentials, fit or not."""
+    meta = params.get(META)
+    return {**params, META: _without(meta, CREDENTIALS)} if isinstance(meta, dict) else dict(params)
+
+
+def _covered(params: Mapping[str, object], rest: Mapping[str, object]) -> bytes:
+    """The bytes that a proof covers: params with this `_meta`, less what is not covered.
+
+    Raises:
+        StatementError: they have no canonical form.
+    """
+    return strict_json.canonical({**params, META: _without(rest, UNCOVERED)})
+
+
+def _without(meta: Mapping[str, object], names: frozenset[str]) -> dict[str, object]:
+    return {name: value for name, value in meta.items() if name not in names}

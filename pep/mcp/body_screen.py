@@ -13,6 +13,8 @@ BODY_BYTES: Final = 32_768
 
 A tool call of a cell has some hundred bytes, and reading a strange one takes time from all others.
 """
+LINE_BYTES: Final = 2 * BODY_BYTES
+"""Longest line over stdio: a body, and as much again for what HTTP has in its headers."""
 DEPTH: Final = 32
 """Deepest nesting."""
 
@@ -32,17 +34,18 @@ class Unfit:
     detail: str
 
 
-def screen(body: bytes) -> dict[str, Any] | Unfit:
+def screen(body: bytes, *, limit_bytes: int = BODY_BYTES) -> dict[str, Any] | Unfit:
     """The object that every JSON reader sees in `body`.
 
     Args:
         body: as it came over the wire.
+        limit_bytes: cap on its size.
 
     Returns:
         The object, or why there is none: `BODY_TOO_LARGE`, `NOT_FINITE`, `OUT_OF_RANGE` or `BODY_MALFORMED`.
     """
     try:
-        value = read(body, limit_bytes=BODY_BYTES, limit_depth=DEPTH)
+        value = read(body, limit_bytes=limit_bytes, limit_depth=DEPTH)
     except JsonError as error:
         return Unfit(_REASONS[error.defect], error.detail)
     if not isinstance(value, dict):

@@ -43,6 +43,7 @@ async def decorated(server: AnyServer) -> dict[str, Operation]:
     """
     if fastmcp_server.is_fastmcp(server):
         return await fastmcp_server.decorated(cast("FastMCPServer", server))
+    # The SDK tells a tool's function in no public way; without this table no tool is declared, and none is served.
     table = getattr(server, "_tool_manager", None)
     tools = () if table is None else table.list_tools()
     for tool in tools:

@@ -1,7 +1,8 @@
-"""FastMCP server behind the guard, through its public hooks alone: middleware, its list of tools, its HTTP app.
+"""FastMCP server behind the guard, through its public hooks: middleware, its list of tools, its HTTP app.
 
 The guard is the outermost middleware, so the server's own, such as a cache, answers nobody whom the gate refuses. One
-HTTP request is one act: what a tool calls through its server again has no credentials left.
+request is one act: what a tool calls through its server again has no credentials left. One private name is left, for
+messages without HTTP (`lowlevel`).
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from dataclasses import dataclass
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, Final, Protocol, cast
 
+from mcp.server.lowlevel.server import Server
 from mcp_types import CallToolRequestParams, CallToolResult, InputRequiredResult, TextContent
 
 from pep.base.declaration import declared
@@ -184,6 +186,19 @@ def stand_before(
 
     cast("Any", server).add_extension(Told())
     server.middleware.insert(0, within)
+
+
+def lowlevel(server: FastMCPServer) -> Server[Any]:
+    """The SDK's low-level server behind it.
+
+    Raises:
+        ConfigError: another version, which names it otherwise.
+    """
+    # FastMCP 4 names it nowhere in public before its HTTP app lives, and its middleware sees no raw params.
+    low = getattr(server, "_mcp_server", None)
+    if not isinstance(low, Server):
+        raise ConfigError(PepFault.CONFIG_INVALID, "this version of FastMCP is not known to the guard")
+    return low
 
 
 def app_of(server: FastMCPServer, parts: SplitResult) -> ASGIApp:

@@ -36,6 +36,7 @@ from pep.mcp import deferred_result, fastmcp_server, tool_listing
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS, TRACE
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
+from pep.mcp.message_edge import MessageEdge
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import definition_digest, tool_reading
@@ -296,6 +297,8 @@ def guard(
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
+    The server itself is guarded, too: over stdio, and for a client in this process.
+
     Args:
         server: its tools already added.
         gate: decides and enforces.
@@ -334,6 +337,8 @@ def guard(
         app = fastmcp_server.app_of(foreign, urlsplit(audience))
     else:
         app = _guarded(cast("SdkServer", server), standing, audience)
+    before_messages = MessageEdge(authority=authority, edge=gate, tools=tools, audience=audience, clock=clock)
+    lowlevel(server).middleware.insert(0, before_messages)
     return DPoPLayer(
         app,
         authority=authority,
@@ -348,16 +353,6 @@ def guard(
 
 def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -> ASGIApp:
     """App of one of the SDK's own servers, with the guard before its tools."""
-    low = lowlevel(server)
-    own = low.get_request_handler("tools/call")
-    if own is None:
-        raise RuntimeError("the server has no tools")
-    stands = standing(call=own.handler)
-    low.add_request_handler("tools/call", CallToolRequestParams, stands)
-    if (listed := low.get_request_handler("tools/list")) is not None:
-        shows = ShownTools(listed.handler, stands.shown)  # type: ignore[arg-type]
-        low.add_request_handler("tools/list", PaginatedRequestParams, shows)
-    low.extensions[EXTENSION] = dict(SETTINGS)
     parts = urlsplit(audience)
     app = server.streamable_http_app(
         streamable_http_path=parts.path,
@@ -369,18 +364,32 @@ def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -
             allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
         ),
     )
+    low = lowlevel(server)
+    own = low.get_request_handler("tools/call")
+    if own is None:
+        raise RuntimeError("the server has no tools")
+    stands = standing(call=own.handler)
+    low.add_request_handler("tools/call", CallToolRequestParams, stands)
+    if (listed := low.get_request_handler("tools/list")) is not None:
+        shows = ShownTools(listed.handler, stands.shown)  # type: ignore[arg-type]
+        low.add_request_handler("tools/list", PaginatedRequestParams, shows)
+    low.extensions[EXTENSION] = dict(SETTINGS)
     if low.get_request_handler("tools/call") != HandlerEntry(CallToolRequestParams, stands):
         raise RuntimeError("the guard does not stand before the tools")
     return app
 
 
-def lowlevel(server: SdkServer) -> Server[Any]:
-    """The SDK's low-level server behind it.
+def lowlevel(server: AnyServer) -> Server[Any]:
+    """The SDK's low-level server behind a guarded one.
 
     Raises:
         RuntimeError: when this SDK is another one than the guard knows.
     """
-    low = getattr(server, "_lowlevel_server", server)
+    if fastmcp_server.is_fastmcp(server):
+        return fastmcp_server.lowlevel(cast("FastMCPServer", server))
+    sdk = cast("SdkServer", server)
+    # An `MCPServer` names it nowhere but as the app of its session manager, which there is once it has an HTTP app.
+    low = sdk if isinstance(sdk, Server) else sdk.session_manager.app
     if not isinstance(low, Server):
         raise RuntimeError("this MCP SDK is not known to the guard")  # noqa: TRY004 - no type of the caller's choice
     return low

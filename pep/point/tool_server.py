@@ -3,7 +3,8 @@
     app = guard(server, "guard.toml")
     app.run()
 
-serves it at its audience; any other ASGI server may do so, too. The app's own lifespan starts and ends the feeds.
+serves it at its audience; any other ASGI server may do so, too, and `app.run_stdio()` serves stdin and stdout. The
+app's own lifespan starts and ends the feeds.
 Nothing is served before every tool is declared, registered and as it was approved; without a present view of
 revocations nothing is permitted.
 """
@@ -18,7 +19,9 @@ from urllib.parse import urlsplit
 
 from pep.base.errors import ConfigError, PepError, PepFault
 from pep.mcp import guard as tool_guard
+from pep.mcp import stdio_wire
 from pep.mcp.declared_tools import decorated, rows_of
+from pep.mcp.http_request import Refusals
 from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.point.deciding_point import DecidingPoint
 from pep.point.evaluation_layer import EvaluationLayer
@@ -171,6 +174,25 @@ class GuardedServer(DecidingPoint):
             access_log=False,
             server_header=False,
         )
+
+    def run_stdio(self) -> None:
+        """Serves one client over this process's stdin and stdout, until stdin ends.
+
+        Raises:
+            SystemExit: it does not start, and says why.
+        """
+        if said := asyncio.run(self._stdio()):
+            raise SystemExit(said)
+
+    async def _stdio(self) -> str:
+        """Serves stdin and stdout; the refusal of a start in words, else empty."""
+        async with stdio_wire.claimed() as wire:
+            try:
+                async with self.living():
+                    await wire.serve(tool_guard.lowlevel(self._server), Refusals(self.gate, self.clock))
+            except PepError as error:
+                return str(error)
+        return ""
 
     async def declare(self) -> None:
         """Lets the declared tools be called.

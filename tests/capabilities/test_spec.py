@@ -83,6 +83,8 @@ def test_numbers_units_facts_and_kinds():
         f"`{name}`" in SPEC
         for name in (mcp_meta.TOKEN, mcp_meta.PROOF, mcp_meta.method("tools/call"), PROFILE, ANSWER_TYPE)
     )
+    uncovered = SPEC.split("Uncovered are exactly the members", 1)[1].split("They say how", 1)[0]
+    assert set(re.findall(r"`([^`]+)`", uncovered)) - {"_meta"} == mcp_meta.UNCOVERED
     for kind, ceiling in (
         (EvidenceKind.KEY, DEFAULT.key_evidence_ceiling),
         (EvidenceKind.JWT, DEFAULT.jwt_evidence_ceiling),

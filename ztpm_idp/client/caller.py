@@ -11,7 +11,7 @@ import httpx2
 import rfc8785
 
 from ztpm_idp.client import direct_http
-from ztpm_idp.client.signing import ProofAuth
+from ztpm_idp.client.signing import MetaAuth, ProofAuth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -118,6 +118,26 @@ class Caller:
     def auth(self, token: str | None = None) -> ProofAuth:
         """Signs requests of any `httpx2` client, such as an MCP transport's, as this caller; presents `token`."""
         return ProofAuth(self._key, token, now=self._now)
+
+    def meta(
+        self, tool: str, arguments: Mapping[str, object] | None, token: str, *, audience: str
+    ) -> dict[str, object]:
+        """The `_meta` of one call, signed as this caller, for an MCP client in the server's own process.
+
+        Example::
+
+            await client.call_tool(tool, arguments, meta=agent.meta(tool, arguments, token, audience=url))
+
+        Args:
+            tool: name of it.
+            arguments: of the call.
+            token: this caller's.
+            audience: canonical URL of the server.
+        """
+        params = {"name": tool} if arguments is None else {"name": tool, "arguments": dict(arguments)}
+        signed = MetaAuth(self._key, lambda: token, audience, now=self._now).signed("tools/call", params)
+        meta: dict[str, object] = signed["_meta"]  # type: ignore[assignment]  # an object, as it was made
+        return meta
 
     def revoke(self, kind: str, id: str, reason: str) -> int:  # noqa: A002  the word of the wire
         """The thing is revoked for ever; the epoch at which it is.

@@ -33,6 +33,7 @@ from ztpm_idp.client.caller import Caller, ClientError, Issued
 from ztpm_idp.client.oauth import OAuthCaller
 from ztpm_idp.client.registering import RegistryCaller
 from ztpm_idp.client.renewal import Renewal
+from ztpm_idp.client.signing import MetaAuth
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -42,7 +43,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.values.scope import Grant, Restriction
-    from ztpm_idp.client.tools import Tools
+    from ztpm_idp.client.tools import Command, StdioTools, Tools
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +194,30 @@ class Agent(Caller):
         renewal = token if isinstance(token, Renewal) else None
         auth = self.auth(token) if isinstance(token, str) else token.auth()
         return Tools(url, auth, patience_s=patience_s, asked=asked, renewal=renewal)
+
+    def tools_stdio(
+        self,
+        command: Command,
+        token: str | Renewal,
+        *,
+        audience: str,
+        patience_s: float = 0.0,
+        asked: Callable[[str], None] | None = None,
+    ) -> StdioTools:
+        """The tools of an MCP server that is started here and spoken to over stdio; else as `tools`.
+
+        Args:
+            command: starts it, the `StdioServerParameters` of `mcp`; never one that came in a request.
+            token: as for `tools`.
+            audience: canonical URL of the server: the audience of the token.
+            patience_s: as for `tools`.
+            asked: likewise.
+        """
+        from ztpm_idp.client.tools import StdioTools  # with the MCP SDK, as above
+
+        renewal = token if isinstance(token, Renewal) else None
+        auth = MetaAuth(self._key, (lambda: token) if isinstance(token, str) else token.token, audience, now=self._now)
+        return StdioTools(command, auth, audience=audience, patience_s=patience_s, asked=asked, renewal=renewal)
 
     def _beside(self, nonce: str) -> str:
         if self._svid is not None:

@@ -1,4 +1,4 @@
-"""Signing each request: an authentication class for `httpx2` clients of both kinds."""
+"""Signing each request: an authentication class for `httpx2` clients of both kinds, and its twin without headers."""
 
 from __future__ import annotations
 
@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Final
 
 import httpx2
 
+from capabilities.proof import mcp_meta
 from capabilities.proof.proof import prove
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator
+    from collections.abc import Callable, Generator, Mapping
 
     from capabilities.keys.keys import PrivateKey
 
@@ -57,3 +58,39 @@ class ProofAuth(httpx2.Auth):
 
             request.headers.update(tracing.carried())
         yield request
+
+
+class MetaAuth:
+    """Signs each request of an MCP carriage without headers, such as stdio ([PRF-10] in docs/spec.md).
+
+    Args:
+        key: of the token's holder.
+        token: gives its text, as of now.
+        audience: canonical URL of the server.
+        now: wall clock, seconds since the epoch.
+    """
+
+    def __init__(
+        self, key: PrivateKey, token: Callable[[], str], audience: str, *, now: Callable[[], float] = time.time
+    ) -> None:
+        self._key = key
+        self._token = token
+        self._audience = audience
+        self._now = now
+
+    def signed(self, method: str, params: Mapping[str, object]) -> dict[str, object]:
+        """The params with token and a fresh proof in their `_meta`.
+
+        Args:
+            method: JSON-RPC method of the request.
+            params: of it.
+        """
+        return mcp_meta.attach(
+            params,
+            rpc_method=method,
+            audience=self._audience,
+            key=self._key,
+            token=self._token(),
+            at=int(self._now()),
+            jti=secrets.token_urlsafe(_JTI_BYTES),
+        )

@@ -5,7 +5,17 @@ from __future__ import annotations
 import json
 
 import pytest
-from capabilities.proof.mcp_meta import META, PROOF, TOKEN, UnverifiedRequest, attach, detach, stray
+from capabilities.proof.mcp_meta import (
+    META,
+    PROOF,
+    TOKEN,
+    UNCOVERED,
+    UnverifiedRequest,
+    attach,
+    detach,
+    stray,
+    stripped,
+)
 from capabilities.proof.proof import Proof, check_proof, prove
 from capabilities.token.token_text import token_to_text
 from capabilities.values.caps import DEFAULT
@@ -24,7 +34,7 @@ JTI = "jti-0123456789abcdef"
 PARAMS = {
     "name": "move_joint",
     "arguments": {"q_rad": [0.1, -1.5, 0, 1e-7, 3.0, 2], "speed_rad_s": 0.25, "ünïcode": "„ä“\n"},
-    "_meta": {"progressToken": 7, "io.modelcontextprotocol/protocolVersion": "2026-07-28"},
+    "_meta": {"progressToken": 7, "dev.ztpm/receipt": True, "io.modelcontextprotocol/protocolVersion": "2026-07-28"},
 }
 
 
@@ -79,12 +89,39 @@ def test_a_request_with_credentials_holds_and_comes_out_without_them():
     assert sent[META] == {**PARAMS[META], TOKEN: TOKEN_TEXT, PROOF: carried.proof}
 
 
-def test_what_is_signed_is_the_canonical_form_less_the_two_members():
+def test_what_is_signed_is_the_canonical_form_less_the_two_members_and_those_of_an_sdk():
     carried = received(attached())
-    assert json.loads(carried.body) == PARAMS
-    assert carried.body.startswith(
-        b'{"_meta":{"io.modelcontextprotocol/protocolVersion":"2026-07-28","progressToken":7},"arguments":{"q_rad":[0.1,-1.5,0,1e-7,3,2]'
-    )
+    assert json.loads(carried.body) == {**PARAMS, META: {"dev.ztpm/receipt": True}}
+    assert carried.body.startswith(b'{"_meta":{"dev.ztpm/receipt":true},"arguments":{"q_rad":[0.1,-1.5,0,1e-7,3,2]')
+    assert received(attached({"name": "stop"})).body == b'{"_meta":{},"name":"stop"}', "as docs/spec.md says"
+
+
+@pytest.mark.parametrize("name", sorted(UNCOVERED))
+def test_what_an_sdk_writes_afterwards_voids_nothing_and_goes_on(name):
+    sent = attached({"name": "stop"})
+    sent[META][name] = {"any": ["thing"]}
+    assert isinstance(judged(sent), Proof)
+    assert received(sent).params == {"name": "stop", META: {name: {"any": ["thing"]}}}
+
+
+@pytest.mark.parametrize("name", ["io.modelcontextprotocol/related-task", "progresstoken", "progressToken ", "x"])
+def test_any_other_member_is_covered(name):
+    sent = attached({"name": "stop"})
+    sent[META][name] = 1
+    assert code(judged(sent)) is FaultCode.PROOF_NOT_FOR_THIS_REQUEST
+
+
+def test_an_uncovered_member_counts_in_meta_alone():
+    sent = attached({"name": "stop"})
+    sent["progressToken"] = 1
+    assert code(judged(sent)) is FaultCode.PROOF_NOT_FOR_THIS_REQUEST
+
+
+@pytest.mark.parametrize("params", [{}, {"_meta": None}, {"_meta": [TOKEN]}, {"_meta": {"x": 1}, "name": "y"}])
+def test_params_without_credentials_are_stripped_of_nothing(params):
+    assert stripped(params) == params
+    if isinstance(params.get(META), dict):
+        assert stripped({**params, META: {**params[META], TOKEN: 1, PROOF: None}}) == params
 
 
 @pytest.mark.parametrize("params", [{}, {"_meta": {}}, {"name": "stop"}])
@@ -117,8 +154,8 @@ def test_the_order_of_members_and_the_spelling_of_numbers_do_not_matter():
         lambda p: p["arguments"]["q_rad"].append(0),
         lambda p: p["arguments"]["q_rad"].reverse(),
         lambda p: p["arguments"].update(speed_rad_s="0.25"),
-        lambda p: p[META].pop("progressToken"),
-        lambda p: p[META].update(progressToken=8),
+        lambda p: p[META].pop("dev.ztpm/receipt"),
+        lambda p: p[META].update({"dev.ztpm/receipt": False}),
         lambda p: p[META].update({"dev.ztpm/decision": "PERMIT"}),
         lambda p: p[META].update({"dev.ztpm/Token": TOKEN_TEXT}),
     ],

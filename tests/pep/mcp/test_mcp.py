@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager
 import httpx2
 import pytest
 import uvicorn
-from mcp import Client
+from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
 from pep.base.clock import SystemClock
 from pep.base.errors import ActuationRefusedError
@@ -307,9 +307,11 @@ def test_without_the_guard_the_tools_refuse_to_move():
 def test_a_transport_without_credentials_is_denied(cell):
     async def in_process():
         async with Client(cell.server) as client:
-            return await client.call_tool("move_joint", MOVE)
+            with pytest.raises(MCPError) as refused:
+                await client.call_tool("move_joint", MOVE)
+            return refused.value.error.message
 
-    assert asyncio.run(in_process()).structured_content["reason"] == "TOKEN_MISSING"
+    assert asyncio.run(in_process()) == "TOKEN_MISSING"
     assert cell.arm.moves == []
 
 
