@@ -76,8 +76,12 @@ ROWS: Final = (
         "mcp",
         START,
         "ztpm.cli.mcp:app",
-        "The cell's MCP tools: serve them, and pin their definitions.",
-        (("serve", "ztpm.cli.serve:tools"), ("sign", "ztpm.cli.serve:sign")),
+        "MCP tools: serve the cell's, propose mappings and scopes, pin definitions.",
+        (
+            ("serve", "ztpm.cli.serve:tools"),
+            ("sign", "ztpm.cli.serve:sign"),
+            ("discover", "ztpm.cli.mcp_discover:discover"),
+        ),
     ),
     CommandRow(
         "rtde",

@@ -110,6 +110,7 @@ EXAMPLES: Final = {
     "cell show": "cell.jws --signer PUBLIC",
     "mcp connect": "planner http://127.0.0.1:8900/mcp --token planner.token",
     "mcp gateway": "--config gateway.toml",
+    "mcp discover": "--out mapping.toml -- uvx mcp-server-git",
     "mcp pin": "--as carol",
     "mcp serve": "--data .ztpm",
     "mcp sign": "--point http://127.0.0.1:8900 --key gateway.key",

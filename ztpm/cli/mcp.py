@@ -21,7 +21,9 @@ if TYPE_CHECKING:
     from pep.mcp.guard import AnyServer
     from pep.mcp.tool_digest import ToolPin
 
-app = typer.Typer(no_args_is_help=True, help="The cell's MCP tools: serve them, and pin their definitions.")
+app = typer.Typer(
+    no_args_is_help=True, help="MCP tools: serve the cell's, propose mappings and scopes, pin definitions."
+)
 
 
 @app.command("pin")

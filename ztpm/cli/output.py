@@ -17,7 +17,7 @@ from capabilities.values.characters import shown
 from ztpm.codes.code_table import DENY, FAILURE, USAGE, status_of, step_of
 from ztpm.codes.unavailable import unavailable
 
-__all__ = ["DEFER", "DENY", "FAILURE", "USAGE", "console", "fail", "fail_at", "instant", "plain", "say_json"]
+__all__ = ["DEFER", "DENY", "FAILURE", "USAGE", "beside", "console", "fail", "fail_at", "instant", "plain", "say_json"]
 DEFER: Final = 4
 """Exit status of an open decision: another person must answer."""
 INTERRUPTED: Final = 130
@@ -30,6 +30,12 @@ WIDE: Final = 160
 console = Console(
     highlight=False, soft_wrap=True, width=None if sys.stdout.isatty() or "COLUMNS" in os.environ else WIDE
 )
+
+
+def beside() -> Console:
+    """Console of standard error, for what is told beside a document on standard output."""
+    shown_in_full = None if sys.stderr.isatty() or "COLUMNS" in os.environ else WIDE
+    return Console(highlight=False, soft_wrap=True, width=shown_in_full, stderr=True)
 
 
 def say_json(value: object) -> None:
