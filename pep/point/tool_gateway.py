@@ -45,6 +45,7 @@ async def reviewed(config: ToolGatewayConfig) -> tuple[tuple[ToolPin, ...], Lock
         for each in servers:
             task = asyncio.create_task(each.run())
             stack.callback(task.cancel)
+        await asyncio.gather(*(each.tried() for each in servers))
         lock = await Lock.of(servers)
         served = [tool for each in servers for tool in await relay.mapped(each)]
     rows = rows_of(served, decorated={}, configured=config.rows())

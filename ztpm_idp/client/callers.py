@@ -45,6 +45,8 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Grant, Restriction
     from ztpm_idp.client.tools import Command, StdioTools, Tools
 
+    Asked = Callable[[str], None] | None
+
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
@@ -168,14 +170,7 @@ class Agent(Caller):
         """
         return Renewal(self, mandate_id, lifetime_s=lifetime_s, now=self._now)
 
-    def tools(
-        self,
-        url: str,
-        token: str | Renewal,
-        *,
-        patience_s: float = 0.0,
-        asked: Callable[[str], None] | None = None,
-    ) -> Tools:
+    def tools(self, url: str, token: str | Renewal, *, patience_s: float = 0.0, asked: Asked = None) -> Tools:
         """The tools of an MCP server, called with this agent's authority.
 
         Example::
@@ -196,13 +191,7 @@ class Agent(Caller):
         return Tools(url, auth, patience_s=patience_s, asked=asked, renewal=renewal)
 
     def tools_stdio(
-        self,
-        command: Command,
-        token: str | Renewal,
-        *,
-        audience: str,
-        patience_s: float = 0.0,
-        asked: Callable[[str], None] | None = None,
+        self, command: Command, token: str | Renewal, *, audience: str, patience_s: float = 0.0, asked: Asked = None
     ) -> StdioTools:
         """The tools of an MCP server that is started here and spoken to over stdio; else as `tools`.
 

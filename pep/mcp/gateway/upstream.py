@@ -32,7 +32,9 @@ if TYPE_CHECKING:
     T = TypeVar("T")
 
 CONNECT_S: Final = 10.0
-"""Longest wait for a connection; a package runner may have to unpack the server first, which goes on meanwhile."""
+"""Longest wait for a connection to be there."""
+START_S: Final = 60.0
+"""Longest start of a process: a package runner may have to fetch the server first."""
 AGAIN_S: Final = (0.1, 0.5, 2.0, 5.0)
 """Waits before the next attempts to connect; the last one repeats."""
 PAGES: Final = 100
@@ -74,9 +76,10 @@ class ToolUpstream:
     async def run(self) -> None:
         """Keeps the connection up, until it is cancelled."""
         tries = 0
+        mode = "auto"
         while True:
             try:
-                async with self._connected() as client:
+                async with self._connected(mode) as client:
                     tries = 0
                     self._client = client
                     self._broken.clear()
@@ -87,6 +90,8 @@ class ToolUpstream:
                     self._changed("the connection ended")
             except Exception as error:  # noqa: BLE001 - whatever a foreign server does: it is connected to again
                 self._changed(f"not connected: {_words(error)}")
+                # Some servers end at a question of the newer protocol; the next attempt is in the older one.
+                mode = "auto" if mode == "legacy" or self.config.url else "legacy"
             finally:
                 self._client = None
                 self._up.clear()
@@ -99,7 +104,7 @@ class ToolUpstream:
         await self._tried.wait()
 
     @asynccontextmanager
-    async def _connected(self) -> AsyncIterator[Client]:
+    async def _connected(self, mode: str) -> AsyncIterator[Client]:
         config = self.config
         async with AsyncExitStack() as stack:
             if config.url:
@@ -121,10 +126,9 @@ class ToolUpstream:
                     encoding_error_handler="replace",
                 )
                 transport = stdio_client(parameters)
-            client = Client(_declaring(transport), cache=None, read_timeout_seconds=config.timeout_s)
-            async with asyncio.timeout(CONNECT_S) as within:
+            client = Client(_declaring(transport), cache=None, mode=mode, read_timeout_seconds=config.timeout_s)
+            async with asyncio.timeout(CONNECT_S if config.url else START_S):
                 await stack.enter_async_context(client)
-                within.reschedule(None)
             yield client
 
     # ---- requests
