@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import itertools
 import json
 import os
 import signal
@@ -17,6 +18,7 @@ from capabilities.values.scope import Range, Scope, Stems, Tier
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.types import ElicitResult
+from pep.mcp.guard import DECISION_META
 from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.test_any_tool import DEADLINE_S, TOP, Plant, approve, told
 from tests.ztpm_idp.test_process import PASSPHRASE, free_port
@@ -36,6 +38,15 @@ stars = { low = 0, high = 5, unit = "count", integer = true, above = { 4 = 3 } }
 """
 
 
+async def in_time(client, tool, arguments, **options):
+    """Answer to a call, sent again where the machine was too slow for a verdict's lifetime, as its remedy says."""
+    until = time.monotonic() + DEADLINE_S
+    while True:
+        answer = await client.call_tool(tool, arguments, **options)
+        if (answer.meta or {}).get(DECISION_META, {}).get("reason") != "VERDICT_EXPIRED" or time.monotonic() > until:
+            return answer
+
+
 class Front(Plant):
     """The provider, a gateway, and two servers behind it: notes over stdio, slow ones over HTTP."""
 
@@ -43,6 +54,7 @@ class Front(Plant):
         super().__init__(folder)
         self.calls, self.changed = folder / "calls.ndjson", folder / "changed.json"
         self.slow_port, self.slow = free_port(), None
+        self.numbers = itertools.count(1)
 
     @property
     def environment(self):
@@ -122,12 +134,15 @@ class Front(Plant):
         self.child.communicate(timeout=DEADLINE_S)
 
     def use(self, agent, token, tool, arguments):
-        """Answer to a call, sent again where the machine was too slow for a verdict's lifetime, as its remedy says."""
-        until = time.monotonic() + DEADLINE_S
-        while True:
-            answer = super().use(agent, token, tool, arguments)
-            if told(answer)["reason"] != "VERDICT_EXPIRED" or time.monotonic() > until:
-                return answer
+        async def once():
+            async with self.caller(agent, token) as client:
+                return await in_time(client, tool, arguments)
+
+        return asyncio.run(once())
+
+    def agent(self, name):
+        """An agent of this name and a number: a test that is begun again needs another one."""
+        return super().agent(f"{name}-{next(self.numbers)}")
 
     def lend(self, agent, *grants, ceiling=Tier.REVERSIBLE):
         now = int(time.time())
@@ -256,7 +271,7 @@ def test_progress_questions_and_cancellation_go_through(front):
             seen.append((progress, total, message))
 
         async with front.caller(agent, token) as client:
-            await client.call_tool("slow_work", {"seconds": 0.4}, progress_callback=progressed)
+            await in_time(client, "slow_work", {"seconds": 0.4}, progress_callback=progressed)
             assert seen == [(step, 4, f"step {step}") for step in (1, 2, 3, 4)]
             with anyio.move_on_after(1.5):
                 await client.call_tool("slow_work", {"seconds": 8})
@@ -269,7 +284,7 @@ def test_progress_questions_and_cancellation_go_through(front):
             return ElicitResult(action="accept", content={"name": "Ada"})
 
         async with front.caller(agent, token, elicitation_callback=answered) as client:
-            assert (await client.call_tool("slow_ask", {})).content[0].text == "hello Ada"
+            assert (await in_time(client, "slow_ask", {})).content[0].text == "hello Ada"
 
     asyncio.run(all_of_it())
 
@@ -303,7 +318,49 @@ def test_prompts_resources_and_instructions_as_they_were_reviewed(front):
     lock.write_bytes(kept)
 
 
+def test_a_client_that_knows_only_stdio(front):
+    agent = front.agent("desk")
+    token = front.lend(agent, grant(front.rows["write_note"], stars=Range(0, 3)), grant(front.rows["slow_work"]))
+    data = front.folder / "data"
+    layout = Layout(data)
+    layout.agent_key(agent.id).parent.mkdir(parents=True, exist_ok=True)
+    layout.agent_key(agent.id).write_bytes(keys.to_pem(agent.key, PASSPHRASE.encode()))
+    layout.agent_key(agent.id).chmod(0o600)
+    layout.trust.write_bytes((front.folder / "trust.json").read_bytes())
+    (front.folder / "desk.token").write_text(token)
+    arguments = ["-m", "ztpm", "mcp", "connect", agent.id, front.audience, "--token", str(front.folder / "desk.token")]
+
+    async def used(mode):
+        seen = []
+
+        async def progressed(progress, total, message):
+            seen.append(progress)
+
+        with (front.folder / "bridge.log").open("w") as log:
+            command = StdioServerParameters(
+                command=sys.executable, args=[*arguments, "--data", str(data)], env=front.environment, cwd=TOP
+            )
+            async with Client(stdio_client(command, errlog=log), mode=mode) as client:
+                names = sorted(each.name for each in (await client.list_tools()).tools)
+                done = await in_time(client, "write_note", {"title": "a", "stars": 2})
+                refused = await in_time(client, "write_note", {"title": "a", "stars": 4})
+                await in_time(client, "slow_work", {"seconds": 0.2}, progress_callback=progressed)
+        return names, told(done)["decision"], told(refused)["reason"], seen
+
+    for mode in ("2026-07-28", "legacy"):
+        assert asyncio.run(used(mode)) == (
+            ["slow_work", "write_note"], "PERMIT", "LIMIT_EXCEEDED_BY_REQUEST", [1, 2, 3, 4],
+        )  # fmt: skip
+    with (front.folder / "stranger.log").open("w") as log:
+        done = subprocess.run(
+            [sys.executable, *arguments[:-1], str(front.folder / "desk.token"), "--data", str(data / "none")],
+            cwd=TOP, env=front.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, check=False,
+        )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, b"")
+
+
 def test_a_server_that_goes_and_comes_back(front):
+    """Last of all: a server that the others use is gone afterwards."""
     front.stop()
     front.slow.kill()
     front.slow.wait()
@@ -326,44 +383,3 @@ def test_a_server_that_goes_and_comes_back(front):
     children = subprocess.run(["pgrep", "-P", str(front.child.pid)], capture_output=True, text=True, check=True)
     os.kill(int(children.stdout.split()[0]), signal.SIGKILL)
     assert told(front.use(agent, token, "write_note", {"title": "b", "stars": 1}))["decision"] == "PERMIT"
-
-
-def test_a_client_that_knows_only_stdio(front):
-    agent = front.agent("desk")
-    token = front.lend(agent, grant(front.rows["write_note"], stars=Range(0, 3)), grant(front.rows["slow_work"]))
-    data = front.folder / "data"
-    layout = Layout(data)
-    layout.agent_key("desk").parent.mkdir(parents=True)
-    layout.agent_key("desk").write_bytes(keys.to_pem(agent.key, PASSPHRASE.encode()))
-    layout.agent_key("desk").chmod(0o600)
-    layout.trust.write_bytes((front.folder / "trust.json").read_bytes())
-    (front.folder / "desk.token").write_text(token)
-    arguments = ["-m", "ztpm", "mcp", "connect", "desk", front.audience, "--token", str(front.folder / "desk.token")]
-
-    async def used(mode):
-        seen = []
-
-        async def progressed(progress, total, message):
-            seen.append(progress)
-
-        with (front.folder / "bridge.log").open("w") as log:
-            command = StdioServerParameters(
-                command=sys.executable, args=[*arguments, "--data", str(data)], env=front.environment, cwd=TOP
-            )
-            async with Client(stdio_client(command, errlog=log), mode=mode) as client:
-                names = sorted(each.name for each in (await client.list_tools()).tools)
-                done = await client.call_tool("write_note", {"title": "a", "stars": 2})
-                refused = await client.call_tool("write_note", {"title": "a", "stars": 4})
-                await client.call_tool("slow_work", {"seconds": 0.2}, progress_callback=progressed)
-        return names, told(done)["decision"], told(refused)["reason"], seen
-
-    for mode in ("2026-07-28", "legacy"):
-        assert asyncio.run(used(mode)) == (
-            ["slow_work", "write_note"], "PERMIT", "LIMIT_EXCEEDED_BY_REQUEST", [1, 2, 3, 4],
-        )  # fmt: skip
-    with (front.folder / "stranger.log").open("w") as log:
-        done = subprocess.run(
-            [sys.executable, *arguments[:-1], str(front.folder / "desk.token"), "--data", str(data / "none")],
-            cwd=TOP, env=front.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, check=False,
-        )  # fmt: skip
-    assert (done.returncode, done.stdout) == (2, b"")

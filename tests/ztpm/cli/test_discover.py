@@ -260,7 +260,7 @@ class Plant(Rig):
             self.called.append(params.arguments)
             return CallToolResult(content=[TextContent(type="text", text="done")])
 
-        async def served(ctx):
+        async def served(ctx, name):
             return self.listed
 
         stands = Guard(
