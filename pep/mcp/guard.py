@@ -215,7 +215,10 @@ class Guard:
             return answer
         if isinstance(call.context, NotCollected) or not isinstance(result.carried, CallToolResult):
             return answer
-        if await self._tool(call.operation, ctx) != call.tool:
+        try:
+            if await self._tool(call.operation, ctx) != call.tool:
+                return answer
+        except UpstreamError:  # it was there for the call; the answer is as good, and nobody vouches for it
             return answer
         said = self._vouching.meta(
             result.carried.structured_content,

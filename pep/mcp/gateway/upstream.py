@@ -16,6 +16,7 @@ from mcp import Client, MCPError, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import CONNECTION_CLOSED, METHOD_NOT_FOUND, CallToolRequestParams, JSONRPCRequest, PaginatedRequestParams
+from pydantic import ValidationError
 
 from pep.base.errors import UpstreamError
 
@@ -68,6 +69,7 @@ class ToolUpstream:
         self.config = config
         self._auth = auth
         self._changed = changed
+        self._state = ""
         self._client: Client | None = None
         self._up = asyncio.Event()
         self._broken = asyncio.Event()
@@ -85,11 +87,11 @@ class ToolUpstream:
                     self._broken.clear()
                     self._up.set()
                     self._tried.set()
-                    self._changed(self.CONNECTED)
+                    self._told(self.CONNECTED)
                     await self._broken.wait()
-                    self._changed("the connection ended")
+                    self._told("the connection ended")
             except Exception as error:  # noqa: BLE001 - whatever a foreign server does: it is connected to again
-                self._changed(f"not connected: {_words(error)}")
+                self._told(f"not connected: {_words(error)}")
                 # Some servers end at a question of the newer protocol; the next attempt is in the older one.
                 mode = "auto" if mode == "legacy" or self.config.url else "legacy"
             finally:
@@ -98,6 +100,12 @@ class ToolUpstream:
                 self._tried.set()
             await asyncio.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
             tries += 1
+
+    def _told(self, words: str) -> None:
+        """Tells a state that is another one than the last."""
+        if words != self._state:
+            self._state = words
+            self._changed(words)
 
     async def tried(self) -> None:
         """Waits for the first connection, or the first failure."""
@@ -222,6 +230,8 @@ class ToolUpstream:
                 if error.code == METHOD_NOT_FOUND:  # also where the server says that it has some
                     return []
                 raise UpstreamError(self.config.name, f"its list of {what} is refused: {error.code}") from error
+            except (ValidationError, RuntimeError) as error:
+                raise UpstreamError(self.config.name, f"its list of {what} is none: {_words(error)}") from error
             found.extend(getattr(listed, what))
             cursor = listed.next_cursor
             if len(found) > NAMES:
