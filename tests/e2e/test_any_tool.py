@@ -104,13 +104,18 @@ class Plant:
         assert (answer.status_code, answer.headers["x-request-id"]) == (200, "e2e"), answer.text
         return answer.json()["evaluations"]
 
-    def write(self):
+    def write_secrets(self):
+        """The new key of the enforcement point, whose file is written beside the trust bundle."""
         key = keys.generate()
         path = self.folder / "pep.key"
         path.write_bytes(keys.to_pem(key, PASSPHRASE.encode()))
         path.chmod(0o600)
         with httpx2.Client() as http:
             (self.folder / "trust.json").write_bytes(http.get(f"{self.provider.issuer}/trust").content)
+        return key
+
+    def write(self):
+        key = self.write_secrets()
         (self.folder / "guard.toml").write_text(
             f'audience = "{self.audience}"\npep_id = "plant"\nissuer = "{self.provider.issuer}"\n'
             'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\nauthzen = true\n'

@@ -12,7 +12,6 @@ import sys
 import time
 
 import anyio
-import httpx2
 import pytest
 from capabilities.values.scope import Range, Scope, Stems, Tier
 from mcp import Client, StdioServerParameters
@@ -58,7 +57,12 @@ class Front(Plant):
 
     @property
     def environment(self):
-        return super().environment | {"FOREIGN_CALLS": str(self.calls), "FOREIGN_CHANGED": str(self.changed)}
+        own = {
+            "FOREIGN_CALLS": str(self.calls),
+            "FOREIGN_CHANGED": str(self.changed),
+            "SLOW_TOKEN": "the gateway's own",
+        }
+        return super().environment | own
 
     @property
     def config(self):
@@ -70,12 +74,7 @@ class Front(Plant):
         assert self.answers(f"http://127.0.0.1:{self.slow_port}/mcp", self.slow) in {400, 405, 406}
 
     def write(self):
-        key = keys.generate()
-        path = self.folder / "pep.key"
-        path.write_bytes(keys.to_pem(key, PASSPHRASE.encode()))
-        path.chmod(0o600)
-        with httpx2.Client() as http:
-            (self.folder / "trust.json").write_bytes(http.get(f"{self.provider.issuer}/trust").content)
+        key = self.write_secrets()
         (self.folder / "notes.toml").write_text(MAPPING)
         self.config.write_text(f"""
             audience = "{self.audience}"
@@ -95,6 +94,7 @@ class Front(Plant):
             url = "http://127.0.0.1:{self.slow_port}/mcp"
             prefix = "slow_"
             timeout_s = 20
+            bearer = "SLOW_TOKEN"
             [upstream.slow.tool.work]
             object = "slow"
             base_tier = 1
@@ -215,11 +215,11 @@ def test_servers_that_nobody_changed(front):
     assert refused["decision"] == "DENY"
     assert len(front.heard()) == 1
 
-    # Over HTTP: neither the token nor the proof goes on.
+    # Over HTTP: neither the token nor the proof goes on, and the gateway has a token of its own there.
     assert told(front.use(agent, token, "slow_work", {"seconds": 0.1}))["decision"] == "PERMIT"
     heard = front.heard()[-1]
     assert (heard["tool"], heard["arguments"]) == ("work", {"seconds": 0.1})
-    assert not {"authorization", "dpop"} & set(heard["headers"])
+    assert (heard["authorization"], "dpop" in heard["headers"]) == ("Bearer the gateway's own", False)
 
 
 def test_a_changed_definition_is_not_called_until_it_is_approved_again(front):
@@ -227,7 +227,7 @@ def test_a_changed_definition_is_not_called_until_it_is_approved_again(front):
     token = front.lend(agent, grant(front.rows["write_note"]))
     note = {"title": "a", "stars": 1}
     assert told(front.use(agent, token, "write_note", note))["decision"] == "PERMIT"
-    for how in ({}, {"title": "Note"}, {"annotations": {"readOnlyHint": True}}):
+    for how in ({}, {"title": "Note"}, {"annotations": {"readOnlyHint": True}}, {"twice": True}):
         front.changed.write_text(json.dumps(how))
         assert told(front.use(agent, token, "write_note", note))["reason"] == "TOOL_DEFINITION_CHANGED"
         assert front.listed(agent, token) == []
@@ -357,6 +357,13 @@ def test_a_client_that_knows_only_stdio(front):
             cwd=TOP, env=front.environment, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=log, check=False,
         )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, b"")
+    elsewhere = [each.replace(front.audience, "http://plant.example/mcp") for each in arguments]
+    done = subprocess.run(
+        [sys.executable, *elsewhere, "--data", str(data)], cwd=TOP, env=front.environment, stdin=subprocess.DEVNULL,
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "URL: plain HTTP on loopback only" in done.stderr
 
 
 def test_a_server_that_goes_and_comes_back(front):
@@ -378,7 +385,7 @@ def test_a_server_that_goes_and_comes_back(front):
     front.slow.kill()
     front.slow.wait()
     refused = told(front.use(agent, token, "slow_work", {"seconds": 0}))
-    assert refused["reason"] in {"UPSTREAM_UNREACHABLE", "EFFECT_FAILED"}
+    assert refused["reason"] == "UPSTREAM_UNREACHABLE"
     # A process behind the gateway is begun again.
     children = subprocess.run(["pgrep", "-P", str(front.child.pid)], capture_output=True, text=True, check=True)
     os.kill(int(children.stdout.split()[0]), signal.SIGKILL)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from capabilities.values.characters import shown
-from ztpm.cli.output import fail, say_json
+from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.agent import AgentName
 from ztpm.cli.provider.person import CellDirectory, Json, Signer, layout_of, refusals, signed
 from ztpm.cli.rtde_run import LeaseSoftware, LeaseToken, Mandate, authority_of
@@ -82,7 +82,10 @@ def pin(
                 base_tier=int(tool.base_tier),
             )  # fmt: skip
     if lock is not None and changed:
-        lock.write()
+        try:
+            lock.write()
+        except OSError as error:  # what is registered stays so: the same command writes the rest
+            fail_at(lock.path, error, "UNWRITABLE")
     if as_json:
         said: dict[str, object] = {"ok": True, "pinned": [tool.name for tool in fresh]}
         say_json(said if lock is None else {**said, "lock": str(lock.path), "changed": changed})
@@ -115,7 +118,9 @@ def connect(
     token: LeaseToken = None,
     mandate: Mandate = "",
     software: LeaseSoftware = None,
-    timeout_s: Annotated[float, typer.Option("--timeout", help="Longest wait for an answer, in seconds.")] = 600.0,
+    timeout_s: Annotated[
+        float, typer.Option("--timeout", min=1, max=3600, help="Longest wait for an answer, in seconds.")
+    ] = 600.0,
     directory: CellDirectory = None,
 ) -> None:
     """Serve a guarded server's tools over stdio, each request signed with an agent's key.
@@ -124,15 +129,16 @@ def connect(
     """
     from pep.base.errors import PepError
     from pep.mcp.gateway.bridge import bridge
+    from pep.point.config_text import check_url
     from ztpm_idp.client import ProofAuth
-
-    key, text, tokens = authority_of(agent, token, mandate, software, directory=directory)
-    auth = ProofAuth(key, text) if tokens is None else tokens.auth()
 
     def told(words: str) -> None:
         typer.echo(f"{url}: {words}", err=True)
 
     try:
+        check_url("URL", url)
+        key, text, tokens = authority_of(agent, token, mandate, software, directory=directory)
+        auth = ProofAuth(key, text) if tokens is None else tokens.auth()
         asyncio.run(bridge(url, auth, timeout_s=timeout_s, told=told))
     except PepError as error:
         fail(error.code, error.detail)

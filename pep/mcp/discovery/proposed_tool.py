@@ -21,7 +21,7 @@ from pep.base.errors import DeclarationError, PepFault
 from pep.mcp.declared_tools import rows_of
 from pep.mcp.discovery.guessed_unit import name_words, words_about
 from pep.mcp.discovery.proposed_argument import ProposedArgument, proposed_arguments
-from pep.mcp.tool_digest import SEEN
+from pep.mcp.tool_digest import plain_definition
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -98,7 +98,7 @@ def propose_tool(tool: Tool, *, object: str) -> ProposedTool:  # noqa: A002 - a 
     if len(tool.model_dump_json(by_alias=True, exclude_none=True)) > DEFINITION_BYTES:
         reason = f"its definition has more than {DEFINITION_BYTES} bytes"
         return ProposedTool(name, said, code=LeftOutCode.DEFINITION_TOO_LARGE, reason=reason)
-    seen = tool.model_dump(mode="json", by_alias=True, exclude_none=True, include=SEEN & type(tool).model_fields.keys())
+    seen = plain_definition(tool)
     found = [place for where, text in _texts(seen) for place in _hidden(where, text)]
     if found:
         more = f", and {len(found) - PLACES} more" if len(found) > PLACES else ""

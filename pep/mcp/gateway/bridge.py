@@ -6,7 +6,7 @@ The client is this machine's own user's, as a configuration file starts it; noth
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 from mcp.server.stdio import stdio_server
 
@@ -20,7 +20,8 @@ if TYPE_CHECKING:
 
     import httpx2
 
-NAME = "server"
+NAME: Final = "server"
+"""Name of the one server, for its errors."""
 
 
 async def bridge(url: str, auth: httpx2.Auth, *, timeout_s: float, told: Callable[[str], None]) -> None:

@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from pep.mcp.gateway.upstream import ToolUpstream
 
 VERSION: Final = 1
+"""Form of the file."""
 LOCK_BYTES: Final = 8_388_608
+"""Ours: largest lock file that is read."""
 KINDS: Final = ("tools", "prompts", "resource_templates")
 
 

@@ -33,15 +33,15 @@ if TYPE_CHECKING:
     T = TypeVar("T")
 
 CONNECT_S: Final = 10.0
-"""Longest wait for a connection to be there."""
+"""Ours: longest wait for a connection to be there."""
 START_S: Final = 60.0
-"""Longest start of a process: a package runner may have to fetch the server first."""
+"""Ours: longest start of a process: a package runner may have to fetch the server first."""
 AGAIN_S: Final = (0.1, 0.5, 2.0, 5.0)
-"""Waits before the next attempts to connect; the last one repeats."""
+"""Ours: waits before the next attempts to connect; the last one repeats."""
 PAGES: Final = 100
-"""Most pages of one list; a server that never ends its list is refused."""
+"""Ours: most pages of one list; a server that never ends its list is refused."""
 NAMES: Final = 10_000
-"""Most members of one list."""
+"""Ours: most members of one list."""
 CAPABILITIES: Final = "io.modelcontextprotocol/clientCapabilities"
 """Key of `_meta` under which a request states what its client can do (MCP 2026-07-28)."""
 DECLARED: Final = "dev.ztpm/declared"
@@ -116,8 +116,9 @@ class ToolUpstream:
         config = self.config
         async with AsyncExitStack() as stack:
             if config.url:
-                bearer = os.environ.get(config.bearer, "") if config.bearer else ""
-                headers = {"authorization": f"Bearer {bearer}"} if bearer else {}
+                if config.bearer and not os.environ.get(config.bearer):
+                    raise UpstreamError(config.name, f"the environment variable {config.bearer} is not set")
+                headers = {"authorization": f"Bearer {os.environ[config.bearer]}"} if config.bearer else {}
                 http = httpx2.AsyncClient(
                     headers=headers, auth=self._auth, timeout=httpx2.Timeout(CONNECT_S, read=config.timeout_s)
                 )
@@ -268,14 +269,13 @@ class ToolUpstream:
 
 
 def _words(error: BaseException) -> str:
-    """Kind of the first error within, and for an error of the system its own words."""
+    """Kind of the first error within, with the system's words about it; of one of ours the detail."""
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]
-    return (
-        f"{type(error).__name__}: {error.strerror}"
-        if isinstance(error, OSError) and error.strerror
-        else type(error).__name__
-    )
+    if isinstance(error, UpstreamError):
+        return error.detail
+    said = error.strerror if isinstance(error, OSError) else ""
+    return f"{type(error).__name__}: {said}" if said else type(error).__name__
 
 
 class _Declaring:

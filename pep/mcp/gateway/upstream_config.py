@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, Strict, StringConstraints, mo
 TIMEOUT_S: Final = 60.0
 """Longest wait for a server's answer where none is stated; ours."""
 TIMEOUT_MOST_S: Final = 3600.0
+"""Ours: nothing waits for longer."""
 Variable = Annotated[str, StringConstraints(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$")]
 """Name of an environment variable."""
 
