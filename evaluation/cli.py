@@ -12,7 +12,7 @@ import time
 from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -21,12 +21,15 @@ from evaluation.saying import AsJson, Plot, place, say, telling
 from ztpm.cli.output import FAILURE, console, fail, say_json
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Callable, Collection, Sequence
 
     from evaluation.harness.bench import Bench
     from evaluation.harness.campaign import Campaign, Outcome, Skipped
 
 Quick = Annotated[bool, typer.Option("--quick", help="Few calls: shows that it runs, not what is true.")]
+Calls = Annotated[int, typer.Option(min=10, help="Timed calls of each way.")]
+Turns = Annotated[int, typer.Option(help="Of the order in which the ways take turns.")]
+T = TypeVar("T")
 
 app = typer.Typer(help="Measure what is claimed.", no_args_is_help=True)
 bench = typer.Typer(help="Measure us beside our peers, in one run.", no_args_is_help=True)
@@ -237,6 +240,15 @@ def bench_idp(
     say(result, tables, last_line, as_json=as_json)
 
 
+@bench.command("mcp", epilog="Example: ztpm eval bench mcp --calls 200")
+def bench_mcp(*, calls: Calls = 1_000, seed: Turns = 1, as_json: AsJson = False) -> None:
+    """A gateway beside FastMCP's proxy of the same server, and a guard over stdio; records on."""
+    from evaluation.tools.mcp_bench import last_line, tables
+    from evaluation.tools.mcp_run import run
+
+    say(_acts(run, calls, seed), tables, last_line, as_json=as_json)
+
+
 @bench.command("pit", epilog="Example: ztpm eval bench pit --quick")
 def bench_pit(
     *,
@@ -275,24 +287,27 @@ def bench_rtde(
 
 
 @bench.command("tools", epilog="Example: ztpm eval bench tools --calls 200")
-def bench_tools(
-    *,
-    calls: Annotated[int, typer.Option(min=10, help="Timed calls of each way.")] = 1_000,
-    seed: Annotated[int, typer.Option(help="Of the order in which guarded and unguarded take turns.")] = 1,
-    as_json: AsJson = False,
-) -> None:
+def bench_tools(*, calls: Calls = 1_000, seed: Turns = 1, as_json: AsJson = False) -> None:
     """A guarded act beside the unguarded one, over HTTP and as a function; records on."""
-    from evaluation.tools.bench import NotMeasuredError, last_line, tables
+    from evaluation.tools.bench import last_line, tables
     from evaluation.tools.run import run
+
+    say(_acts(run, calls, seed), tables, last_line, as_json=as_json)
+
+
+def _acts(run: Callable[..., T], calls: int, seed: int) -> T:
+    """Result of a run of an act."""
+    from evaluation.harness.absent import AbsentError
+    from evaluation.tools.bench import NotMeasuredError
+    from pep.base.errors import PepError
     from ztpm.base.processes import ChildError
     from ztpm_idp.client import ClientError
 
     try:
         with telling() as told:
-            result = run(calls, seed=seed, told=told)
-    except (NotMeasuredError, ClientError, ChildError) as error:
+            return run(calls, seed=seed, told=told)
+    except (NotMeasuredError, AbsentError, ClientError, ChildError, PepError) as error:
         fail("NOT_MEASURED", str(error))
-    say(result, tables, last_line, as_json=as_json)
 
 
 def _run(bench: Bench[Any], *, quick: bool, seed: int, plot: Path | None, as_json: bool) -> None:

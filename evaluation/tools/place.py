@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 PROVIDER, SERVER, PROGRAM = 8898, 8899, 8897
 """Ports of a run at an address of its own; nothing listens at the program's."""
+FRONTS: Final = {"http": (8895, 8896), "stdio": (8893, 8894)}
+"""Ports of a gateway and of another proxy, by what is between them and the server."""
 ROLES: Final = ("root", "attester", "feed", "registry", "ledger")
 PERSON: Final = "alice"
 MEASUREMENT: Final = bytes(32)
@@ -74,6 +76,11 @@ class Place:
             'trust_file = "trust.json"\npep_key_file = "pep.key"\nfolder = "state"\n'
         )
         self.person.register_pep(name, keys.public_raw(key), [audience])
+        self.register(audience, tools)
+        return file
+
+    def register(self, audience: str, tools: Iterable[ToolPin]) -> None:
+        """Registers the tools of an enforcement point as they are."""
         for pin in tools:
             self.person.register_tool(
                 audience=audience,
@@ -82,7 +89,6 @@ class Place:
                 operation=pin.operation,
                 base_tier=int(pin.base_tier),
             )
-        return file
 
     def agent(self, name: str) -> Agent:
         """Agent of that name, attested."""
@@ -121,7 +127,7 @@ class Place:
 def place() -> Iterator[Place]:
     """A place with a provider of its own, which lives as long as the block."""
     passphrase = secrets.token_urlsafe(16)
-    ports = (PROVIDER, SERVER, PROGRAM)
+    ports = (PROVIDER, SERVER, PROGRAM, *FRONTS["http"], *FRONTS["stdio"])
     host = free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in ports))
     issuer = f"http://{host}:{PROVIDER}/ztpm"
     with tempfile.TemporaryDirectory(prefix="ztpm-bench-") as name:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import asyncio
 import os
 import random
 import secrets
 import time
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
@@ -15,27 +14,24 @@ from mcp.client.streamable_http import streamable_http_client
 from capabilities.proof.proof import prove
 from evaluation.harness.machine import machine
 from evaluation.tools import act, parts
-from evaluation.tools.bench import ActResult, NotMeasuredError, row_of
+from evaluation.tools.bench import ActResult
 from evaluation.tools.place import PROGRAM, SERVER, place
 from evaluation.tools.served import BARE_PATH
-from pep import GuardConfig, GuardedFunctions, NotPermittedError, pins
+from evaluation.tools.turns import WARM_UP, check_refused, finished, in_turns
+from pep import GuardConfig, GuardedFunctions, pins
 from pep.point.guarded_functions import function_pins
 from pep.request.authority import PresentedRequest
 from ztpm.base.processes import Child
-from ztpm_idp.client import ClientError, Denied, direct_http
+from ztpm_idp.client import direct_http
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from evaluation.tools.bench import ActRow
     from evaluation.tools.place import Place
     from ztpm_idp.client import Agent
 
-    Act = Callable[[], Awaitable[object]]
-
-WARM_UP: Final = 20
-"""Calls of each way before the timed ones."""
 BODY: Final = b"{}"
 GUARDED, BARE, ENFORCED, PLAIN = "guarded, HTTP", "unguarded, HTTP", "guarded, function", "unguarded, function"
 
@@ -61,20 +57,18 @@ def run(calls: int, *, seed: int, told: Callable[[str], None]) -> ActResult:
         server = Child.start("tool server", "evaluation.tools.served", str(served), environment=at.environment)
         try:
             told(f"{calls} pairs of calls over HTTP")
-            guarded, bare = asyncio.run(_over_http(at, agent, GuardConfig.read(served), calls, order))
+            guarded, bare = finished(_over_http(at, agent, GuardConfig.read(served), calls, order))
         finally:
             server.stop()
         told(f"{calls} pairs of calls of a function")
         program = at.point("program", PROGRAM, function_pins([act.open_valve]))
-        enforced, plain, parts_us = asyncio.run(_of_a_function(at, agent, program, calls, order))
+        enforced, plain, parts_us = finished(_of_a_function(at, agent, program, calls, order))
     return ActResult(
         guarded, bare, enforced, plain, parts_us=parts_us, seconds=time.monotonic() - began, machine=machine()
     )
 
 
-async def _over_http(
-    at: Place, agent: Agent, config: GuardConfig, calls: int, order: random.Random
-) -> tuple[ActRow, ActRow]:
+async def _over_http(at: Place, agent: Agent, config: GuardConfig, calls: int, order: random.Random) -> list[ActRow]:
     token = at.lent(agent, act.open_valve, config.audience)
     address = f"http://{at.host}:{SERVER}{BARE_PATH}"
     async with (
@@ -89,13 +83,8 @@ async def _over_http(
         async def bare() -> object:
             return (await client.call_tool(act.NAME, act.ARGUMENTS)).structured_content
 
-        try:
-            await _is_refused(lambda: tools.call(act.NAME, act.OUTSIDE))
-            return await _in_turns({GUARDED: guarded, BARE: bare}, {"result": act.ANSWER}, calls, order)
-        except (NotMeasuredError, ClientError) as error:
-            failed = error
-    # The SDK's client would wrap what is raised inside of it.
-    raise failed
+        await check_refused(lambda: tools.call(act.NAME, act.OUTSIDE))
+        return await in_turns({GUARDED: guarded, BARE: bare}, {"result": act.ANSWER}, calls, order)
 
 
 async def _of_a_function(
@@ -117,7 +106,7 @@ async def _of_a_function(
 
     async with point.living():
         enforced = point.enforced(act.open_valve)
-        await _is_refused(lambda: enforced(presented(), **act.OUTSIDE))
+        await check_refused(lambda: enforced(presented(), **act.OUTSIDE))
         # Proofs are made before, each for one call: making one is a part of its own.
         proofs = [presented() for _ in range(calls + WARM_UP)]
 
@@ -127,45 +116,5 @@ async def _of_a_function(
         async def bare() -> object:
             return act.open_valve(valve=act.VALVE, percent=act.ANSWER)
 
-        rows = await _in_turns({ENFORCED: guarded, PLAIN: bare}, act.ANSWER, calls, order)
-        return *rows, await parts.parts_us(point, presented, calls)
-
-
-async def _in_turns(ways: Mapping[str, Act], answer: object, calls: int, order: random.Random) -> tuple[ActRow, ActRow]:
-    """Rows of two ways that are called in pairs, in a new random order each time.
-
-    Raises:
-        NotMeasuredError: one answered otherwise, or too many calls were refused.
-    """
-    took: dict[str, list[int]] = {way: [] for way in ways}
-    refused = dict.fromkeys(ways, 0)
-    pair = list(ways.items())
-    for timed in (False,) * WARM_UP + (True,) * calls:
-        order.shuffle(pair)
-        for way, once in pair:
-            began = time.perf_counter_ns()
-            try:
-                found: Any = await once()
-            except (Denied, NotPermittedError):
-                found = answer
-                refused[way] += timed
-            ended = time.perf_counter_ns()
-            if found != answer:
-                raise NotMeasuredError(f"{way}: another answer")
-            if timed:
-                took[way].append(ended - began)
-    one, other = (row_of(way, took[way], refused[way]) for way in ways)
-    return one, other
-
-
-async def _is_refused(once: Act) -> None:
-    """Checks that the guard stands there at all.
-
-    Raises:
-        NotMeasuredError: it does not.
-    """
-    try:
-        await once()
-    except (Denied, NotPermittedError):
-        return
-    raise NotMeasuredError("what the token does not permit was permitted")
+        one, other = await in_turns({ENFORCED: guarded, PLAIN: bare}, act.ANSWER, calls, order)
+        return one, other, await parts.parts_us(point, presented, calls)

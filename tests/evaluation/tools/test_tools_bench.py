@@ -10,7 +10,9 @@ from pathlib import Path
 
 import pytest
 from evaluation.tools.bench import ActResult, ActRow, NotMeasuredError, last_line, row_of, tables
-from evaluation.tools.run import _in_turns, _is_refused
+from evaluation.tools import mcp_bench
+from evaluation.tools.mcp_bench import Fronts, McpResult
+from evaluation.tools.turns import check_refused, finished, in_turns
 from ztpm_idp.client import Denied
 
 PARTS = {
@@ -47,7 +49,7 @@ def test_a_way_that_is_refused_too_often_has_no_figures():
 
 
 def turns(one, other, calls=10):
-    return asyncio.run(_in_turns({"one": one, "other": other}, 1, calls, random.Random(1)))
+    return asyncio.run(in_turns({"one": one, "other": other}, 1, calls, random.Random(1)))
 
 
 def test_two_ways_take_turns_and_each_answer_is_looked_at():
@@ -66,7 +68,7 @@ def test_two_ways_take_turns_and_each_answer_is_looked_at():
     with pytest.raises(NotMeasuredError):
         turns(way("one"), way("other", answer=2))
     with pytest.raises(NotMeasuredError):
-        asyncio.run(_is_refused(way("one")))
+        asyncio.run(check_refused(way("one")))
 
 
 def test_a_refused_call_is_counted():
@@ -84,15 +86,62 @@ def test_a_refused_call_is_counted():
     assert ((one.n, one.refused), (other.n, other.refused)) == ((10, 1), (10, 0))
 
 
-@pytest.mark.long
-@pytest.mark.timeout(200)
-def test_the_command_as_a_user_runs_it():
-    command = [str(Path(sys.executable).with_name("ztpm")), "eval", "bench", "tools", "--calls", "10", "--json"]
-    done = subprocess.run(command, capture_output=True, text=True, timeout=180)
+def command(bench, calls=10):
+    """What the command prints, as a user runs it."""
+    argv = [str(Path(sys.executable).with_name("ztpm")), "eval", "bench", bench, "--calls", str(calls), "--json"]
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr
     told = json.loads(done.stdout)
-    assert told["ratios"].keys() == {"guard_http_p50", "guard_http_p99"}
-    assert all(value > 0 for value in (*told["ratios"].values(), *told["parts_us"].values()))
-    assert told["parts_us"].keys() == PARTS
-    assert [row["n"] for row in told["rows"]] == [10] * 4
+    assert all(value > 0 for value in told["ratios"].values())
+    assert {row["n"] for row in told["rows"]} == {calls}
     assert {"processor", "cores", "python", "load"} <= told["machine"].keys()
+    return told
+
+
+@pytest.mark.long
+@pytest.mark.timeout(300)
+def test_the_command_as_a_user_runs_it():
+    told = command("tools")
+    assert told["ratios"].keys() == {"guard_http_p50", "guard_http_p99"}
+    assert all(value > 0 for value in told["parts_us"].values())
+    assert told["parts_us"].keys() == PARTS
+    assert len(told["rows"]) == 4
+
+
+FRONTS = [
+    ActRow(way, 100, p50, 9_000.0) for way, p50 in (("gateway", 6_000.0), ("proxy", 4_000.0), ("itself", 2_000.0))
+]
+
+
+def test_a_gateway_is_told_over_a_proxy_and_over_the_server_itself():
+    guarded, bare = ActRow("guarded, stdio", 100, 3_000.0, 9_000.0), ActRow("unguarded, stdio", 100, 2_000.0, 3_000.0)
+    result = McpResult(
+        Fronts(*FRONTS), Fronts(*FRONTS), guarded, bare, record_us=300.0, seconds=1.0, machine={}, versions={}
+    )
+    told = result.to_json()
+    assert {name: told["ratios"][name] for name in sorted(told["ratios"])} == {
+        "gateway_http_direct": 3.0, "gateway_http_p50": 1.5, "gateway_http_p99": 1.0, "gateway_stdio_direct": 3.0,
+        "gateway_stdio_p50": 1.5, "gateway_stdio_p99": 1.0, "guard_stdio_p50": 1.5, "guard_stdio_p99": 3.0,
+        "proxy_http_direct": 2.0, "proxy_stdio_direct": 2.0,
+    }  # fmt: skip
+    assert told["record"] == {"us": 300.0, "share_of_guard_stdio_p50": 0.1}
+    assert len(told["rows"]) == 8
+    assert "1.50 over HTTP, 1.50 over stdio" in mcp_bench.last_line(result)
+
+
+def test_an_error_in_the_groups_of_the_client_is_told_alone():
+    async def work():
+        raise ExceptionGroup("client", [ExceptionGroup("transport", [NotMeasuredError("another answer")])])
+
+    with pytest.raises(NotMeasuredError):
+        finished(work())
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(300)
+def test_the_command_of_fronts_as_a_user_runs_it():
+    pytest.importorskip("fastmcp.server", reason="the extra `fastmcp` is not installed")
+    told = command("mcp")
+    assert {"gateway_http_p50", "gateway_stdio_p50", "guard_stdio_p50"} < told["ratios"].keys()
+    assert len(told["rows"]) == 8
+    assert told["versions"].keys() == {"fastmcp-slim", "mcp"}

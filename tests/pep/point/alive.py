@@ -1,6 +1,7 @@
 """A guarded tool server in this process, with its provider on the wire and a client of MCP."""
 
 import asyncio
+import math
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from typing import Annotated
@@ -48,6 +49,12 @@ def valve_scope(function):
     return lambda at: replace(full_scope(at), grants=(grant,))
 
 
+def at_once(point):
+    """The new point, which accepts proofs of this second: its journal is new, too, so no earlier process had any."""
+    point.started_s = point.authority._started_s = math.floor(point.started_s - 1)
+    return point
+
+
 @asynccontextmanager
 async def lifespan(app):
     """The app's life, begun and ended."""
@@ -81,7 +88,7 @@ async def living(path, server, approved, scope, provider=None, guarded=None):
     entries = [ToolEntry(p.name, p.definition_digest, p.operation, p.base_tier) for p in approved]
     pep_key, clock = keys.from_pem(config.pep_key_file.read_bytes(), PASSPHRASE.encode()), SystemClock()
     issuer = FakeIssuer(made, clock, tools=entries, pep_key=keys.public_raw(pep_key))
-    guarded = guarded or GuardedServer(server, config)
+    guarded = at_once(guarded or GuardedServer(server, config))
     for part in (guarded.follower, guarded.shipper, guarded._asking):
         part._http = issuer.client()
     holder = agent(made, clock.wall_s(), scope=scope(clock.wall_s()))

@@ -20,6 +20,7 @@ from pep.point.guard_config import GuardConfig
 from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
 from pep.request.authority import PresentedRequest
 from tests.pep.kit import AUDIENCE, FakeIssuer, agent, full_scope, issuer_keys
+from tests.pep.point.alive import at_once
 from tests.pep.point.test_guarded_server import PASSPHRASE, written  # noqa: F401 - a fixture
 
 from capabilities.keys import keys
@@ -59,7 +60,7 @@ class Program:
         pep_key = keys.from_pem(config.pep_key_file.read_bytes(), PASSPHRASE.encode())
         clock = SystemClock()
         self.issuer = FakeIssuer(made, clock, tools=entries, pep_key=keys.public_raw(pep_key))
-        self.point = GuardedFunctions(config, FUNCTIONS)
+        self.point = at_once(GuardedFunctions(config, FUNCTIONS))
         for part in (self.point.follower, self.point.shipper, self.point._asking):
             part._http = self.issuer.client()
         limit = Limit(declared(open_valve).parameters[0], Range(0, 900))
