@@ -20,7 +20,7 @@ def main() -> None:
     behind = target if target.startswith("http:") else StdioTransport(target, arguments)
     app = create_proxy(behind).http_app(path="/mcp", stateless_http=True)
     # As the guard is served, so that what is served is the only difference.
-    config = uvicorn.Config(app, host=host, port=int(port), log_level="warning", loop="asyncio", http="h11")
+    config = uvicorn.Config(app, host=host, port=int(port), log_level="warning", loop="asyncio")
     Announcing(config).run()
 
 

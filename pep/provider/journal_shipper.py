@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 BATCH_BYTES: Final = 131_072
 """Records of one request; half of what the ledger accepts in one body."""
 PERIOD_S: Final = 0.5
+GATHER_S: Final = 0.1
+"""Ours: pause after a request that was less than half full, so that what comes meanwhile shares the next one."""
 BACK_OFF_S: Final = 5.0
 TIMEOUT_S: Final = 10.0
 
@@ -54,6 +56,7 @@ class JournalShipper:
         self._clock = clock
         self._incident = incident
         self.accepted_through = 0
+        self._sent_bytes = 0
 
     async def run(self) -> None:
         """Ships for ever."""
@@ -70,6 +73,8 @@ class JournalShipper:
                 continue
             if not more:
                 await asyncio.sleep(PERIOD_S)
+            elif self._sent_bytes < BATCH_BYTES // 2:
+                await asyncio.sleep(GATHER_S)
 
     async def ship(self) -> bool:
         """Ships one batch to the ledger; True when there may be more. A record that is already there changes nothing.
@@ -109,4 +114,5 @@ class JournalShipper:
         if not self.accepted_through < through <= self._journal.last_seq:
             raise JournalError(PepFault.LEDGER_REFUSED, f"accepted through {through}")
         self.accepted_through = through
+        self._sent_bytes = len(body)
         return True

@@ -243,7 +243,7 @@ class _Signed:
         """Sends one message."""
         message = item.message
         if isinstance(message, JSONRPCRequest):
-            params = await anyio.to_thread.run_sync(self._auth.signed, message.method, message.params or {})
+            params = self._auth.signed(message.method, message.params or {})
             item = replace(item, message=message.model_copy(update={"params": params}))
         await self._inner.send(item)
 
