@@ -60,7 +60,7 @@ class McpResult:
 
     def to_json(self) -> dict[str, Any]:
         """Plain JSON of the result."""
-        ratios: dict[str, float] = {}
+        ratios: dict[str, float | None] = {}
         for name, fronts in (("http", self.http), ("stdio", self.stdio)):
             gateway = fronts.gateway
             ratios |= {

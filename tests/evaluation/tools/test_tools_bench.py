@@ -87,7 +87,7 @@ def test_a_refused_call_is_counted():
 
 
 def command(bench, calls=10):
-    """What the command prints, as a user runs it."""
+    """Printed object of the command, as a user runs it."""
     argv = [str(Path(sys.executable).with_name("ztpm")), "eval", "bench", bench, "--calls", str(calls), "--json"]
     done = subprocess.run(argv, capture_output=True, text=True, timeout=280)
     assert done.returncode == 0, done.stderr
