@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, NoReturn
@@ -57,6 +58,7 @@ def pit(
     """
     if context.invoked_subcommand is not None:
         return
+    gc.disable()  # one question, and then the process ends: looking for garbage took an eighth of it
     if scene is None or motion is None:
         fail("USAGE", "--scene FILE and --motion FILE are needed")
     if picture is not None and picture.suffix not in PICTURES:

@@ -13,6 +13,7 @@ from typing import Any, Final, TypeVar, cast
 # Read by numba when it is imported: a higher level took half as long again to compile and made nothing faster.
 os.environ.setdefault("NUMBA_OPT", "1")
 
+from llvmlite.binding import parse_assembly
 from numba import njit
 from numba.core import types
 from numba.core.caching import FunctionCache, IndexDataCacheFile
@@ -79,6 +80,24 @@ class _Part(JITCodeLibrary):
         self._finalized = True
 
 
+class _Whole(JITCodeLibrary):
+    """The code of a function that Python calls.
+
+    On disk it has its machine code and the names in it. Numba itself would keep all of the code besides, for functions
+    that merge it, and read it again at each start; nothing compiled calls these.
+    """
+
+    def serialize_using_object_code(self) -> tuple[str, str, tuple[bytes, bytes]]:
+        """Name, form, and the machine code with a module of the same names."""
+        name, form, (machine_code, _) = super().serialize_using_object_code()
+        made = self._final_module
+        functions = (each.name for each in made.functions if not each.is_declaration)
+        variables = (each.name for each in made.global_variables if not each.is_declaration)
+        lines = [f'define void @"{each}"() {{ unreachable }}' for each in functions]
+        lines += [f'@"{each}" = global i8 0' for each in variables]
+        return name, form, (machine_code, parse_assembly("\n".join(lines)).as_bitcode())
+
+
 @contextmanager
 def _parts_beside() -> Iterator[None]:
     """Compilations by numba itself in this block make no machine code of their own either."""
@@ -104,7 +123,7 @@ class _WholeCompiler(Compiler):
     def define_pipelines(self) -> Any:
         """As numba's own, into a library that becomes machine code."""
         state = self.state
-        state.library = JITCodeLibrary(state.targetctx.codegen(), state.func_id.func_qualname)
+        state.library = _Whole(state.targetctx.codegen(), state.func_id.func_qualname)
         state.library.enable_object_caching()
         return super().define_pipelines()
 
