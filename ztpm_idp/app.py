@@ -56,6 +56,7 @@ from ztpm_idp.routes import (
 )
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.routes.described import described_by
+from ztpm_idp.routes.descriptions import Descriptions
 from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -207,6 +208,7 @@ def create_app(
     app.add_exception_handler(SignerUnavailableError, _unsigned)
     app.add_exception_handler(HTTPException, _http)
     app.add_middleware(Door, prefix=path, rates=app.state.rates)
+    app.add_middleware(Descriptions, prefix=path)
     app.add_middleware(_Shield)
     app.add_middleware(Observing, metrics=metrics, random=secrets.token_bytes)
     return app

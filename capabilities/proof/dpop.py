@@ -1,4 +1,4 @@
-"""Plain DPoP proof (RFC 9449) of a client that is not ours.
+"""Plain DPoP proof (RFC 9449), as a client makes it whose server is not ours, and the other way round.
 
 It covers no body, and may have further claims.
 
@@ -21,6 +21,7 @@ from capabilities.values import strict_json
 from capabilities.values.errors import BadKeyError, Fault, FaultCode, StatementError
 
 if TYPE_CHECKING:
+    from capabilities.keys.keys import PrivateKey
     from capabilities.values.caps import Caps
 
 JTI_BYTES: Final = 256
@@ -49,6 +50,29 @@ class PlainProof:
     key: bytes
     thumbprint: str
     nonce: str | None
+
+
+def prove_plain(
+    key: PrivateKey, *, method: str, url: str, token: str | None, nonce: str | None, at: int, jti: str
+) -> str:
+    """A proof, by `key`, for one request to any server.
+
+    Args:
+        key: that the access token is bound to, or will be.
+        method: HTTP method, upper case.
+        url: of the request, without query and fragment.
+        token: text of the access token that the request presents, or None.
+        nonce: that the server gave for this request, or None.
+        at: seconds since the epoch.
+        jti: never used before.
+    """
+    claims: dict[str, object] = {"jti": jti, "htm": method, "htu": url, "iat": at}
+    if token is not None:
+        claims["ath"] = token_digest(token)
+    if nonce is not None:
+        claims["nonce"] = nonce
+    header: dict[str, object] = {"typ": TYPE, "jwk": jws.jwk(keys.public_raw(key))}
+    return jws.sign(header, strict_json.canonical(claims), key)
 
 
 def check_plain(proof: str, *, method: str, url: str, token: str | None, at: float, caps: Caps) -> PlainProof | Fault:

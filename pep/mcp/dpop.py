@@ -7,14 +7,12 @@ else. Every refusal is on record.
 
 from __future__ import annotations
 
-import json
 import secrets
 from dataclasses import replace
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import TYPE_CHECKING, Protocol
 from urllib.parse import urlsplit
 
 from capabilities import tracing
-from capabilities.keys import jws
 from capabilities.proof import mcp_meta
 from capabilities.values import trace_context
 from capabilities.values.errors import Fault, FaultCode
@@ -39,6 +37,7 @@ from pep.mcp.http_request import (
     trace_of,
 )
 from pep.mcp.mapping import bare_request, stops
+from pep.mcp.resource_description import ALGORITHMS, ResourceDescription
 from pep.request.authority import Credentials, PresentedRequest
 from policies.words.reason_table import Reason
 
@@ -53,18 +52,12 @@ if TYPE_CHECKING:
     from pep.request.authority import Authority
     from pep.request.edge import Edge
 
-ALGORITHMS: Final = (jws.EDDSA, jws.ES256)
-"""Algorithms of proofs; the holder's key decides which."""
-
 
 class AccessTokens(Protocol):
     """Port to the identity provider's answers about access tokens."""
 
     async def look(self, token: str) -> Looked | Fault:
         """The answer about this access token, or the fault of one that stands for nothing."""
-
-
-WELL_KNOWN: Final = "/.well-known/oauth-protected-resource"
 
 
 class DPoPLayer:
@@ -105,17 +98,7 @@ class DPoPLayer:
         self._access = access
         self._audience = audience
         self._path = parts.path
-        self._metadata_path = f"{WELL_KNOWN}{parts.path}"
-        self._metadata_url = f"{parts.scheme}://{parts.netloc}{self._metadata_path}"
-        self._metadata = json.dumps(
-            {
-                "resource": audience,
-                "authorization_servers": [issuer],
-                "bearer_methods_supported": [] if access is None else ["header"],
-                "dpop_bound_access_tokens_required": access is None,
-                "dpop_signing_alg_values_supported": list(ALGORITHMS),
-            }
-        ).encode()
+        self._metadata = ResourceDescription(audience=audience, issuer=issuer, bearer=access is not None)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One ASGI connection."""
@@ -128,8 +111,8 @@ class DPoPLayer:
             await send({"type": "websocket.close", "code": 1008})
 
     async def _http(self, scope: Scope, receive: Receive, send: Send) -> None:
-        if scope["path"] == self._metadata_path and scope["method"] == "GET":
-            await answer(send, 200, self._metadata)
+        if self._metadata.is_at(scope):
+            await self._metadata.tell(scope, send)
             return
         if scope["path"] != self._path or scope["query_string"]:
             await answer(send, 404, b"")
@@ -227,14 +210,14 @@ class DPoPLayer:
             proof = reason.startswith("PROOF") or reason is Reason.REPLAYED
             challenge = (
                 f'DPoP error="{"invalid_dpop_proof" if proof else "invalid_token"}", error_description="{reason}", '
-                f'algs="{" ".join(ALGORITHMS)}", resource_metadata="{self._metadata_url}"'
+                f'algs="{" ".join(ALGORITHMS)}", resource_metadata="{self._metadata.url}"'
             )
             if self._access is not None:
                 # RFC 6750 section 3.1: a request without credentials is told no error.
                 error = (
                     "" if reason is Reason.TOKEN_MISSING else f'error="invalid_token", error_description="{reason}", '
                 )
-                bearer = f'Bearer {error}resource_metadata="{self._metadata_url}"'
+                bearer = f'Bearer {error}resource_metadata="{self._metadata.url}"'
                 headers.append((b"www-authenticate", bearer.encode()))
             headers.append((b"www-authenticate", challenge.encode()))
         await self._refusals.refuse(send, status, reason, credentials=credentials, where=where, headers=headers)

@@ -480,12 +480,12 @@ def _remedy(reason: Reason, detail: Mapping[str, object]) -> dict[str, object]:
 
 
 def _denied(told: dict[str, object]) -> CallToolResult:
-    """Result in place of the tool's, for models to read and for programs to parse."""
+    """Result in place of the tool's: a text for models to read, the same in `_meta` for programs.
+
+    Structured content has the form that the tool declares, and many clients hold an error against that, too.
+    """
     return CallToolResult(
-        is_error=True,
-        content=[TextContent(type="text", text=json.dumps(told))],
-        structured_content=told,
-        _meta={DECISION_META: told},
+        is_error=True, content=[TextContent(type="text", text=json.dumps(told))], _meta={DECISION_META: told}
     )
 
 

@@ -158,16 +158,22 @@ def short(text: object) -> str | None:
 
 
 async def answer(
-    send: Send, status: int, body: bytes, headers: Sequence[tuple[bytes, bytes]] = (), *, media: bytes = JSON
+    send: Send,
+    status: int,
+    body: bytes,
+    headers: Sequence[tuple[bytes, bytes]] = (),
+    *,
+    media: bytes = JSON,
+    bodiless: bool = False,
 ) -> None:
-    """Sends a JSON body of that media type, or none, which no cache may keep."""
+    """Sends a JSON body of that media type, or only what is said of it, which no cache may keep."""
     fixed = [
         (b"content-type", media),
         (b"content-length", str(len(body)).encode()),
         (b"cache-control", b"no-store"),
     ]
     await send({"type": "http.response.start", "status": status, "headers": [*fixed, *headers]})
-    await send({"type": "http.response.body", "body": body})
+    await send({"type": "http.response.body", "body": b"" if bodiless else body})
 
 
 class Refusals:

@@ -22,11 +22,11 @@ from pep.base.errors import ConfigError, JournalError, PepFault
 from pep.base.operation_row import OperationKind
 from pep.gate import records
 from pep.mcp.body_screen import Unfit, screen
-from pep.mcp.dpop import ALGORITHMS
 from pep.mcp.http_request import BEARER, SCHEME, Refusals, answer, digest, headers_of, read_body, short
 from pep.mcp.mapping import Misfit, bare_request
 from pep.mcp.provenance import unvouched
 from pep.mcp.real_paths import resolved_request
+from pep.mcp.resource_description import ALGORITHMS
 from pep.mcp.tool_digest import tool_reading
 from pep.point import evaluation_answer
 from pep.point.evaluation_answer import Answer

@@ -9,7 +9,9 @@ from typing import Annotated
 
 import httpx2
 from capabilities.values.scope import Range
+from cryptography.hazmat.primitives import serialization
 from mcp import Client
+from mcp.client.auth.extensions.client_credentials import PrivateKeyJWTOAuthProvider, SignedJWTParameters
 from mcp.client.streamable_http import streamable_http_client
 from mcp.server import MCPServer
 from pep.base.declaration import declared
@@ -40,6 +42,34 @@ def wipe(width: Annotated[int, Within(1, 4_096, "count")]) -> int:
 
 ROWS = {tool.__name__: declared(tool) for tool in (read, wipe)}
 GRANTS = (grant(ROWS["read"], width=Range(1, 640)), grant(ROWS["wipe"]))
+
+
+class Memory:
+    """The SDK's storage of tokens, in memory."""
+
+    def __init__(self, client=None):
+        self.tokens, self.client = None, client
+
+    async def get_tokens(self):
+        return self.tokens
+
+    async def set_tokens(self, tokens):
+        self.tokens = tokens
+
+    async def get_client_info(self):
+        return self.client
+
+    async def set_client_info(self, client_info):
+        self.client = client_info
+
+
+def by_credentials(client_id, key, memory, *, url, issuer):
+    """The SDK's provider for a client with a P-256 key of its own."""
+    pem = key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    ).decode()
+    signed = SignedJWTParameters(issuer=client_id, subject=client_id, signing_key=pem, signing_algorithm="ES256")
+    return PrivateKeyJWTOAuthProvider(url, memory, client_id, signed.create_assertion_provider(), issuer=issuer)
 
 
 class Routed(httpx2.AsyncBaseTransport):

@@ -74,7 +74,7 @@ class Plant:
 
     def __init__(self, folder):
         self.folder = folder
-        self.provider = Process(folder).start()
+        self.provider = Process(folder, oauth=True).start()
         self.audience = f"http://127.0.0.1:{free_port()}/mcp"
         self.child = self.signer = None
         self.gateway, self.signs_at = keys.generate(), ""

@@ -9,18 +9,17 @@ from urllib.parse import parse_qs, urlsplit
 import httpx2
 import pytest
 from capabilities.keys.keys import Algorithm
-from cryptography.hazmat.primitives import serialization
 from mcp.client.auth import AuthorizationCodeResult, OAuthClientProvider, OAuthTokenError
-from mcp.client.auth.extensions.client_credentials import PrivateKeyJWTOAuthProvider, SignedJWTParameters
 from mcp.shared.auth import OAuthClientInformationFull, OAuthClientMetadata
 from pep.mcp.guard import DECISION_META
-from tests.e2e.routed import CALLED, GRANTS, Plant
+from tests.e2e.routed import CALLED, GRANTS, Memory, Plant, by_credentials
 from tests.ztpm_idp.login.browser import Browser
-from tests.ztpm_idp.oauth.speaking import StockClient, declare
+from tests.ztpm_idp.oauth.speaking import StockClient, claims_of, declare
 from tests.ztpm_idp.oauth.test_code_flow import AUTHORIZE, HIDDEN
 from tests.ztpm_idp.world import AUDIENCE, ISSUER
 
 from capabilities.keys import keys
+from ztpm_idp.client import DPoPAuth
 
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("OAT-1", "OAT-2", "OAT-3", "OAT-4", "OAT-5")]
 
@@ -31,34 +30,8 @@ def plant(tmp_path, monkeypatch):
         yield made
 
 
-class Memory:
-    """The SDK's storage of tokens, in memory."""
-
-    tokens = client = None
-
-    async def get_tokens(self):
-        return self.tokens
-
-    async def set_tokens(self, tokens):
-        self.tokens = tokens
-
-    async def get_client_info(self):
-        return self.client
-
-    async def set_client_info(self, client_info):
-        self.client = client_info
-
-
-def by_credentials(client, memory):
-    pem = client.key.private_bytes(
-        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
-    ).decode()
-    signed = SignedJWTParameters(
-        issuer=client.client_id, subject=client.client_id, signing_key=pem, signing_algorithm="ES256"
-    )
-    return PrivateKeyJWTOAuthProvider(
-        AUDIENCE, memory, client.client_id, signed.create_assertion_provider(), issuer=ISSUER
-    )
+def by_mandate(client, memory):
+    return by_credentials(client.client_id, client.key, memory, url=AUDIENCE, issuer=ISSUER)
 
 
 def decision(answer):
@@ -72,7 +45,7 @@ def test_a_program_with_a_mandate_goes_from_401_to_a_call(plant):
     mandate_id = stock.mandate(grants=GRANTS, ceiling=3)
 
     async def work():
-        async with plant.client(by_credentials(stock, memory)) as client:
+        async with plant.client(by_mandate(stock, memory)) as client:
             first = await client.call_tool("read", {"width": 320})
             assert decision(first) == ("PERMIT", "PERMITTED")
             # Beyond the mandate, and above tier 1 whatever the mandate holds.
@@ -180,24 +153,25 @@ class Person:
         return AuthorizationCodeResult(code=told["code"], state=told["state"], iss=told["iss"])
 
 
-def test_a_person_lets_a_stock_client_call(plant):
-    world, memory = plant.world, Memory()
-    stock = StockClient(world, redirects=("http://127.0.0.1/callback",))
+def by_person(plant, memory, *, redirect="http://127.0.0.1:41234/callback"):
+    """A registered public client of the SDK, and the person who is asked by it."""
+    stock = StockClient(plant.world, redirects=("http://127.0.0.1/callback",))
     assert stock.register().status_code == 201
-    declare(world, "camera.use", GRANTS)
+    declare(plant.world, "camera.use", GRANTS)
     person = Person(plant)
-    person.browser.log_in(world.people["alice"])
-    redirect = "http://127.0.0.1:41234/callback"
+    person.browser.log_in(plant.world.people["alice"])
     memory.client = OAuthClientInformationFull(
         client_id="viewer", redirect_uris=[redirect], token_endpoint_auth_method="none", issuer=ISSUER
     )
-    auth = OAuthClientProvider(
-        AUDIENCE,
-        OAuthClientMetadata(redirect_uris=[redirect], token_endpoint_auth_method="none", client_name="The viewer"),
-        memory,
-        person.open,
-        person.come_back,
+    metadata = OAuthClientMetadata(
+        redirect_uris=[redirect], token_endpoint_auth_method="none", client_name="The viewer"
     )
+    return OAuthClientProvider(AUDIENCE, metadata, memory, person.open, person.come_back)
+
+
+def test_a_person_lets_a_stock_client_call(plant):
+    memory = Memory()
+    auth = by_person(plant, memory)
 
     async def work():
         async with plant.client(auth) as client:
@@ -207,3 +181,66 @@ def test_a_person_lets_a_stock_client_call(plant):
     plant.run(work())
     assert memory.tokens.scope == "camera.use" and memory.tokens.refresh_token
     assert CALLED == [320]
+
+
+def bound_to(key, memory):
+    return claims_of(memory.tokens.access_token)["cnf"]["jkt"] == keys.thumbprint(keys.public_raw(key))
+
+
+def tokens_asked(plant):
+    """Status of each request for a token, in order."""
+    return [status for _, _, path, status in plant.transport.seen if path.endswith("/oauth/token")]
+
+
+@pytest.mark.parametrize("algorithm", Algorithm)
+def test_a_program_with_a_mandate_has_its_tokens_bound(plant, algorithm):
+    memory, key = Memory(), keys.generate(algorithm)
+    stock = StockClient(plant.world, key=keys.generate(Algorithm.P256))
+    stock.register()
+    stock.mandate(grants=GRANTS)
+
+    async def work():
+        async with plant.client(DPoPAuth(by_mandate(stock, memory), key)) as client:
+            assert decision(await client.call_tool("read", {"width": 320})) == ("PERMIT", "PERMITTED")
+            assert decision(await client.call_tool("read", {"width": 641}))[0] == "DENY"
+        # The stored token is found by the next connection, which knows it by the key that it names.
+        async with plant.client(DPoPAuth(by_mandate(stock, memory), key)) as client:
+            assert decision(await client.call_tool("read", {"width": 321})) == ("PERMIT", "PERMITTED")
+        assert tokens_asked(plant) == [400, 200]
+        async with httpx2.AsyncClient(transport=plant.transport) as http:
+            body = {"jsonrpc": "2.0", "id": 1, "method": "tools/list", "params": {}}
+            stolen = await http.post(
+                AUDIENCE, json=body, headers={"Authorization": f"Bearer {memory.tokens.access_token}"}
+            )
+        assert (stolen.status_code, stolen.json()["reason"]) == (401, "PROOF_MISSING")
+
+    plant.run(work())
+    assert bound_to(key, memory)
+    assert CALLED == [320, 321]
+
+
+def test_a_person_lets_a_client_call_whose_tokens_are_bound_and_renewed(plant):
+    memory, key = Memory(), keys.generate()
+    provider = by_person(plant, memory)
+    auth = DPoPAuth(provider, key)
+
+    async def work():
+        async with plant.client(auth) as client:
+            assert decision(await client.call_tool("read", {"width": 320})) == ("PERMIT", "PERMITTED")
+            first = memory.tokens
+            provider.context.token_expiry_time = 1.0
+            assert decision(await client.call_tool("read", {"width": 321})) == ("PERMIT", "PERMITTED")
+            assert bound_to(key, memory) and memory.tokens.access_token != first.access_token
+            # The nonce was kept from one token request to the next; the browser's page was opened once.
+            assert tokens_asked(plant) == [400, 200, 200]
+        # Whoever has the refresh token has not the key: the thief is refused, and asks a person, who is not there.
+        stolen = OAuthClientProvider(AUDIENCE, provider.context.client_metadata, memory)
+        stolen.context.token_expiry_time = 1.0
+        stolen.context.oauth_metadata = provider.context.oauth_metadata
+        async with plant.client(DPoPAuth(stolen, keys.generate())) as client:
+            await client.call_tool("read", {"width": 322})
+
+    with pytest.raises(ExceptionGroup):
+        plant.run(work())
+    assert tokens_asked(plant)[3:] == [400, 400]  # for want of a nonce, and with it
+    assert CALLED == [320, 321]

@@ -10,23 +10,31 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
+from urllib.parse import urlsplit
 
 import anyio
+import httpx2
 import pytest
 from capabilities.values.scope import Range, Scope, Stems, Tier
 from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
+from mcp.client.streamable_http import streamable_http_client
 from mcp.types import ElicitResult
 from pep.mcp.guard import DECISION_META
 from pep.point.tool_gateway_config import ToolGatewayConfig
+from tests.e2e.routed import Memory, by_credentials
 from tests.e2e.test_any_tool import DEADLINE_S, TOP, Plant, approve, told
+from tests.node_packages import installed, node
 from tests.ztpm_idp.test_process import PASSPHRASE, free_port
 from ztpm.base.layout import Layout
 
 from capabilities.keys import keys
 from pep import grant
+from ztpm_idp.client import DPoPAuth
 
 pytestmark = pytest.mark.e2e
+NODE_CLIENTS = Path(__file__).parent / "node_clients"
 MAPPING = """
 [tool.write_note]
 object = "notes"
@@ -250,7 +258,7 @@ def test_a_person_is_asked_and_the_retry_happens_once(front):
     note = {"title": "five stars", "stars": 5}
     deferred = told(front.use(agent, token, "write_note", note))
     assert (deferred["decision"], front.heard()) == ("DEFER", [])
-    answer = front.use(agent, token, "write_note", note).structured_content
+    answer = told(front.use(agent, token, "write_note", note))
     approve(front, answer["approval_id"])
     until = time.monotonic() + DEADLINE_S
     while told(front.use(agent, token, "write_note", note))["decision"] != "PERMIT":
@@ -364,6 +372,83 @@ def test_a_client_that_knows_only_stdio(front):
     )  # fmt: skip
     assert (done.returncode, done.stdout) == (2, "")
     assert "URL: plain HTTP on loopback only" in done.stderr
+
+
+async def placed(http, origin, path):
+    """The object that a server tells at a path, however it is asked there."""
+    url = f"{origin}{path}"
+    told, head, before = await http.get(url), await http.head(url), await http.options(url)
+    assert (told.status_code, head.status_code, before.status_code, head.content) == (200, 200, 204, b"")
+    assert {each.headers["access-control-allow-origin"] for each in (told, head, before)} == {"*"}
+    return told.json()
+
+
+def test_a_stock_oauth_client_finds_its_way_and_calls(front):
+    origin, key = front.audience.removesuffix("/mcp"), keys.generate(keys.Algorithm.P256)
+    notes = grant(front.rows["write_note"], stars=Range(0, 3))
+    now = int(time.time())
+    scope = Scope(
+        grants=(notes,), ceiling=Tier.REVERSIBLE, audiences=frozenset({front.audience}), delegates=frozenset(), depth=0,
+        not_before=now - 5, not_after=now + 600,
+    )  # fmt: skip
+    with front.provider.operator() as alice:
+        alice.register_client("nightly", "The nightly job", key=keys.public_raw(key))
+        alice.sign_mandate("nightly", scope, purpose="note what happened")
+
+    async def found():
+        async with httpx2.AsyncClient(timeout=DEADLINE_S) as http:
+            root = "/.well-known/oauth-protected-resource"
+            resources = [await placed(http, origin, f"{root}{rest}") for rest in ("", "/", "/mcp", "/mcp/")]
+            (resource,) = {json.dumps(each): each for each in resources}.values()
+            assert resource["resource"] == front.audience
+            (issuer,) = resource["authorization_servers"]
+            parts = urlsplit(issuer)
+            path = f"/.well-known/oauth-authorization-server{parts.path}"
+            server = await placed(http, f"{parts.scheme}://{parts.netloc}", path)
+            assert (server["issuer"], issuer) == (front.provider.issuer, front.provider.issuer)
+            # While the provider does not answer, the gateway still says where it is.
+            os.kill(front.provider.popen.pid, signal.SIGSTOP)
+            try:
+                assert await placed(http, origin, root) == resource
+            finally:
+                os.kill(front.provider.popen.pid, signal.SIGCONT)
+
+    asyncio.run(found())
+
+    async def called(wrapped):
+        memory = Memory()
+        auth = by_credentials("nightly", key, memory, url=front.audience, issuer=front.provider.issuer)
+        async with (
+            httpx2.AsyncClient(auth=wrapped(auth), timeout=DEADLINE_S) as http,
+            Client(streamable_http_client(front.audience, http_client=http)) as client,
+        ):
+            names = [each.name for each in (await client.list_tools()).tools]
+            done = await in_time(client, "write_note", {"title": "a", "stars": 2})
+            refused = await in_time(client, "write_note", {"title": "a", "stars": 4})
+        return memory.tokens.access_token, names, told(done)["decision"], told(refused)["reason"]
+
+    expected = ["write_note"], "PERMIT", "LIMIT_EXCEEDED_BY_REQUEST"
+    _, *bound = asyncio.run(called(lambda auth: DPoPAuth(auth, keys.generate())))
+    bearer, *plain = asyncio.run(called(lambda auth: auth))
+    assert tuple(bound) == tuple(plain) == expected
+    assert len(front.heard()) == 2
+
+    def inspector(*options):
+        """The Inspector's command line, with the access token in a header."""
+        launcher = "node_modules/@modelcontextprotocol/inspector/clients/launcher/build/index.js"
+        command = [node(), str(installed(NODE_CLIENTS) / launcher), "--cli", front.audience, "--transport", "http"]
+        header = ["--header", f"Authorization: Bearer {bearer}"]
+        done = subprocess.run(
+            [*command, *options, *header], env=os.environ | {"HOME": str(front.folder)}, capture_output=True, text=True,
+            timeout=DEADLINE_S, check=False,
+        )  # fmt: skip
+        assert done.stdout, done.stderr
+        return json.loads(done.stdout)
+
+    assert [each["name"] for each in inspector("--method", "tools/list")["tools"]] == ["write_note"]
+    call = ("--method", "tools/call", "--tool-name", "write_note", "--tool-arg", "title=a")
+    assert inspector(*call, "stars=2")["_meta"][DECISION_META]["decision"] == "PERMIT"
+    assert inspector(*call, "stars=4")["_meta"][DECISION_META]["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
 
 
 def test_a_server_that_goes_and_comes_back(front):

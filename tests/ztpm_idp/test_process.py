@@ -53,7 +53,7 @@ def free_port():
 class Process:
     """A configured identity provider that can be started, killed and started again on the same files."""
 
-    def __init__(self, folder: Path, database: str = ""):
+    def __init__(self, folder: Path, database: str = "", *, oauth: bool = False):
         self.folder, self.port = folder, free_port()
         self.issuer = f"http://127.0.0.1:{self.port}/ztpm"
         self.private = {role: keys.generate() for role in ROLES} | {"alice": keys.generate()}
@@ -69,6 +69,11 @@ class Process:
             f'database_url = "{url}"',
             "root_key_id = 1",
         ]
+        if oauth:
+            path = folder / "oauth.key"
+            path.write_bytes(keys.to_pem(keys.generate(), PASSPHRASE.encode()))
+            path.chmod(0o600)
+            lines.append('oauth_key_files = ["oauth.key"]')
         self.config = folder / "idp.toml"
         self.config.write_text("\n".join(lines + [f'{role}_key_file = "{role}.key"' for role in ROLES]))
         self.private |= {name: keys.generate() for name in ("carol", "dora")}

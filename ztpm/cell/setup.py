@@ -105,7 +105,7 @@ class Addresses:
     @property
     def well_known(self) -> str:
         """URL at which the cell's MCP server names its token issuer to all callers (RFC 9728)."""
-        from pep.mcp.dpop import WELL_KNOWN
+        from pep.mcp.resource_description import WELL_KNOWN
 
         return f"http://{self.host}:{self.tools_port}{WELL_KNOWN}/mcp"
 

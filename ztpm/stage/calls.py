@@ -45,7 +45,7 @@ class Answer:
         decision: PERMIT, DENY or DEFER, as the server said it.
         reason: its reason code.
         tier: the runtime tier, or None.
-        content: the structured content, whole.
+        content: the structured content, whole; of a denial or deferral the decision.
         latency_ms: from sending to the answer; for a motion, until it ended.
         exchange: the decisive exchange.
     """
@@ -115,7 +115,7 @@ async def _call(
             return spoken(next(answered, kept[-1]), (time.perf_counter() - started) * 1e3)
         latency_ms = (time.perf_counter() - started) * 1e3
     decision = (result.meta or {}).get(DECISION_META) or {}
-    content = result.structured_content if isinstance(result.structured_content, dict) else {}
+    content = result.structured_content if isinstance(result.structured_content, dict) else decision
     return Answer(
         status=kept[-1].status,
         decision=str(decision.get("decision", "NONE")),
@@ -156,7 +156,7 @@ def _said(answer: bytes) -> tuple[dict[str, Any], dict[str, Any]]:
             if not isinstance(result, dict) or not isinstance(decided, dict):
                 return body, body
             content = result.get("structuredContent")
-            return decided, content if isinstance(content, dict) else {}
+            return decided, content if isinstance(content, dict) else decided
     return {}, {}
 
 

@@ -3,12 +3,14 @@
 from ztpm_idp.client.caller import ClientError, Issued, Revocation
 from ztpm_idp.client.callers import Agent, Evidence, Operator, delegate_request, issue_request
 from ztpm_idp.client.denials import Deferred, Denied, raise_refused, refusal_in
+from ztpm_idp.client.dpop_auth import DPoPAuth
 from ztpm_idp.client.renewal import Renewal, RenewingAuth
 from ztpm_idp.client.signing import ProofAuth
 
 __all__ = [
     "Agent",
     "ClientError",
+    "DPoPAuth",
     "Deferred",
     "Denied",
     "Evidence",

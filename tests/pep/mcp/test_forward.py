@@ -58,7 +58,7 @@ def test_the_sdk_client_moves_the_arm_through_both(house, mode):
 
 def test_a_denial_comes_back_whole(house):
     holder = house.agent(scope=full_scope(house.clock.wall_s(), speed_high=300_000))
-    told = house.run(lambda: house.use(holder, "move_joint", MOVE)).structured_content
+    told = house.run(lambda: house.use(holder, "move_joint", MOVE)).meta[DECISION_META]
     assert (told["reason"], told["nearest_permitted"], told["set_by"]["agent"]) == (
         "LIMIT_EXCEEDED_BY_REQUEST",
         300_000,
@@ -68,7 +68,7 @@ def test_a_denial_comes_back_whole(house):
 
 def test_a_deferral_comes_back_with_its_question(house):
     house.physics.answer = reading(3, 2_500)
-    told = house.run(lambda: house.use(house.agent(), "move_joint", MOVE)).structured_content
+    told = house.run(lambda: house.use(house.agent(), "move_joint", MOVE)).meta[DECISION_META]
     assert (told["decision"], bool(told["ask_id"])) == ("DEFER", True)
 
 

@@ -16,7 +16,7 @@ from pep.base.operations import MOVE_JOINT, digest_of
 from pep.base.ports import RegisteredTool
 from pep.mcp.arm_server import arm_server, tool_definitions
 from pep.mcp.body_screen import screen
-from pep.mcp.dpop import WELL_KNOWN
+from pep.mcp.resource_description import WELL_KNOWN
 from pep.mcp.guard import DECISION_META, guard
 from pep.mcp.mapping import ARM_TOOLS
 from pep.rtde.motion.standstill import MotionEnd
@@ -196,9 +196,10 @@ def test_reading(cell):
 def test_a_denial_says_what_would_be_permitted(cell):
     holder = cell.agent(scope=full_scope(cell.clock.wall_s(), speed_high=300_000))
     result = with_cell(cell, lambda: cell.use(holder, "move_joint", MOVE))
-    told = result.structured_content
+    told = result.meta[DECISION_META]
     assert result.is_error
-    assert told == result.meta[DECISION_META]
+    # The tool declares the form of its structured content, and this is not it.
+    assert (json.loads(result.content[0].text), result.structured_content) == (told, None)
     assert (told["decision"], told["reason"], told["primitive"]) == ("DENY", "LIMIT_EXCEEDED_BY_REQUEST", "TEA-2")
     assert (told["parameter"], told["value"], told["unit"]) == ("speed", 500_000, "urad_s")
     assert told["nearest_permitted"] == 300_000
@@ -211,7 +212,7 @@ def test_a_denial_says_what_would_be_permitted(cell):
 def test_a_deferral_carries_its_question(cell):
     cell.physics.answer = reading(3, 2_500)
     result = with_cell(cell, lambda: cell.use(cell.agent(), "move_joint", MOVE))
-    told = result.structured_content
+    told = result.meta[DECISION_META]
     assert (told["decision"], told["reason"], told["tier"], told["index_milli"]) == (
         "DEFER",
         "TIER_NEEDS_APPROVAL",
@@ -224,7 +225,7 @@ def test_a_deferral_carries_its_question(cell):
 
 def test_a_fault_of_physics_has_no_tier(cell):
     cell.physics.answer = ImpactFault("PERCEPTION_INVALID")
-    told = with_cell(cell, lambda: cell.use(cell.agent(), "move_joint", MOVE)).structured_content
+    told = with_cell(cell, lambda: cell.use(cell.agent(), "move_joint", MOVE)).meta[DECISION_META]
     assert (told["decision"], told["reason"], told["tier"]) == ("DENY", "PERCEPTION_INVALID", None)
 
 
@@ -245,7 +246,7 @@ ARGUMENTS = {
 def test_arguments_that_are_no_request_are_denied_and_recorded(cell, name):
     arguments, reason = ARGUMENTS[name]
     response = with_cell(cell, lambda: cell.post(cell.agent(), call_body(arguments=arguments)))
-    told = response.json()["result"]["structuredContent"]
+    told = response.json()["result"]["_meta"][DECISION_META]
     assert (told["decision"], told["reason"]) == ("DENY", reason)
     assert cell.arm.moves == []
     (refusal,) = cell.records("refusal")
@@ -261,7 +262,8 @@ def test_unknown_tool_is_denied_and_recorded(cell):
         return "ran"
 
     result = with_cell(cell, lambda: cell.use(cell.agent(), "hidden", {}))
-    assert (result.structured_content["reason"], result.structured_content["primitive"]) == ("TOOL_UNKNOWN", "TEA-3")
+    told = result.meta[DECISION_META]
+    assert (told["reason"], told["primitive"]) == ("TOOL_UNKNOWN", "TEA-3")
     assert cell.arm.moves == []
     assert cell.records("refusal")[0]["body"]["where"]["tool"] == "hidden"
 
@@ -281,13 +283,13 @@ def test_a_changed_definition_is_denied(cell):
 
     before, after = with_cell(cell, scenario)
     assert not before.is_error
-    assert after.structured_content["reason"] == "TOOL_DEFINITION_CHANGED"
+    assert after.meta[DECISION_META]["reason"] == "TOOL_DEFINITION_CHANGED"
     assert "changed" not in cell.arm.moves
 
 
 def test_what_is_sent_is_what_was_decided(cell):
     cell.arm.alter = lambda q: (q[0] + 0.5, *q[1:])
-    told = with_cell(cell, lambda: cell.use(cell.agent(), "move_joint", MOVE)).structured_content
+    told = with_cell(cell, lambda: cell.use(cell.agent(), "move_joint", MOVE)).meta[DECISION_META]
     assert told["reason"] == "NOT_WHAT_WAS_DECIDED"
     assert cell.arm.moves == []
     assert cell.records("outcome")[-1]["body"]["outcome"] == "refused"
@@ -335,13 +337,29 @@ def recorded(cell, reason):
     assert cell.arm.moves == []
 
 
-def test_metadata_is_served_to_anybody(cell):
+@pytest.mark.parametrize("path", ["", "/", "/mcp", "/mcp/"])
+def test_metadata_is_served_to_anybody_wherever_clients_look(cell, path):
+    url = f"http://{HOST}:{PORT}{WELL_KNOWN}{path}"
+    asked = {"Origin": "http://localhost:6274", "Access-Control-Request-Method": "GET"}
+    asked |= {"Access-Control-Request-Headers": "mcp-protocol-version"}
+
     async def scenario():
         async with httpx2.AsyncClient(timeout=60) as http:
-            return await http.get(f"http://{HOST}:{PORT}{WELL_KNOWN}/mcp")
+            answers = [await http.get(url), await http.head(url), await http.options(url, headers=asked)]
+            return *answers, await http.post(url), await http.get(url + "x"), await http.get(url + "//")
 
-    answer = with_cell(cell, scenario).json()
-    assert (answer["resource"], answer["authorization_servers"]) == (AUDIENCE, [ISSUER])
+    told, head, before, *refused = with_cell(cell, scenario)
+    answer = told.json()
+    assert (told.status_code, answer["resource"], answer["authorization_servers"]) == (200, AUDIENCE, [ISSUER])
+    assert (head.status_code, head.content) == (200, b"")
+    same = {"content-length", "content-type", "access-control-allow-origin", "cache-control"}
+    assert {name: head.headers[name] for name in same} == {name: told.headers[name] for name in same}
+    assert told.headers["access-control-allow-origin"] == "*"
+    assert (before.status_code, before.content) == (204, b"")
+    assert before.headers["access-control-allow-origin"] == before.headers["access-control-allow-headers"] == "*"
+    assert before.headers["access-control-allow-methods"] == "GET, HEAD"
+    assert [each.status_code for each in refused] == [405, 404, 404]
+    assert cell.records("refusal") == []
 
 
 def test_nothing_else_is_served(cell):

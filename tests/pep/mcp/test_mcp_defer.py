@@ -13,6 +13,7 @@ from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.mcp.test_mcp import Cell, Signed, call_body
 
 from pep.mcp import deferred_result
+from pep.mcp.guard import DECISION_META
 
 pytestmark = pytest.mark.real_time
 
@@ -65,11 +66,11 @@ def page(ask_id):
 def test_a_client_without_elicitation_is_told_where_and_its_identical_retry_succeeds_once(cell, mode):
     async def scenario():
         first = await use(cell, mode=mode)
-        await approve(cell, first.structured_content["approval_id"])
+        await approve(cell, first.meta[DECISION_META]["approval_id"])
         return first, await use(cell, mode=mode), await use(cell, mode=mode)
 
     first, retry, third = with_cell(cell, scenario)
-    told = first.structured_content
+    told = first.meta[DECISION_META]
     assert first.is_error
     assert (told["decision"], told["reason"]) == ("DEFER", "TIER_NEEDS_APPROVAL")
     assert told["approval_id"] == told["ask_id"]
@@ -77,7 +78,7 @@ def test_a_client_without_elicitation_is_told_where_and_its_identical_retry_succ
     assert told["retry_after_s"] == 1
     assert told["expires_at"] > cell.clock.wall_s()
     assert not retry.is_error
-    assert third.structured_content["reason"] == "APPROVAL_USED"
+    assert third.meta[DECISION_META]["reason"] == "APPROVAL_USED"
     assert len(cell.arm.moves) == 1
 
 
@@ -108,7 +109,7 @@ def test_what_the_client_answers_is_no_approval(cell, content, monkeypatch):
         return ElicitResult(action="accept", content=content)
 
     result = with_cell(cell, lambda: use(cell, lie))
-    assert (result.structured_content["decision"], result.structured_content["reason"]) == (
+    assert (result.meta[DECISION_META]["decision"], result.meta[DECISION_META]["reason"]) == (
         "DEFER",
         "TIER_NEEDS_APPROVAL",
     )
@@ -125,7 +126,7 @@ def test_a_page_that_was_not_shown_is_not_waited_for(cell, action, monkeypatch):
         return ElicitResult(action=action)
 
     result = with_cell(cell, lambda: use(cell, no))
-    assert result.structured_content["decision"] == "DEFER"
+    assert result.meta[DECISION_META]["decision"] == "DEFER"
     assert cell.arm.moves == []
 
 
@@ -135,7 +136,7 @@ def test_an_older_protocol_gets_the_structured_error_even_with_elicitation(cell)
         return ElicitResult(action="accept")
 
     result = with_cell(cell, lambda: use(cell, show, mode="legacy"))
-    assert result.structured_content["approval_id"]
+    assert result.meta[DECISION_META]["approval_id"]
     assert cell.shown == []
 
 
@@ -155,7 +156,7 @@ def test_a_forged_retry_moves_nothing_and_waits_for_nothing(cell, name, monkeypa
     body["params"] |= FORGED[name]
     answer = with_cell(cell, lambda: cell.post(cell.holder, body)).json()
     if "result" in answer:
-        assert answer["result"]["structuredContent"]["decision"] == "DEFER"
+        assert answer["result"]["_meta"][DECISION_META]["decision"] == "DEFER"
     else:
         assert answer["error"]["data"]["reason"] == "invalid_request_state"
     assert cell.arm.moves == []
@@ -182,6 +183,6 @@ def test_only_so_many_wait_at_once(cell, monkeypatch):
         return await turned_away, await waiting
 
     turned_away, moved = with_cell(cell, scenario)
-    assert turned_away.structured_content["decision"] == "DEFER"
+    assert turned_away.meta[DECISION_META]["decision"] == "DEFER"
     assert not moved.is_error
     assert len(cell.arm.moves) == 1

