@@ -223,7 +223,7 @@ _TABLE: Final = ("object", "base_tier", "arguments", "exact", "when")
 def _form(stated: Word | Free | Listed | str) -> ArgumentForm:
     if isinstance(stated, Listed) and isinstance(stated.element, Within):
         return ArgumentForm.INTEGERS if stated.element.integer else ArgumentForm.NUMBERS
-    return ArgumentForm.VALUE
+    return ArgumentForm.TEXT if isinstance(stated, Free) and stated.text else ArgumentForm.VALUE
 
 
 def _hints(function: Callable[..., Any]) -> dict[str, Any]:
@@ -248,7 +248,7 @@ def _stated(place: str, hint: Any) -> Stated | None:
         if kind == list[float] and not lengths:
             return said
     elif isinstance(said, Free):
-        if kind in _UNREAD and not lengths:
+        if kind in ((str,) if said.text else _UNREAD) and not lengths:
             return said
     elif get_origin(kind) is list:
         element = _one(get_args(kind)[0], said)

@@ -93,6 +93,8 @@ class ArgumentForm(Enum):
     """True or false, 1 or 0 in the request. A number is none."""
     VALUE = "value"
     """A flag, word, free value or list of them, as it is."""
+    TEXT = "text"
+    """A text that is a free value."""
     NUMBERS = "numbers"
     """A list of numbers of any length, one parameter."""
     INTEGERS = "integers"

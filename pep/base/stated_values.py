@@ -81,9 +81,15 @@ class Word:
 
 @dataclass(frozen=True, slots=True)
 class Free:
-    """Any JSON value but a text, of at most so many bytes as canonical JSON (RFC 8785)."""
+    """Any JSON value but a text, of at most so many bytes as canonical JSON (RFC 8785).
+
+    Attributes:
+        most_bytes: of the value.
+        text: only texts instead, with line breaks and any other characters.
+    """
 
     most_bytes: int
+    text: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,6 +279,8 @@ def _free_bound(place: str, stated: Free) -> Range:
     Raises:
         DeclarationError: `BOUND_EMPTY` where no value is as small.
     """
+    if not isinstance(stated.text, bool):
+        raise DeclarationError(PepFault.DECLARATION_MALFORMED, f"{place}: text is true or false")
     most = stated.most_bytes
     if not is_whole(most) or most < 1:
         raise DeclarationError(PepFault.BOUND_EMPTY, f"{place}: at least 1 byte")

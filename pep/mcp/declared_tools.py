@@ -8,17 +8,20 @@ from typing import TYPE_CHECKING, Any, Final, cast
 
 from mcp_types import Tool
 
-from capabilities.values.scope import Each
+from capabilities.values import bounds
+from capabilities.values.scope import Each, Stems, Words
 from capabilities.values.units import ListOf, Sort
 from pep.base.declaration import declared, defined_twice
 from pep.base.errors import DeclarationError, PepFault
 from pep.base.operation_row import ArgumentForm
 from pep.mcp import fastmcp_server
 from pep.mcp.mapping import checked_defaults
+from pep.mcp.schema_types import members_of, types_of
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
+    from capabilities.values.scope import Bound
     from capabilities.values.units import Kind
     from pep.base.operation_row import BoundedParameter, Operation, ToolArgument
     from pep.mcp.fastmcp_server import FastMCPServer
@@ -31,6 +34,7 @@ _TYPES: Final[Mapping[ArgumentForm, str]] = {
     ArgumentForm.FLAG: "boolean",
     ArgumentForm.NUMBERS: "number",
     ArgumentForm.INTEGERS: "integer",
+    ArgumentForm.TEXT: "string",
 }
 """Type that a tool's schema states for an argument of a form, or for each member of its list."""
 
@@ -72,7 +76,7 @@ def rows_of(
         row = decorated.get(tool.name) or configured.get(tool.name)
         if row is None:
             raise DeclarationError(PepFault.TOOL_UNDECLARED, tool.name)
-        check_schema(row, tool)
+        check_schema(row, tool, whole=tool.name in decorated)
         rows[tool.name] = checked_defaults(replace(_with_defaults(row, tool), name=tool.name))
     for name in configured:
         if name not in rows:
@@ -81,15 +85,18 @@ def rows_of(
 
 
 def _with_defaults(row: Operation, tool: Tool) -> Operation:
-    """The row with the defaults of the tool's own schema, of the arguments that it does not require."""
-    stated, required = tool.input_schema.get("properties") or {}, tool.input_schema.get("required") or ()
-    optional = {
-        name: schema["default"] for name, schema in stated.items() if name not in required and "default" in schema
-    }
-    arguments = (
-        replace(each, default=json.dumps(optional[each.name])) if each.name in optional else replace(each, default=None)
-        for each in row.arguments or ()
-    )
+    """The row with the defaults of the tool's own schema, of the arguments that it does not require.
+
+    A null in place of a value is no default: such an argument is given in each call.
+    """
+    stated, required = _properties(tool)
+    arguments = []
+    for argument, limits in row.stated():
+        schema = stated[argument.name]
+        left_out = isinstance(schema, dict) and "default" in schema and argument.name not in required
+        if left_out and schema["default"] is None and limits[0].parameter.kind is not Sort.FREE:
+            left_out = "null" not in types_of(schema, tool.input_schema)
+        arguments.append(replace(argument, default=json.dumps(schema["default"]) if left_out else None))
     return replace(row, arguments=tuple(arguments))
 
 
@@ -112,20 +119,40 @@ def definition_of(row: Operation, description: str) -> Tool:
     return Tool(name=row.name, description=description, input_schema=schema)
 
 
-def check_schema(row: Operation, tool: Tool) -> None:
-    """Checks that a call which fits the row fits the tool's own schema, and the other way round.
+def check_schema(row: Operation, tool: Tool, *, whole: bool) -> None:
+    """Checks that a call which fits the row fits the tool's own schema.
+
+    Args:
+        row: of the tool.
+        tool: as its server lists it.
+        whole: the row has every argument of the tool; else it may leave out what the tool does not require, and no call
+            gives that.
 
     Raises:
         DeclarationError: `TOOL_SCHEMA_DIFFERS`, naming tool and argument.
     """
-    properties: Mapping[str, Any] = tool.input_schema.get("properties") or {}
-    wanted = {argument.name: _schema(argument, limits[0]) for argument, limits in row.stated()}
-    for name in sorted(properties.keys() ^ wanted.keys()):
-        where = "declared, and not in the schema" if name in wanted else "in the schema, and not declared"
-        raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {where}")
-    for name, schema in wanted.items():
-        if not _fits(schema, properties[name]):
-            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {_words(schema)}")
+    properties, required = _properties(tool)
+    wanted = {argument.name for argument, _ in row.stated()}
+    for name in sorted(properties.keys() ^ wanted):
+        if name in wanted or whole or name in required:
+            where = "declared, and not in the schema" if name in wanted else "in the schema, and not declared"
+            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{name}: {where}")
+    for argument, limits in row.stated():
+        schema = _schema(argument, limits[0])
+        if not _fits(schema, limits[0].bound, properties[argument.name], tool.input_schema):
+            raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}.{argument.name}: {_words(schema)}")
+
+
+def _properties(tool: Tool) -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Schemas of the tool's arguments, and names of the required ones.
+
+    Raises:
+        DeclarationError: `TOOL_SCHEMA_DIFFERS`: its schema has another form.
+    """
+    properties, required = tool.input_schema.get("properties") or {}, tool.input_schema.get("required") or []
+    if not isinstance(properties, dict) or not isinstance(required, list):
+        raise DeclarationError(PepFault.TOOL_SCHEMA_DIFFERS, f"{tool.name}: its schema is none of an object")
+    return properties, required
 
 
 def _schema(argument: ToolArgument, limit: BoundedParameter) -> dict[str, Any]:
@@ -146,13 +173,29 @@ def _one(form: ArgumentForm, kind: Kind) -> dict[str, Any]:
     return {} if kind is Sort.FREE else {"type": "boolean" if kind is Sort.FLAG else "string"}
 
 
-def _fits(wanted: Mapping[str, Any], schema: Any) -> bool:
-    """True where a tool's schema is of the wanted type, its members too."""
+def _fits(wanted: Mapping[str, Any], bound: Bound | None, schema: Any, root: Any) -> bool:
+    """True where a tool's schema takes the row's values of the wanted type, their members too.
+
+    Args:
+        wanted: schema of the row.
+        bound: of the row's values, or of their members; None for any.
+        schema: of the tool.
+        root: whole schema of the tool, in which references are looked up.
+    """
     if "type" not in wanted:
         return True
-    if not isinstance(schema, dict) or schema.get("type") != wanted["type"]:
+    types = types_of(schema, root)
+    if wanted["type"] == "string":
+        # A server that takes more than texts may read JSON in one: "null" is then none.
+        none = isinstance(bound, (Words, Stems)) and not bounds.permits(bound, "null")
+        return types == {"string"} or (none and types == {"string", "null"})
+    if wanted["type"] not in types:
         return False
-    return "items" not in wanted or _fits(wanted["items"], schema.get("items"))
+    if "items" not in wanted:
+        return True
+    element = bound.element if isinstance(bound, Each) else None
+    members = members_of(schema, root)
+    return bool(members) and all(_fits(wanted["items"], element, each, root) for each in members)
 
 
 def _words(schema: Mapping[str, Any]) -> str:

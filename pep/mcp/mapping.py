@@ -15,7 +15,7 @@ import rfc8785
 from capabilities.values.arguments import Argument, measured
 from capabilities.values.arguments import argument as argument_value
 from capabilities.values.bounds import permits
-from capabilities.values.errors import FaultCode, QuantityError
+from capabilities.values.errors import QuantityError
 from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Quantity, Sort, Unit, parse, scaled
 from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.errors import DeclarationError, PepFault
@@ -147,8 +147,11 @@ def checked_defaults(operation: Operation) -> Operation:
 def _read(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any) -> Sequence[Value] | Misfit:
     """The argument's parameters with the given value."""
     match argument.form:
-        case ArgumentForm.VALUE | ArgumentForm.NUMBERS | ArgumentForm.INTEGERS:
+        case ArgumentForm.VALUE | ArgumentForm.NUMBERS | ArgumentForm.INTEGERS | ArgumentForm.TEXT:
             (limit,) = limits
+            if limit.parameter.kind is Sort.FREE and isinstance(given, str) != (argument.form is ArgumentForm.TEXT):
+                # A server of tools may read JSON in a text that it takes for something else.
+                return Misfit(Reason.PARAMETERS_WRONG, argument.name, _wanted(argument))
             if isinstance(limit.parameter.kind, ListOf):
                 return _list(argument.name, limit, limit.parameter.kind.element, given)
             parts: Sequence[Any] | None = (given,)
@@ -189,9 +192,6 @@ def _value(limit: BoundedParameter, kind: Kind, given: Any) -> Value:
     """
     name = limit.parameter.name
     if not isinstance(kind, (Unit, DeclaredUnit)):
-        if kind is Sort.FREE and isinstance(given, str):
-            # A server of tools may read JSON in a text that it takes for something else.
-            raise QuantityError(FaultCode.PARAMETERS_WRONG, "a text is no free value")
         return argument_value(name, kind, given)
     if limit.scale is None:
         return Quantity(name, kind, parse(given, kind))
@@ -242,7 +242,7 @@ def _argument(form: ArgumentForm, scale: int, values: Sequence[Any]) -> Any:
             return values[0] // scale
         case ArgumentForm.FLAG:
             return values[0] == 1
-        case ArgumentForm.VALUE:
+        case ArgumentForm.VALUE | ArgumentForm.TEXT:
             return list(values[0]) if isinstance(values[0], tuple) else values[0]
         case ArgumentForm.VECTOR:
             return [value / scale for value in values]
@@ -285,5 +285,9 @@ def _wanted(argument: ToolArgument) -> str:
             return "true or false is wanted"
         case ArgumentForm.WAYPOINTS:
             return f"a list of 1 to {WAYPOINTS} lists of {JOINTS} numbers is wanted"
+        case ArgumentForm.TEXT:
+            return "a text is wanted"
+        case ArgumentForm.VALUE:
+            return "a text is no free value"
         case _:
             return f"a list of {argument.parameters} numbers is wanted"

@@ -118,12 +118,12 @@ class Front(Plant):
         self.person.chmod(0o600)
         self.rows = ToolGatewayConfig.read(self.config).rows()
 
-    def pinned(self):
+    def pinned(self, timeout_s=DEADLINE_S):
         """Lines for the person, once the tools are registered and the lock file is written."""
         done = subprocess.run(
             [sys.executable, "-m", "ztpm", "mcp", "pin", "--as", "alice", "--issuer", self.provider.issuer, "--key",
              str(self.person), "--gateway", str(self.config), "--yes"],
-            cwd=TOP, capture_output=True, text=True, timeout=DEADLINE_S, env=self.environment, check=False,
+            cwd=TOP, capture_output=True, text=True, timeout=timeout_s, env=self.environment, check=False,
         )  # fmt: skip
         assert done.returncode == 0, done.stdout + done.stderr
         return done.stdout

@@ -16,7 +16,7 @@ from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.declaration import ELEMENTS
 from pep.base.stated_values import is_whole
 from pep.mcp.discovery.guessed_unit import guess_units, name_words
-from pep.mcp.discovery.schema_types import types_of
+from pep.mcp.schema_types import DEPTH, referenced, types_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -109,8 +109,20 @@ def _of(name: str, schema: Mapping[str, Any], root: Any, *, needed: bool) -> Ite
     if stated in {"array", "object", "null"}:
         bytes_most = NULL_BYTES if stated == "null" else FREE_BYTES
         yield _free(name, "of any members: only its size is limited", bytes_most)
+    elif way is None and types_of(schema, root) == {"string"}:
+        yield from _text(name, _followed(schema, root))
     elif way is None:
         yield _several(name, schema, root, needed=needed)
+
+
+def _followed(schema: Mapping[str, Any], root: Any) -> Mapping[str, Any]:
+    """The schema with all that its references say; what it says itself goes before."""
+    for _ in range(DEPTH):
+        target = referenced(schema, root)
+        if not isinstance(target, dict):
+            break
+        schema = {**target, **{key: each for key, each in schema.items() if key != "$ref"}}
+    return schema
 
 
 def _several(name: str, schema: Mapping[str, Any], root: Any, *, needed: bool) -> ProposedArgument:
@@ -119,8 +131,6 @@ def _several(name: str, schema: Mapping[str, Any], root: Any, *, needed: bool) -
     said = " or ".join(sorted(types)) if len(types) <= SAID_TYPES else "nearly any type"
     if "string" not in types:
         return _free(name, f"of {said}: only its size is limited", NULL_BYTES if types == {"null"} else FREE_BYTES)
-    if types == {"string"}:
-        return ProposedArgument(name, missing='a text whose schema does not say "type": "string" in its place')
     if types == {"string", "null"}:
         if needed:
             return ProposedArgument(name, missing="text or null: an argument of two types cannot be declared")

@@ -30,6 +30,8 @@ DEFINITION_BYTES: Final = 65_536
 """Ours: largest definition of a tool that is read; a person reviews no larger one."""
 SAID: Final = 100
 """Characters of a description that are shown."""
+PLACE_SAID: Final = 200
+"""Characters that are shown of why an argument is left out."""
 PLACES: Final = 3
 """Hidden characters of a tool that are named."""
 ACTS: Final = frozenset(
@@ -111,7 +113,8 @@ def propose_tool(tool: Tool, *, object: str) -> ProposedTool:  # noqa: A002 - a 
         review = (*review, "the server says openWorldHint: what a call says leaves this place")
     made = ProposedTool(name, said, object, tier, because, review=review)
     try:
-        made = replace(made, arguments=tuple(_arguments(tool, object)))
+        arguments, left_out = _arguments(tool, object)
+        made = replace(made, arguments=arguments, review=(*review, *left_out))
         _check(tool.name, made.table, tool)
     except _UndeclarableError as error:
         return replace(made, code=LeftOutCode.ARGUMENT_UNDECLARABLE, reason=str(error))
@@ -124,26 +127,33 @@ class _UndeclarableError(Exception):
     """An argument that no declaration fits; the text says why."""
 
 
-def _arguments(tool: Tool, object_name: str) -> Iterator[ProposedArgument]:
-    """The first proposal of each argument that the guard takes.
+def _arguments(tool: Tool, object_name: str) -> tuple[tuple[ProposedArgument, ...], tuple[str, ...]]:
+    """The first proposal of each argument that the guard takes, and what is to review of those that have none.
 
     Raises:
-        _UndeclarableError: for an argument that has none.
+        _UndeclarableError: for an argument that has none, and that the tool requires.
     """
     properties, required = tool.input_schema.get("properties", {}), tool.input_schema.get("required", [])
     if not isinstance(properties, dict) or not isinstance(required, list):
         raise _UndeclarableError("its schema has no properties of the usual form")
+    found, left_out = [], []
     for name, schema in properties.items():
-        if not isinstance(schema, dict):
-            raise _UndeclarableError(f"{name}: its schema is no object")
-        yield _argument(tool, object_name, name, schema)
+        try:
+            found.append(_argument(tool, object_name, name, schema))
+        except _UndeclarableError as error:
+            if name in required:
+                raise
+            left_out.append(f"{str(error)[:PLACE_SAID]}: left out, so that no call gives it")
+    return tuple(found), tuple(left_out)
 
 
-def _argument(tool: Tool, object_name: str, name: str, schema: Mapping[str, Any]) -> ProposedArgument:
+def _argument(tool: Tool, object_name: str, name: str, schema: object) -> ProposedArgument:
+    if not isinstance(schema, dict):
+        raise _UndeclarableError(f"{name}: its schema is no object")
     needed = name in tool.input_schema.get("required", [])
     alone = Tool(
         name=tool.name,
-        input_schema={"type": "object", "properties": {name: schema}, "required": [name] if needed else []},
+        input_schema={**tool.input_schema, "properties": {name: schema}, "required": [name] if needed else []},
     )
     why = "no declaration fits"
     said = words_about(name, tool.description or "")

@@ -94,10 +94,11 @@ class ToolUpstream:
                 self._told(f"not connected: {_words(error)}")
                 # Some servers end at a question of the newer protocol; the next attempt is in the older one.
                 mode = "auto" if mode == "legacy" or self.config.url else "legacy"
+                if mode == "auto":
+                    self._tried.set()
             finally:
                 self._client = None
                 self._up.clear()
-                self._tried.set()
             await asyncio.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
             tries += 1
 
@@ -108,7 +109,7 @@ class ToolUpstream:
             self._changed(words)
 
     async def tried(self) -> None:
-        """Waits for the first connection, or the first failure."""
+        """Waits for the first connection, or for a failure in each protocol that the server may speak."""
         await self._tried.wait()
 
     @asynccontextmanager

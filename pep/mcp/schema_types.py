@@ -24,6 +24,16 @@ def types_of(schema: Any, root: Any) -> frozenset[str]:
     return _Reading(root).of(schema, DEPTH)
 
 
+def members_of(schema: Any, root: Any) -> tuple[Any, ...]:
+    """Schemas of which the members of a list may be; none where the schema does not say it of each list.
+
+    Args:
+        schema: of the value.
+        root: the whole schema, in which references are looked up.
+    """
+    return _Reading(root).members(schema, DEPTH)
+
+
 class _Reading:
     """One reading of a schema, which ends: alternatives that refer to each other are endless."""
 
@@ -54,6 +64,21 @@ class _Reading:
             for each in schema["allOf"]:
                 found &= self.of(each, depth - 1)
         return found
+
+    def members(self, schema: Any, depth: int) -> tuple[Any, ...]:
+        self._left -= 1
+        if not isinstance(schema, dict) or depth < 1 or self._left < 0:
+            return ()
+        if "items" in schema:
+            return (schema["items"],)
+        if (target := referenced(schema, self._root)) is not None:
+            return self.members(target, depth - 1)
+        for way in ("anyOf", "oneOf", "allOf"):
+            if isinstance(schema.get(way), list):
+                lists = [each for each in schema[way] if "array" in self.of(each, depth - 1)]
+                found = [self.members(each, depth - 1) for each in lists]
+                return tuple(one for each in found for one in each) if all(found) else ()
+        return ()
 
 
 def referenced(schema: Any, root: Any) -> Any:
