@@ -7,8 +7,10 @@ import shutil
 import subprocess
 import sys
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
 
+import httpcore2
 import pytest
 from hypothesis import HealthCheck, settings
 
@@ -109,6 +111,19 @@ def parsed_in_peace(*args, parse=ast.parse, **named):
 
 
 ast.parse = parsed_in_peace
+
+
+TRUSTED = cache(httpcore2.default_ssl_context)
+"""The system's certificates, read once: that takes 20 ms, and most clients of tests speak to no server that has one."""
+
+
+def trusted(*, _trust_env=True, read=httpcore2.default_ssl_context):
+    """The certificates that a client trusts where nothing else is said; those that the environment names, read anew."""
+    named = _trust_env and (os.environ.get("SSL_CERT_FILE") or os.environ.get("SSL_CERT_DIR"))
+    return read() if named else TRUSTED()
+
+
+httpcore2.default_ssl_context = trusted
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -8,10 +8,11 @@ import secrets
 import time
 import traceback
 from contextlib import asynccontextmanager
+from functools import cache
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
-from fastapi import FastAPI
+from fastapi import APIRouter, FastAPI
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
@@ -66,6 +67,7 @@ if TYPE_CHECKING:
 
     from fastapi import Request
     from fastapi.responses import Response
+    from starlette.routing import BaseRoute
     from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
     from capabilities.statements.workload import AnyPlatform
@@ -107,6 +109,20 @@ SQLite waits as long for another process's write.
 """
 NOTICE: Final = b"ztpm-notice"
 """Header of every answer to an administrator while a recovery by the root key waits."""
+
+
+@cache
+def _routes(prefix: str) -> tuple[BaseRoute, ...]:
+    """All routes, made once for every application with that prefix: making them takes longer than what most are asked.
+
+    Args:
+        prefix: path of the issuer.
+    """
+    whole = APIRouter()
+    for part in _PARTS:
+        whole.include_router(part.router, prefix=prefix, responses=RESPONSES)
+    whole.include_router(oauth.well_known, responses=RESPONSES)
+    return tuple(whole.routes)
 
 
 def create_app(
@@ -193,9 +209,7 @@ def create_app(
             "auto_configure": False,
         },
     )
-    for part in _PARTS:
-        app.include_router(part.router, prefix=path, responses=RESPONSES)
-    app.include_router(oauth.well_known, responses=RESPONSES)
+    app.router.routes.extend(_routes(path))
     app.openapi = lambda: described_by(app, [part.router for part in _PARTS], prefix=path)  # type: ignore[method-assign]
     app.state.fetch_document = fetch
     app.state.rates = Rates(settings.rates, ticks)

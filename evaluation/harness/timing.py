@@ -77,7 +77,7 @@ class Plan:
 
 
 FULL: Final = Plan(repeats=5, rounds=36)
-QUICK: Final = Plan(repeats=2, rounds=4, warm_up=1)
+QUICK: Final = Plan(repeats=2, rounds=2, warm_up=1)
 
 
 @dataclass(slots=True)

@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import cache
 from pathlib import Path
 
 import httpx2
@@ -98,7 +99,7 @@ class Raw:
     """The server's process with its bare streams, spoken to in one era."""
 
     def __init__(self, plant, mode):
-        self.plant, self.mode, self.next = plant, mode, 0
+        self.plant, self.mode, self.next, self.permitted = plant, mode, 0, 0
         given = plant.command
         self.popen = subprocess.Popen(
             [given.command, *given.args], cwd=given.cwd, env=given.env, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
@@ -153,7 +154,9 @@ class Raw:
         if "error" in answer:
             assert answer["error"]["code"] == REFUSED_CODE
             return answer["error"]["message"]
-        return answer["result"][META][DECISION_META]["decision"]
+        decision = answer["result"][META][DECISION_META]["decision"]
+        self.permitted += decision == "PERMIT"
+        return decision
 
     def hostile(self, line):
         """Reason of the refusal of a line that no reader may take."""
@@ -161,6 +164,10 @@ class Raw:
         answer = self.read()
         assert (answer["id"], answer["error"]["code"]) == (None, REFUSED_CODE)
         return answer["error"]["message"]
+
+    def heard(self, words):
+        """Number of times that it, or its tool, said this on standard error."""
+        return b"".join(self.noise).count(words)
 
     def end(self):
         """Stdin ends, and so does the server."""
@@ -177,35 +184,42 @@ def provider(tmp_path_factory):
         made.end(signal.SIGKILL)
 
 
+@pytest.fixture(scope="module")
+def plant_of(provider, tmp_path_factory):
+    """The plant of a kind, made once in whatever order the kinds come."""
+    return cache(lambda kind: Plant(provider, kind, tmp_path_factory.mktemp(kind)))
+
+
 @pytest.fixture(scope="module", params=KINDS)
-def plant(request, provider, tmp_path_factory):
+def plant(request, plant_of):
     if request.param == "fastmcp":
         pytest.importorskip("fastmcp.server", reason="the extra `fastmcp` is not installed")
-    return Plant(provider, request.param, tmp_path_factory.mktemp(request.param))
+    return plant_of(request.param)
+
+
+@pytest.fixture(scope="module", params=MODES)
+def served(request, plant):
+    """The server, begun once for each era: what one test sends changes nothing for the next."""
+    made = Raw(plant, request.param).open()
+    yield made
+    made.popen.kill()
+    made.popen.wait()
 
 
 @pytest.fixture
-def raw(plant):
-    opened = []
-
-    def go(mode):
-        opened.append(Raw(plant, mode).open())
-        return opened[0]
-
-    yield go
-    for each in opened:
-        each.popen.kill()
-        each.popen.wait()
+def wire(served):
+    """Its streams; all that comes back in a test answers what the test sent."""
+    served.refused = len(served.plant.reasons())
+    yield served
+    assert served.lines.empty()
 
 
 def call_of(percent):
     return {"name": "open_valve", "arguments": {"percent": percent}}
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_what_comes_over_a_line_is_verified_as_over_http_and_nothing_but_the_protocol_comes_back(plant, raw, mode):
-    before = len(plant.reasons()) if (plant.folder / "state").exists() else 0
-    wire, sign = raw(mode), plant.auth().signed
+def test_what_comes_over_a_line_is_verified_as_over_http_and_nothing_but_the_protocol_comes_back(plant, wire):
+    mode, sign = wire.mode, plant.auth().signed
     called = sign("tools/call", call_of(40))
     other, foreign = plant.auth(key=keys.generate()), plant.auth(audience="http://127.0.0.1:9/other")
     swapped = {**sign("tools/call", call_of(40)), "arguments": {"percent": 41}}
@@ -235,17 +249,10 @@ def test_what_comes_over_a_line_is_verified_as_over_http_and_nothing_but_the_pro
 
     # and the server lives on, one act richer; what the tool and its child wrote went elsewhere
     assert wire.call(sign("tools/call", call_of(39))) == "PERMIT"
-    assert wire.end() == (0, True)
-    noise = b"".join(wire.noise)
-    assert noise.count(b"noise of the tool") == noise.count(b"noise of a child") == noise.count(b"opened ") == 2
-    assert plant.reasons()[before:] == [*said.values(), "TOKEN_MISSING"]
-    assert plant.lent.token.encode() not in noise
+    assert plant.reasons()[wire.refused :] == [*said.values(), "TOKEN_MISSING"]
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_a_line_that_two_readers_could_read_differently_goes_no_further(plant, raw, mode):
-    before = len(plant.reasons()) if (plant.folder / "state").exists() else 0
-    wire = raw(mode)
+def test_a_line_that_two_readers_could_read_differently_goes_no_further(plant, wire):
 
     def spelled(old, new):
         """A call that is in order but for these bytes: its holder signed it."""
@@ -277,9 +284,15 @@ def test_a_line_that_two_readers_could_read_differently_goes_no_further(plant, r
     wire.write(b"")
     wire.write(b"  \r")
     assert wire.call(plant.auth().signed("tools/call", call_of(40))) == "PERMIT", "it lives on"
-    assert wire.end() == (0, True)
-    assert plant.reasons()[before:] == said
-    assert b"".join(wire.noise).count(b"opened ") == 1
+    assert plant.reasons()[wire.refused :] == said
+
+
+def test_a_server_ends_with_its_stdin_and_what_its_tool_and_child_wrote_went_elsewhere(plant, served):
+    assert served.call(plant.auth().signed("tools/call", call_of(38))) == "PERMIT"
+    acts = served.permitted
+    assert served.end() == (0, True)
+    assert served.heard(b"noise of the tool") == served.heard(b"noise of a child") == served.heard(b"opened ") == acts
+    assert served.heard(plant.lent.token.encode()) == 0
 
 
 def approve(plant, ask_id):

@@ -21,6 +21,7 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp.types import ElicitResult
+from pep.mcp.gateway.upstream import CONNECT_S
 from pep.mcp.guard import DECISION_META
 from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.routed import Memory, by_credentials
@@ -456,12 +457,14 @@ def test_a_server_that_goes_and_comes_back(front):
     front.stop()
     front.slow.kill()
     front.slow.wait()
+    begun = time.monotonic()
     front.start()
     assert front.ready["tools"] == ["write_note"]
     agent = front.agent("waiter")
     token = front.lend(agent, grant(front.rows["slow_work"]), grant(front.rows["write_note"]))
     assert told(front.use(agent, token, "write_note", {"title": "a", "stars": 1}))["decision"] == "PERMIT"
     assert told(front.use(agent, token, "slow_work", {"seconds": 0}))["reason"] == "TOOL_UNKNOWN"
+    assert time.monotonic() - begun < CONNECT_S, "neither waits for the server that is away"
     front.serve_slow()
     until = time.monotonic() + DEADLINE_S
     while told(front.use(agent, token, "slow_work", {"seconds": 0}))["decision"] != "PERMIT":

@@ -27,6 +27,10 @@ MEASUREMENT = bytes(range(32))
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
 
 
+HTTP = httpx2.Client(timeout=5)
+"""For all that is asked of the page: what a client of its own for each question costs is taken from what is waited for."""
+
+
 def until(seen, what, limit_s=SEEN_S):
     deadline = time.monotonic() + limit_s
     while not (found := seen()):
@@ -74,7 +78,7 @@ class Running:
 
     def status(self):
         try:
-            return httpx2.get(self.told["status"] + "status.json", timeout=5).json()
+            return HTTP.get(self.told["status"] + "status.json").json()
         except httpx2.HTTPError:
             return None
 
@@ -133,7 +137,7 @@ class Caller:
 
 def assert_private(running):
     """Another host's name and another user of this machine see nothing."""
-    other_host = httpx2.get(running.told["status"], headers={"Host": "evil.example"}, timeout=5)
+    other_host = HTTP.get(running.told["status"], headers={"Host": "evil.example"})
     assert (other_host.status_code, other_host.text) == (421, "WRONG_HOST\n")
     if os.getuid() == 0:  # only root can be somebody else
         code = (
@@ -152,12 +156,12 @@ def test_up_shows_how_it_stands_ends_in_order_or_not_and_comes_back_as_it_was(up
     assert first.told["differing"] == []
 
     # the page: for people and programs, no script, everything answers
-    page = httpx2.get(first.told["status"], timeout=5)
+    page = HTTP.get(first.told["status"])
     assert page.status_code == 200
     assert page.headers["content-security-policy"].startswith("default-src 'none'; style-src 'self';")
     assert "<script" not in page.text and "http-equiv" in page.text
-    assert httpx2.get(first.told["status"] + "style.css", timeout=5).headers["content-type"].startswith("text/css")
-    assert httpx2.post(first.told["status"], timeout=5).status_code == 405
+    assert HTTP.get(first.told["status"] + "style.css").headers["content-type"].startswith("text/css")
+    assert HTTP.post(first.told["status"]).status_code == 405
     status = until(lambda: (s := first.status()) and s["perception"]["perception"] == "fresh" and s, "fresh perception")
     assert all(part["pid"] and part["answers"] is not False for part in status["parts"])
     assert (status["robot"]["moving"], status["view"]["age_ms"] < 2_000) == (False, True)
@@ -183,7 +187,7 @@ def test_up_shows_how_it_stands_ends_in_order_or_not_and_comes_back_as_it_was(up
     assert status["asks"][0]["agent"] == "mover"
     decided = [(d["effect"], d["agent"], d["outcome"]) for d in status["decisions"]]
     assert decided.index(("DEFER", "mover", "")) < decided.index(("PERMIT", "mover", "done"))
-    assert status["asks"][0]["ask_id"] in httpx2.get(first.told["status"], timeout=5).text
+    assert status["asks"][0]["ask_id"] in HTTP.get(first.told["status"]).text
 
     # SIGTERM: exit 0, nobody is left
     assert first.end() == 0

@@ -16,6 +16,8 @@ import httpx2
 import sqlalchemy as sa
 from capabilities.values.scope import Grant, Limit, Range, Restriction, Scope, Tier
 from capabilities.values.units import Parameter, Unit
+from sqlalchemy.dialects.sqlite.aiosqlite import SQLiteDialect_aiosqlite
+from sqlalchemy.util import LRUCache
 from tests.ztpm_idp import postgres
 from ztpm_idp.bootstrap import FirstPerson, initialise
 
@@ -24,7 +26,23 @@ from capabilities.statements import workload
 from ztpm_idp import IdpKeys, Settings, create_app
 from ztpm_idp.keys.oauth_keys import OAuthKeys
 from ztpm_idp.client import Agent, Operator, ProofAuth
-from ztpm_idp.store import Store
+from ztpm_idp.store import Store, engine
+
+COMPILED = LRUCache(5_000)
+"""Statements that were compiled already: each provider would compile all of its own again."""
+
+
+def shares_statements(url, *, engine_of=engine._sqlite_engine):
+    """An engine over SQLite that shares them."""
+    made = engine_of(url)
+    made.sync_engine._compiled_cache = COMPILED
+    return made
+
+
+# All over SQLite are of one version and one kind, so that what one has compiled is what the others would compile.
+SQLiteDialect_aiosqlite.__eq__ = lambda one, other: type(one) is type(other)
+SQLiteDialect_aiosqlite.__hash__ = lambda one: hash(type(one))
+engine._sqlite_engine = shares_statements
 
 START_S = 1_800_000_000.0
 ISSUER = "http://127.0.0.1:8700/ztpm"

@@ -37,7 +37,7 @@ CONNECT_S: Final = 10.0
 START_S: Final = 60.0
 """Ours: longest start of a process: a package runner may have to fetch the server first."""
 AGAIN_S: Final = (0.1, 0.5, 2.0, 5.0)
-"""Ours: waits before the next attempts to connect; the last one repeats."""
+"""Ours: waits before the next attempts to connect; the last one repeats, and requests no longer wait meanwhile."""
 PAGES: Final = 100
 """Ours: most pages of one list; a server that never ends its list is refused."""
 NAMES: Final = 10_000
@@ -71,7 +71,8 @@ class ToolUpstream:
         self._changed = changed
         self._state = ""
         self._client: Client | None = None
-        self._up = asyncio.Event()
+        self._settled = asyncio.Event()
+        """No request waits: it answers, or it has not come back for a while."""
         self._broken = asyncio.Event()
         self._tried = asyncio.Event()
 
@@ -85,7 +86,7 @@ class ToolUpstream:
                     tries = 0
                     self._client = client
                     self._broken.clear()
-                    self._up.set()
+                    self._settled.set()
                     self._tried.set()
                     self._told(self.CONNECTED)
                     await self._broken.wait()
@@ -98,8 +99,11 @@ class ToolUpstream:
                     self._tried.set()
             finally:
                 self._client = None
-                self._up.clear()
-            await asyncio.sleep(AGAIN_S[min(tries, len(AGAIN_S) - 1)])
+                self._settled.clear()
+            last = len(AGAIN_S) - 1
+            if tries >= last:
+                self._settled.set()
+            await asyncio.sleep(AGAIN_S[min(tries, last)])
             tries += 1
 
     def _told(self, words: str) -> None:
@@ -245,7 +249,7 @@ class ToolUpstream:
     async def _sent(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
         try:
             async with asyncio.timeout(CONNECT_S):
-                await self._up.wait()
+                await self._settled.wait()
         except TimeoutError:
             raise UpstreamError(self.config.name, "not connected") from None
         client = self._client
@@ -265,7 +269,7 @@ class ToolUpstream:
     def _end(self, client: Client) -> None:
         """Ends the connection that failed, unless another has taken its place."""
         if self._client is client:
-            self._up.clear()
+            self._settled.clear()
             self._broken.set()
 
 

@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 from contextlib import asynccontextmanager
+from types import SimpleNamespace
 
 import httpx2
 import pytest
@@ -30,6 +31,9 @@ from capabilities.keys import keys
 from capabilities.proof import mcp_meta as meta
 
 pytestmark = [pytest.mark.version, pytest.mark.long]
+
+# A server of uvicorn ends only after two tenths of a second in which it looks whether it should: here it looks sooner.
+uvicorn.server.asyncio = SimpleNamespace(**vars(asyncio) | {"sleep": lambda for_s: asyncio.sleep(min(for_s, 0.01))})
 
 ZERO = (0.0,) * 6
 PROTOCOL = "2026-07-28"

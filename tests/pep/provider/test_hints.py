@@ -262,7 +262,7 @@ def test_no_lie_makes_the_pep_spin_or_stops_the_ordinary_period(world, name):
         return httpx2.Response(**lie)
 
     async def act():
-        await world.until(lambda: len(world.waits) >= 4)
+        await world.until(lambda: len(world.waits) >= 3)
         told.extend(world.waits)
         world.issuer.revoke("agent", "robotic")
         await world.until(world.sees(1))

@@ -106,7 +106,7 @@ def test_answers_are_no_output_and_output_is_no_answer(module):
         assert [child.ask(n, timeout_s=10) for n in (1, 2)] == [{"to": 1}, {"to": 2}]
         until(lambda: list(child.output).count("a word") == 2)
         assert not any("answer" in line for line in child.output)
-        assert child.ask("die", timeout_s=10) is None
+        assert child.ask("die", timeout_s=0.5) is None
         until(lambda: not child.alive)
         assert child.ask(1, timeout_s=0.1) is None
     finally:
@@ -143,11 +143,11 @@ class Terminal(io.StringIO):
 
 def test_a_child_that_prepares_is_waited_for_as_long_as_it_says_so(module, monkeypatch):
     """Its words are shown, and are no output of a child that fails."""
-    monkeypatch.setattr("ztpm.base.processes.READY_S", 8.0)
+    monkeypatch.setattr("ztpm.base.processes.READY_S", 5.0)
     text = (
         "import json, sys, time\n"
         "for number in range(5):\n"
-        "    time.sleep(2)\n"
+        "    time.sleep(1.1)\n"
         "    print(json.dumps({'preparing': number}), flush=True)\n"
     )
     stream = Terminal()
@@ -156,15 +156,16 @@ def test_a_child_that_prepares_is_waited_for_as_long_as_it_says_so(module, monke
     child.stop()
     assert [each for each in stream.getvalue().split(WIPED) if each] == ["0", "1", "2", "3", "4"]
     with pytest.raises(ChildError) as failed:
-        Child.start("a child", module(text), environment={}, preparing=Preparing(Terminal()))
+        quick = module(text.replace("1.1", "0"))
+        Child.start("a child", quick, environment={}, preparing=Preparing(Terminal()))
     assert "preparing" not in str(failed.value)
 
 
 def test_a_child_that_says_nothing_yet_is_told_of(module, monkeypatch):
     """Its programs are loaded, or the machine is loaded: the display is never silent for long, child after child."""
     began, stream = time.monotonic(), io.StringIO()
-    shown = Preparing(stream, clock=lambda: 10 * (time.monotonic() - began))
-    silent = module("import time\ntime.sleep(2)\n" + READY + "sys.stdin.read()\n")
+    shown = Preparing(stream, clock=lambda: 20 * (time.monotonic() - began))
+    silent = module("import time\ntime.sleep(1)\n" + READY + "sys.stdin.read()\n")
     for name in ("one", "other"):
         Child.start(name, silent, environment={}, preparing=shown).stop()
     told = stream.getvalue().splitlines()
@@ -177,7 +178,7 @@ def test_a_child_that_says_nothing_yet_is_told_of(module, monkeypatch):
     [
         ("os._exit(3)", "status 3", 60.0),
         ("os.kill(os.getpid(), 9)", "SIGKILL", 60.0),
-        ("time.sleep(100)", "silent for 8 s", 8.0),
+        ("time.sleep(100)", "silent for 4 s", 4.0),
     ],
 )
 def test_a_child_that_does_not_become_ready_is_told_with_cause_and_how_far_it_was(

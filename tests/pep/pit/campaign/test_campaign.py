@@ -122,22 +122,26 @@ def lying(monkeypatch, change):
     monkeypatch.setattr(trials, "assess", lambda **asked: change(assess(**asked)))
 
 
-def complaints(count=4):
+FEW = 2
+"""Trials in which each lie is seen."""
+
+
+def complaints(count):
     return " ".join(campaign.piece(7, 0, count, 0.0).failed)
 
 
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
-        (lambda a: unchecked(a, index=a.index - 0.05), ", sampled "),
-        (lambda a: unchecked(a, index=min(4.0, a.index + 0.05)), "sampled no more than"),
-        (lambda a: unchecked(a, index=a.index - 0.05), "no certificate"),
-        (lambda a: ImpactFault("PHYSICS_FAULT", "no answer in time"), "a fault"),
+        (lambda a: unchecked(a, index=a.index - 0.05), (", sampled ", "no certificate")),
+        (lambda a: unchecked(a, index=min(4.0, a.index + 0.05)), ("sampled no more than",)),
+        (lambda a: ImpactFault("PHYSICS_FAULT", "no answer in time"), ("a fault",)),
     ],
 )
 def test_an_index_that_is_not_the_sampled_one_is_seen(monkeypatch, change, seen):
     lying(monkeypatch, change)
-    assert seen in complaints()
+    told = complaints(FEW)
+    assert all(each in told for each in seen)
 
 
 def test_a_violation_that_is_not_told_is_seen(monkeypatch):
@@ -161,7 +165,7 @@ def through(radius=0.1):
 def test_a_clearance_that_is_not_the_sampled_one_is_seen(monkeypatch, change, seen):
     true = Ruler.least
     monkeypatch.setattr(Ruler, "least", lambda self, move: change(true(self, move)))
-    assert seen in complaints()
+    assert seen in complaints(FEW)
 
 
 @pytest.mark.campaign
