@@ -7,27 +7,18 @@ when the last was made, and their sum is within the budget. Time never goes back
 
 from __future__ import annotations
 
-import fcntl
-import os
-import sqlite3
-import threading
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
-from pep.base.errors import JournalError, PepError, PepFault
+from pep.journal.sqlite_file import SqliteFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
+    from collections.abc import Sequence
 
 BUDGETS: Final = "budgets.sqlite"
 """Name of the file in the directory of a point's state."""
-BUSY_S: Final = 2.0
-"""Longest wait for another worker; a charge takes about a millisecond."""
 SLOTS: Final = 64
 """Slots of a window: what is charged is free again at most this part of the window late."""
-_SETTINGS: Final = ("PRAGMA journal_mode=WAL", "PRAGMA synchronous=FULL", "PRAGMA trusted_schema=OFF")
 _SCHEMA: Final = (
     """CREATE TABLE IF NOT EXISTS spent (account TEXT NOT NULL, slot INTEGER NOT NULL, amount INTEGER NOT NULL,
     until_ms INTEGER NOT NULL, PRIMARY KEY (account, slot)) STRICT, WITHOUT ROWID""",
@@ -79,7 +70,7 @@ class Shortfall:
     more_at_ms: int | None
 
 
-class BudgetStore:
+class BudgetStore(SqliteFile):
     """Spent budgets on one file, made when it is missing. Any thread, any number of processes of one machine.
 
     Args:
@@ -89,22 +80,8 @@ class BudgetStore:
         PepError: `STATE_UNREADABLE` when it is no such file, or damaged: without it budgets would begin anew.
     """
 
-    def __init__(self, path: Path) -> None:
-        try:
-            with _alone(path.parent):  # two that change a new file to WAL at once would not wait for each other
-                os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600))
-                self._begin(sqlite3.connect(path, timeout=BUSY_S, isolation_level=None, check_same_thread=False))
-                sound = self._database.execute("PRAGMA quick_check").fetchone()
-        except (OSError, sqlite3.Error) as error:
-            raise PepError(PepFault.STATE_UNREADABLE, str(path)) from error
-        if sound != ("ok",):
-            raise PepError(PepFault.STATE_UNREADABLE, str(path))
-
-    def _begin(self, database: sqlite3.Connection) -> None:
-        self._lock = threading.Lock()
-        self._database = database
-        for statement in (*_SETTINGS, *_SCHEMA):
-            database.execute(statement)
+    WHAT = "budgets"
+    SCHEMA = _SCHEMA
 
     def charge(self, charges: Sequence[Charge], *, wall_ms: int) -> Spending | Shortfall:
         """All of the charges, durably, or none of them and the budget that they would exceed.
@@ -176,28 +153,6 @@ class BudgetStore:
                 break
         return Shortfall(charge, max(left, 0), more_at_ms)
 
-    @contextmanager
-    def _transaction(self) -> Iterator[None]:
-        """One transaction that no other worker is in at the same time."""
-        with self._lock:
-            try:
-                self._database.execute("BEGIN IMMEDIATE")
-                try:
-                    yield
-                except BaseException:
-                    self._database.execute("ROLLBACK")
-                    raise
-                self._database.execute("COMMIT")
-            except sqlite3.Error as error:
-                if self._database.in_transaction:
-                    self._database.execute("ROLLBACK")
-                raise JournalError(PepFault.JOURNAL_BROKEN, f"budgets: {type(error).__name__}") from error
-
-    def close(self) -> None:
-        """The file is closed."""
-        with self._lock:
-            self._database.close()
-
 
 def _slot_ms(charge: Charge) -> int:
     return -(-charge.window_s * 1000 // SLOTS)
@@ -206,15 +161,3 @@ def _slot_ms(charge: Charge) -> int:
 def _until_ms(charge: Charge, now_ms: int) -> int:
     """Time from which on a charge made now no longer counts: a window after the end of its slot."""
     return (now_ms // _slot_ms(charge) + 1) * _slot_ms(charge) + charge.window_s * 1000
-
-
-@contextmanager
-def _alone(folder: Path) -> Iterator[None]:
-    """No other process is inside for the same folder; what was made in it is on disk afterwards."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX)
-        yield
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import json
 import secrets
 from dataclasses import replace
 from functools import partial
@@ -22,7 +21,7 @@ from urllib.parse import urlsplit
 from mcp.server.lowlevel.server import HandlerEntry, Server
 from mcp.server.mcpserver import MCPServer
 from mcp.server.transport_security import TransportSecuritySettings
-from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams, TextContent
+from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams
 
 from capabilities import tracing
 from capabilities.values import trace_context
@@ -30,13 +29,14 @@ from capabilities.values.chain import Chain
 from pep.base.errors import ActuationRefusedError, JournalError, UpstreamError
 from pep.base.traced import tell
 from pep.gate import records
-from pep.gate.gate import EffectResult, Gate, GateResult
-from pep.gate.observe_only import OBSERVED
 from pep.mcp import deferred_result, fastmcp_server, tool_listing
+from pep.mcp.decision_result import DECISION_META, DeniedCalls, effect_of, told_result, untold, with_meta
+from pep.mcp.deferred_task import DeferredTasks
 from pep.mcp.dpop import DPoPLayer
 from pep.mcp.http_request import CREDENTIALS, TRACE
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, stops, to_request
 from pep.mcp.message_edge import MessageEdge
+from pep.mcp.passed_task import PassedTask
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.real_paths import resolved_request
 from pep.mcp.tool_digest import definition_digest, tool_reading
@@ -46,7 +46,7 @@ from pep.request.call import Call
 from pep.request.permit import Permit, PermitScope
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 from policies.evidence.model import Effect
-from policies.words.reason_table import REASONS, Reason
+from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
@@ -57,6 +57,9 @@ if TYPE_CHECKING:
 
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
+    from pep.gate.gate import EffectResult, Gate, GateResult
+    from pep.journal.task_store import TaskStore
+    from pep.mcp.deferred_task import AboutTask
     from pep.mcp.dpop import AccessTokens
     from pep.mcp.fastmcp_server import FastMCPServer
     from pep.mcp.provenance import Vouching
@@ -76,8 +79,6 @@ AnyServer: TypeAlias = "MCPServer[Any] | Server[Any] | FastMCPServer"
 EXTENSION: Final = "dev.ztpm/pep"
 SETTINGS: Final[Mapping[str, Any]] = {"version": "1", "proof": ["dpop"]}
 """Told to clients under `EXTENSION`."""
-DECISION_META: Final = "dev.ztpm/decision"
-"""Key in a result's `_meta` under which the decision stands, also for a PERMIT."""
 
 
 class Guard:
@@ -94,6 +95,8 @@ class Guard:
         audience: canonical URL of the server.
         clock: both clocks.
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
+        declared: abilities of clients; None: of those alone that state them with each request.
+        tasks: calls that wait for people, for clients that look after them; None: no client can.
     """
 
     def __init__(
@@ -109,9 +112,14 @@ class Guard:
         audience: str,
         clock: Clock,
         vouching: Vouching | None = None,
+        declared: deferred_result.Declared | None = None,
+        tasks: DeferredTasks | None = None,
     ) -> None:
         self._vouching = vouching
         self._patience = deferred_result.Patience(asks)
+        self._denied_calls = DeniedCalls(gate, clock)
+        self._declared = declared or deferred_result.Declared()
+        self._tasks = tasks
         self._call = call
         self._served = served
         self._gate = gate
@@ -136,28 +144,32 @@ class Guard:
         credentials = _credentials_of(ctx)
         operation = self._tools.get(params.name)
         if operation is None:
-            return await self._refuse(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
+            return await self._denied_calls.deny(Reason.TOOL_UNKNOWN, "TEA-3", credentials, {"tool": params.name[:64]})
         if stops(self._tools, params.name):
             return await self._stop(operation, credentials, ctx, params)
         if credentials.fault is not None:
-            return await self._refuse(Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name})
+            return await self._denied_calls.deny(
+                Reason(credentials.fault.code), "AID-1", credentials, {"tool": params.name}
+            )
         request = resolved_request(
             operation, params.arguments or {}, request_id=secrets.token_hex(16), audience=self._audience, at=at
         )
         if isinstance(request, Misfit):
             where: dict[str, object] = {"tool": params.name, "argument": request.argument, "detail": request.detail}
-            return await self._refuse(request.reason, "TEA-2", credentials, where)
+            return await self._denied_calls.deny(request.reason, "TEA-2", credentials, where)
         presented = shown(params.meta)
         if isinstance(presented, Unreadable):
             unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
-            return await self._refuse(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
+            return await self._denied_calls.deny(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
         try:
             tool = await self._tool(operation, ctx)
         except UpstreamError as error:
             away: dict[str, object] = {"tool": params.name, "detail": error.detail}
-            return await self._refuse(Reason.UPSTREAM_UNREACHABLE, "TEA-3", credentials, away)
+            return await self._denied_calls.deny(Reason.UPSTREAM_UNREACHABLE, "TEA-3", credentials, away)
         if self._tools.get(params.name) is not operation:  # it was read by the row of an earlier definition
-            return await self._refuse(Reason.TOOL_DEFINITION_CHANGED, "TEA-3", credentials, {"tool": params.name})
+            return await self._denied_calls.deny(
+                Reason.TOOL_DEFINITION_CHANGED, "TEA-3", credentials, {"tool": params.name}
+            )
         context: ContextReading | NotCollected = NOT_COLLECTED
         if isinstance(credentials.chain, Chain):
             weigh = unvouched if self._vouching is None else self._vouching.context
@@ -180,7 +192,7 @@ class Guard:
                 outcome = await self._call(ctx, sent)
             if permit.refusal is not None:
                 raise ActuationRefusedError(permit.refusal)
-            return _result(outcome)
+            return effect_of(outcome)
 
         call = Call(
             request=request,
@@ -192,14 +204,36 @@ class Guard:
             context=context,
         )
         if deferred_result.is_retry(params):
-            await self._patience.wait(params)
+            await self._patience.wait(params, chain=credentials.chain, request=request)
         with tracing.step(trace_context.DECIDE, {trace_context.OPERATION: operation.name}) as span:
             answer = await self._gate.run(call, effect)
             tell(span, answer.decision)
         if wanted(params.meta):
             answer = await self._vouched(answer, call, ctx)
         changed = {} if operation.robot is not None else rounded(params.arguments or {}, sent.arguments or {})
-        return deferred_result.elicitation(answer, params, ctx) or _told(answer, rounded=changed)
+        return await self._told(answer, call, ctx, params, rounded=changed)
+
+    async def _told(
+        self,
+        answer: GateResult,
+        call: Call,
+        ctx: ServerRequestContext[Any, Any],
+        params: CallToolRequestParams,
+        *,
+        rounded: Mapping[str, Any],
+    ) -> HandlerResult:
+        """The answer in the form that its caller's client understands; of a deferral there are four."""
+        told = told_result(answer, tool=call.tool, rounded=rounded)
+        if isinstance(told, PassedTask) and self._tasks is not None:
+            return await self._tasks.adopted(told, ctx)
+        if answer.decision.effect is not Effect.DEFER or not isinstance(told, CallToolResult) or answer.observed:
+            return told
+        asked: HandlerResult = deferred_result.elicitation(
+            answer, params, ctx, declared=self._declared.of(ctx), otherwise=told
+        )
+        if asked is None and self._tasks is not None:
+            asked = await self._tasks.opened(answer, params, ctx, told)
+        return told if asked is None else asked
 
     async def _vouched(self, answer: GateResult, call: Call, ctx: ServerRequestContext[Any, Any]) -> GateResult:
         """The answer, with a receipt for its result where there is one and the tool is still as approved."""
@@ -229,7 +263,7 @@ class Guard:
             proof=call.credentials.proof_name,
             at=self._clock.wall_s(),
         )
-        return replace(answer, result=replace(result, carried=_with_meta(result.carried, said)))
+        return replace(answer, result=replace(result, carried=with_meta(result.carried, said)))
 
     async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
         """The tool as it is registered, and as this server serves it at this moment."""
@@ -253,33 +287,13 @@ class Guard:
             "operation": operation.name,
             "caller": credentials.chain.leaf.agent if isinstance(credentials.chain, Chain) and fault is None else None,
             "fault": None if fault is None else str(fault.code),
-            "result": records.jsonable(dict(_result(outcome).value)),
+            "result": records.jsonable(dict(effect_of(outcome).value)),
         }
         # A stop that cannot be recorded is still a stop.
         with contextlib.suppress(JournalError):
             await self._gate.record("outcome", {"request_id": "stop", "decision": "", "outcome": "done", "stop": body})
         told = {"decision": "PERMIT", "reason": str(Reason.PERMITTED), "primitive": "", "tier": 0}
-        return _with_meta(outcome if fault is None else _untold(outcome), {DECISION_META: told})
-
-    async def _refuse(
-        self, reason: Reason, primitive: str, credentials: Credentials, where: dict[str, object]
-    ) -> CallToolResult:
-        """Denies before there was a request to decide."""
-        body = records.refusal(
-            at=self._clock.wall_s(),
-            at_ms=self._clock.monotonic_ms(),
-            reason=reason,
-            status=200,
-            credentials=credentials,
-            where={**where, "primitive": primitive},
-        )
-        try:
-            await self._gate.record("refusal", body)
-        except JournalError:
-            reason = Reason.RECORD_FAILED
-        detail = {k: v for k, v in where.items() if k in {"argument", "detail"} and v and credentials.fault is None}
-        told = {**detail, "decision": "DENY", "reason": str(reason), "primitive": primitive, "tier": None}
-        return _denied(told | _remedy(reason, detail))
+        return with_meta(outcome if fault is None else untold(outcome), {DECISION_META: told})
 
 
 def guard(
@@ -297,6 +311,8 @@ def guard(
     vouching: Vouching | None = None,
     access: AccessTokens | None = None,
     served: ListTools | None = None,
+    kept: TaskStore | None = None,
+    about: AboutTask | None = None,
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
@@ -316,13 +332,20 @@ def guard(
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
         access: answers about access tokens of OAuth clients; None: the server takes none.
         served: as for `Guard`; None: the server's whole list is asked for.
+        kept: keeps deferred calls, for clients that can look after a task; None: a deferral is never one.
+        about: as for `DeferredTasks`.
 
     Raises:
         ConfigError: a FastMCP server that cannot be guarded as it is.
         RuntimeError: when this SDK does not let the guard stand before the tools.
     """
+    declared = deferred_result.Declared()
+    denied_calls = DeniedCalls(gate, clock)
+    tasks = None if kept is None else DeferredTasks(kept, asks=asks, denied=denied_calls, clock=clock, about=about)
     standing = partial(
         Guard,
+        declared=declared,
+        tasks=tasks,
         served=served or (lambda ctx, name: tools_of(server, ctx)),  # noqa: ARG005 - the list is the whole one
         gate=gate,
         registry=registry,
@@ -341,7 +364,10 @@ def guard(
     else:
         app = _guarded(cast("SdkServer", server), standing, audience)
     before_messages = MessageEdge(authority=authority, edge=gate, tools=tools, audience=audience, clock=clock)
-    lowlevel(server).middleware.insert(0, before_messages)
+    low = lowlevel(server)
+    low.middleware[:0] = [before_messages, declared]
+    if tasks is not None:
+        tasks.serve(low)
     return DPoPLayer(
         app,
         authority=authority,
@@ -428,68 +454,3 @@ async def digests_of(server: AnyServer) -> dict[str, str]:
 def _credentials_of(ctx: ServerRequestContext[Any, Any]) -> Credentials:
     """Credentials of this very request; a context variable could be an older request's of the same session."""
     return NOBODY if ctx.request is None else cast("Credentials", ctx.request.scope.get(CREDENTIALS, NOBODY))
-
-
-def _untold(outcome: HandlerResult) -> HandlerResult:
-    """Result of a stop for a stranger: it says that the arm stopped, not where it is."""
-    if not isinstance(outcome, CallToolResult) or not isinstance(outcome.structured_content, dict):
-        return outcome
-    told = {**outcome.structured_content, "q_rad": [], "reason": ""}
-    return outcome.model_copy(
-        update={"structured_content": told, "content": [TextContent(type="text", text=json.dumps(told))]}
-    )
-
-
-def _result(outcome: HandlerResult) -> EffectResult:
-    if not isinstance(outcome, CallToolResult):
-        return EffectResult(value={}, carried=outcome, failed=True)
-    content = outcome.structured_content
-    return EffectResult(
-        value=content if isinstance(content, dict) else {}, carried=outcome, failed=bool(outcome.is_error)
-    )
-
-
-def _told(answer: GateResult, *, rounded: Mapping[str, Any]) -> HandlerResult:
-    """Result for the holder: its own, or the reason of a denial with what would be permitted.
-
-    Args:
-        answer: of the gate.
-        rounded: arguments that were decided as other numbers than the given ones.
-    """
-    decision = answer.decision
-    detail = decision.findings[0].detail if decision.findings else {}
-    told = records.told(decision)
-    if decision.index is not None:
-        told["index_milli"] = decision.index
-    if rounded:
-        told["rounded"] = dict(rounded)
-    if not answer.recorded:
-        told["outcome_recorded"] = False
-    if answer.observed:
-        told[OBSERVED] = True
-    if (decision.effect is Effect.PERMIT or answer.observed) and answer.result is not None:
-        return _with_meta(answer.result.carried, {DECISION_META: told})
-    if answer.ask is not None:
-        told |= deferred_result.told(answer)
-    return _denied(told | _remedy(decision.reason, detail))
-
-
-def _remedy(reason: Reason, detail: Mapping[str, object]) -> dict[str, object]:
-    """Remedy for the caller, where the finding itself names none."""
-    return {} if "remedy" in detail else {"remedy": REASONS[reason].remedy}
-
-
-def _denied(told: dict[str, object]) -> CallToolResult:
-    """Result in place of the tool's: a text for models to read, the same in `_meta` for programs.
-
-    Structured content has the form that the tool declares, and many clients hold an error against that, too.
-    """
-    return CallToolResult(
-        is_error=True, content=[TextContent(type="text", text=json.dumps(told))], _meta={DECISION_META: told}
-    )
-
-
-def _with_meta(outcome: HandlerResult, members: Mapping[str, object]) -> HandlerResult:
-    if not isinstance(outcome, CallToolResult):
-        return outcome
-    return outcome.model_copy(update={"meta": {**(outcome.meta or {}), **members}})

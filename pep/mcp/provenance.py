@@ -108,12 +108,19 @@ class Vouching:
         key: of this enforcement point.
         audience: its canonical URL.
         admitters: raw public key by canonical URL of every registered admission point, as of now.
-        flow: contents of all contexts, as far as they are known here.
+        flow: contents of all contexts, as far as they are known here; None where nobody follows them: no receipt is
+            believed or given then, and a response counts as tainted, since its arguments may be.
         caps: the bounds.
     """
 
     def __init__(
-        self, *, key: PrivateKey, audience: str, admitters: Callable[[], Mapping[str, bytes]], flow: Flow, caps: Caps
+        self,
+        *,
+        key: PrivateKey,
+        audience: str,
+        admitters: Callable[[], Mapping[str, bytes]],
+        flow: Flow | None,
+        caps: Caps,
     ) -> None:
         self._key = key
         self._audience = audience
@@ -131,9 +138,12 @@ class Vouching:
         at: float,
     ) -> ContextReading:
         """Context of each parameter of the request; a call without receipts is its holder's own choice."""
+        flow = self._flow
+        if flow is None:
+            return unvouched(request, presented, operation=operation, chain=chain, at=at)
         known = ArgumentContext(
             holder=Holder.of(chain.leaf),
-            context=self._flow.label(self._flow.context(chain.leaf)),
+            context=flow.label(flow.context(chain.leaf)),
             admitters=self._admitters(),
             at=at,
             caps=self._caps,
@@ -141,7 +151,7 @@ class Vouching:
         readings = arguments(request, presented, known)
 
         def fault(word: str, shown: Texts) -> DestinationFault | None:
-            return DestinationFault.FROM_TEXT if self._flow.names(word, chain.hops, shown) else None
+            return DestinationFault.FROM_TEXT if flow.names(word, chain.hops, shown) else None
 
         shown = (one.value for one in presented)
         return ContextReading(
@@ -173,13 +183,15 @@ class Vouching:
         value = values.plain(content)
         if not isinstance(value, Plain) or not isinstance(content, dict):
             return {}
-        tainted = any(argument.label.tainted or argument.fault for argument in reading.arguments)
+        unknown = self._flow is None
+        tainted = unknown or any(argument.label.tainted or argument.fault for argument in reading.arguments)
         holder = Holder.of(leaf)
         call = Called(self._audience, holder.agent, holder.hop_id, proof, request.digest, tool.name)
+        vouched = responses.vouch(
+            value, call=call, definition=tool.actual_digest, tainted=tainted, key=self._key, at=at
+        )
+        if unknown:
+            return {RESPONSE: vouched}
         label = responses.recorded(self._audience, tainted=tainted)
-        return {
-            RECEIPT: receipts.issue(value, label, holder, audience=self._audience, key=self._key, at=at),
-            RESPONSE: responses.vouch(
-                value, call=call, definition=tool.actual_digest, tainted=tainted, key=self._key, at=at
-            ),
-        }
+        receipt = receipts.issue(value, label, holder, audience=self._audience, key=self._key, at=at)
+        return {RECEIPT: receipt, RESPONSE: vouched}

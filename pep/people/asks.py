@@ -345,6 +345,13 @@ class Asks:
             deferral = self._deferrals.get(ask_id)
             return None if deferral is None else deferral.state
 
+    def awaited(self, chain: Chain, request: Request) -> str | None:
+        """Id of the newest open deferral of this very request of its holder, or None."""
+        holder = holder_of(chain, request)
+        with self._lock:
+            mine = (d for d in reversed(self._deferrals.values()) if d.key[0] == holder)
+            return next((d.ask.ask_id for d in mine if d.state is AskState.OPEN), None)
+
     def matter(self) -> int:
         """Number of deferrals, openings and envelopes that a word of the provider could change."""
         with self._lock:

@@ -10,6 +10,7 @@ from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.gate.gate import Gate
 from pep.journal.budget_store import BudgetStore
+from pep.journal.task_store import TASKS, TaskStore
 from pep.perception.fact_feed import FactFeed
 from pep.point.deferrals import Deferrals, recover_gate
 from pep.point.parts import PointParts, opened
@@ -38,6 +39,7 @@ class DecidingPoint(PointParts):
         asks: deferrals.
         facts: of sensors.
         gate: decides and enforces.
+        kept: deferred calls that their callers look after.
     """
 
     def __init__(self, config: GuardConfig) -> None:
@@ -47,9 +49,11 @@ class DecidingPoint(PointParts):
             raise ConfigError(PepFault.CONFIG_INVALID, f"folder: {type(error).__name__}") from error
         inputs = opened(config)
         trust, key = inputs["trust"], inputs["key"]
+        self._key = key
         super().__init__(config, trust=trust, key=key, http=inputs["http"])
         self._sensor_address = config.sensor_address() if config.sensors else None
         self.facts = FactFeed(self.follower, clock=self.clock, caps=CAPS, incident=self._frame_incident)
+        self.kept = TaskStore(config.state_dir / TASKS)
         people = Deferrals.of(self, journal=self.journal, timeout_ms=ASK_MS, trust=trust, key=key)
         self.asks, self._asking = people.asks, people.asking
         self.gate = Gate(
@@ -100,6 +104,7 @@ class DecidingPoint(PointParts):
                 task.cancel()
             await asyncio.gather(*tasks, return_exceptions=True)
             await self.release()
+            self.kept.close()
 
     async def hear(self, rows: Iterable[Operation]) -> None:
         """Hears the sensors on whose facts these rows depend.

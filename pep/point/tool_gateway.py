@@ -23,7 +23,7 @@ from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.point.tool_server import GuardedServer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Callable, Coroutine, Mapping
 
     from pep.mcp.guard import CallContext, ServedTool, ServedTools
     from pep.point.tool_gateway_config import ToolGatewayConfig
@@ -94,6 +94,12 @@ class ToolGateway(GuardedServer):
             UpstreamError: it does not answer.
         """
         return await self._relay.tools(name)
+
+    async def about_task(
+        self, ctx: CallContext, name: str, task_id: str, responses: dict[str, Any] | None
+    ) -> Mapping[str, Any]:
+        """Answer of the server of that name about a task of its own."""
+        return await self._relay.about_task(ctx, name, task_id, responses)
 
     def faults(self) -> dict[str, str]:
         """Reasons why mapped tools cannot be called, by the tool's name, as of the latest look."""

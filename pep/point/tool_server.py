@@ -14,27 +14,28 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
+from capabilities.values.caps import DEFAULT as CAPS
 from pep.base.errors import ConfigError, PepError, PepFault
 from pep.mcp import guard as tool_guard
 from pep.mcp import stdio_wire
 from pep.mcp.declared_tools import decorated, rows_of
 from pep.mcp.http_request import Refusals
+from pep.mcp.provenance import Vouching
 from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.point.deciding_point import DecidingPoint
 from pep.point.evaluation_layer import EvaluationLayer
 from pep.point.guard_config import GuardConfig
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from starlette.types import Message, Receive, Scope, Send
 
     from pep.base.operation_row import Operation
     from pep.mcp.guard import AnyServer, CallContext, ServedTools
-    from pep.mcp.provenance import Vouching
 
 LOOPBACK: Final = "127.0.0.1"
 HTTP_PORT: Final = 80
@@ -78,7 +79,8 @@ class GuardedServer(DecidingPoint):
     Args:
         server: of the tools.
         config: of the guard.
-        vouching: gives the provenance of values at this point; without it no receipt is believed, and none given.
+        vouching: gives the provenance of values at this point; without it no receipt is believed, and none given, and
+            a response is signed as one whose arguments may be tainted.
     """
 
     def __init__(
@@ -106,7 +108,9 @@ class GuardedServer(DecidingPoint):
             clock=self.clock,
             access=self.access,
             served=self.served,
-            vouching=None if vouching is None else vouching(self),
+            kept=self.kept,
+            about=self.about_task,
+            vouching=self._signing() if vouching is None else vouching(self),
         )
         if config.authzen:
             self._app = EvaluationLayer(
@@ -121,6 +125,17 @@ class GuardedServer(DecidingPoint):
                 access=self.access,
                 clock=self.clock,
             )
+
+    def _signing(self) -> Vouching:
+        """Signs what tools answer to which request, and knows nothing of where values come from."""
+        audience = self.config.audience
+        return Vouching(key=self._key, audience=audience, admitters=dict, flow=None, caps=CAPS)
+
+    async def about_task(
+        self, ctx: CallContext, name: str, task_id: str, responses: dict[str, Any] | None
+    ) -> Mapping[str, Any]:
+        """Answer of the server of a name behind this one about a task of its own; here there is none."""
+        raise NotImplementedError
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """One ASGI connection, or the life of the whole app."""

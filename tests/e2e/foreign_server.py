@@ -12,10 +12,16 @@ import os
 import sys
 from pathlib import Path
 
-from mcp import types
+from mcp import MCPError, types
 from mcp.server.lowlevel.server import Server
 
+TASKS = "io.modelcontextprotocol/tasks"
 CALLS, CHANGED = Path(os.environ["FOREIGN_CALLS"]), Path(os.environ["FOREIGN_CHANGED"])
+
+
+class Named(types.RequestParams):
+    task_id: str
+    input_responses: dict | None = None
 
 
 def text(name, **schema):
@@ -37,6 +43,7 @@ TOOLS = {
             input_schema={"type": "object", "properties": {"seconds": {"type": "number"}}, "required": ["seconds"]},
         ),
         types.Tool(name="ask", description="Ask the caller's person.", input_schema={"type": "object", "properties": {}}),
+        types.Tool(name="brew", description="Brew, as a task.", input_schema={"type": "object", "properties": {}}),
     ],
 }  # fmt: skip
 
@@ -77,6 +84,12 @@ def made(kind):
             return types.InputRequiredResult(
                 input_requests={"who": types.ElicitRequest(params=asked)}, request_state="asked-once"
             )
+        if params.name == "brew":
+            known = ctx.session.client_capabilities.extensions or {}
+            if TASKS not in known:
+                return types.CallToolResult(content=[types.TextContent(type="text", text="brewed at once")])
+            brews[f"brew-{len(brews)}"] = "input_required"
+            return {"resultType": "task", **brewing(f"brew-{len(brews) - 1}")}
         if params.name == "work":
             try:
                 for step in range(4):
@@ -100,11 +113,38 @@ def made(kind):
     async def read_resource(ctx, params):
         return types.ReadResourceResult(contents=[types.TextResourceContents(uri=params.uri, text="the note")])
 
-    return Server(
+    def brewing(task_id):
+        at = "2026-11-28T12:00:00Z"
+        shown = {"taskId": task_id, "createdAt": at, "lastUpdatedAt": at, "ttlMs": 60_000, "pollIntervalMs": 100}
+        state = brews[task_id]
+        if state == "input_required":
+            form = {"type": "object", "properties": {"name": {"type": "string"}}}
+            asked = types.ElicitRequest(params=types.ElicitRequestFormParams(message="Whose?", requested_schema=form))
+            return {**shown, "status": state, "inputRequests": {"who": asked.model_dump(by_alias=True, mode="json")}}
+        if state == "cancelled":
+            return {**shown, "status": state}
+        return {**shown, "status": "completed", "result": {"content": [{"type": "text", "text": f"tea for {state}"}]}}
+
+    async def about(ctx, params):
+        task_id, meta = params.task_id, (ctx.params or {}).get("_meta") or {}
+        noted(method=ctx.method, task=task_id, meta=sorted(meta))
+        if task_id not in brews:
+            raise MCPError(-32_602, "no such task")
+        if ctx.method == "tasks/get":
+            return brewing(task_id)
+        brews[task_id] = params.input_responses["who"]["content"]["name"] if params.input_responses else "cancelled"
+        return {}
+
+    brews = {}
+    server = Server(
         kind, instructions=f"Use {kind} well.", on_list_tools=list_tools, on_call_tool=call_tool,
         on_list_prompts=list_prompts, on_get_prompt=get_prompt, on_list_resources=list_resources,
         on_read_resource=read_resource,
     )  # fmt: skip
+    for method in ("tasks/get", "tasks/update", "tasks/cancel"):
+        server.add_request_handler(method, Named, about)
+    server.extensions[TASKS] = {}
+    return server
 
 
 async def over_stdio(server):

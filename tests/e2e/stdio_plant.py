@@ -1,4 +1,7 @@
-"""A guarded plant over stdio, of any kind of server: `stdio_plant.py KIND guard.toml`. Its tool writes where it can."""
+"""A guarded plant over stdio, of any kind of server: `stdio_plant.py KIND guard.toml`. Its tool writes where it can.
+
+With the word `http` behind them it is served at its audience.
+"""
 
 import json
 import os
@@ -61,4 +64,5 @@ KINDS = {"sdk": (sdk, ""), "fastmcp": (fastmcp, ""), "lowlevel": (lowlevel, TABL
 
 if __name__ == "__main__":
     os.environ["NO_COLOR"] = "1"
-    guard(KINDS[sys.argv[1]][0](), sys.argv[2]).run_stdio()
+    plant = guard(KINDS[sys.argv[1]][0](), sys.argv[2])
+    plant.run() if sys.argv[3:] == ["http"] else plant.run_stdio()

@@ -9,6 +9,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -17,7 +18,7 @@ import anyio
 import httpx2
 import pytest
 from capabilities.values.scope import Range, Scope, Stems, Tier
-from mcp import Client, StdioServerParameters
+from mcp import Client, MCPError, StdioServerParameters, UrlElicitationRequiredError
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
 from mcp.types import ElicitResult
@@ -25,6 +26,7 @@ from pep.mcp.gateway.upstream import CONNECT_S
 from pep.mcp.guard import DECISION_META
 from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.routed import Memory, by_credentials
+from tests.e2e.task_client import Tasks, begun, look
 from tests.e2e.test_any_tool import DEADLINE_S, TOP, Plant, approve, told
 from tests.node_packages import installed, node
 from tests.ztpm_idp.test_process import PASSPHRASE, free_port
@@ -104,6 +106,7 @@ class Front(Plant):
             prefix = "slow_"
             timeout_s = 20
             bearer = "SLOW_TOKEN"
+            tasks = true
             [upstream.slow.tool.work]
             object = "slow"
             base_tier = 1
@@ -112,6 +115,9 @@ class Front(Plant):
             [upstream.slow.tool.ask]
             object = "slow"
             base_tier = 0
+            [upstream.slow.tool.brew]
+            object = "slow"
+            base_tier = 1
         """)
         with self.provider.operator() as alice:
             alice.register_pep("gateway", keys.public_raw(key), [self.audience])
@@ -200,7 +206,7 @@ def front(served):
 
 def test_servers_that_nobody_changed(front):
     assert '+          "description": "Write a note."' in front.said
-    assert (front.ready["tools"], front.ready["withheld"]) == (["slow_ask", "slow_work", "write_note"], {})
+    assert (front.ready["tools"], front.ready["withheld"]) == (["slow_ask", "slow_brew", "slow_work", "write_note"], {})
     agent = front.agent("keeper")
     notes = grant(front.rows["write_note"], stars=Range(0, 3), title=Stems(frozenset({"public "}), ""))
     token = front.lend(agent, notes, grant(front.rows["slow_work"]), grant(front.rows["slow_ask"]))
@@ -267,6 +273,115 @@ def test_a_person_is_asked_and_the_retry_happens_once(front):
         time.sleep(0.1)
     assert told(front.use(agent, token, "write_note", note))["decision"] == "DEFER"
     assert len(front.heard()) == 1
+
+
+def bridged(front, agent, token):
+    """The command with which a host starts the bridge."""
+    data = front.folder / "data"
+    layout = Layout(data)
+    layout.agent_key(agent.id).parent.mkdir(parents=True, exist_ok=True)
+    layout.agent_key(agent.id).write_bytes(keys.to_pem(agent.key, PASSPHRASE.encode()))
+    layout.agent_key(agent.id).chmod(0o600)
+    layout.trust.write_bytes((front.folder / "trust.json").read_bytes())
+    said = front.folder / f"{agent.id}.token"
+    said.write_text(token)
+    arguments = ["connect", agent.id, front.audience, "--token", str(said), "--data", str(data)]
+    return StdioServerParameters(
+        command=sys.executable, args=["-m", "ztpm", "mcp", *arguments], env=front.environment, cwd=TOP
+    )
+
+
+def test_a_deferral_is_told_in_the_form_that_its_client_knows_also_over_a_bridge(front):
+    agent = front.agent("former")
+    token = front.lend(agent, grant(front.rows["write_note"]), ceiling=Tier.HIGH_CONSEQUENCE)
+    pages = []
+
+    async def show(context, asked):
+        pages.append(asked.url)
+        await asyncio.to_thread(approve, front, asked.url.split("/approvals/")[1].split("/")[0])
+        return ElicitResult(action="accept")
+
+    def taken(task):
+        seen.append(task.status)
+        threading.Thread(target=approve, args=(front, task.meta[DECISION_META]["approval_id"]), daemon=True).start()
+
+    async def done(client, note):
+        """The result of a call that the older protocol has to begin again."""
+        until = time.monotonic() + DEADLINE_S
+        while True:
+            try:
+                return await in_time(client, "write_note", note)
+            except MCPError as error:
+                assert time.monotonic() < until
+                (page,) = UrlElicitationRequiredError.from_error(error.error).elicitations
+                if page.url not in pages:
+                    await show(None, page)
+                await asyncio.sleep(0.1)
+
+    seen = []
+    forms = {
+        "task": {"extensions": [Tasks(taken)]},
+        "page": {"elicitation_callback": show},
+        "older": {"elicitation_callback": show, "mode": "legacy"},
+    }
+
+    async def all_of_them():
+        command = bridged(front, agent, token)
+        with (front.folder / "forms.log").open("w") as log:
+            for form, options in forms.items():
+                async with front.caller(agent, token, **options) as client:
+                    answer = await done(client, {"title": form, "stars": 5})
+                    assert told(answer)["decision"] == "PERMIT", form
+                async with Client(stdio_client(command, errlog=log), **options) as client:
+                    answer = await done(client, {"title": f"{form} over a bridge", "stars": 5})
+                    assert told(answer)["decision"] == "PERMIT", form
+
+    asyncio.run(all_of_them())
+    assert (seen, len(set(pages)), len(pages)) == (["working"] * 2, 4, 4)
+    titles = [each["arguments"]["title"] for each in front.heard()]
+    assert titles == [f"{form}{where}" for form in forms for where in ("", " over a bridge")]
+
+
+def test_a_task_of_a_server_is_its_callers_alone_and_goes_on_over_a_restart_of_the_gateway(front):
+    agent, other = front.agent("brewer"), front.agent("guest")
+    brew = grant(front.rows["slow_brew"])
+    token, others = front.lend(agent, brew), front.lend(other, brew)
+    tasked = {"extensions": [Tasks()]}
+
+    async def begun_two():
+        async with front.caller(agent, token, **tasked) as client:
+            return [await begun(client, "slow_brew", {}) for _ in range(2)]
+
+    first, second = asyncio.run(begun_two())
+    assert (first.status, first.meta[DECISION_META]["decision"]) == ("input_required", "PERMIT")
+    assert not first.task_id.startswith("brew") and first.task_id != second.task_id
+    front.stop()
+    front.start()
+
+    async def looked_after():
+        async with front.caller(other, others, **tasked) as client:
+            for task_id in (first.task_id, "brew-0"):
+                for method in ("tasks/get", "tasks/update", "tasks/cancel"):
+                    with pytest.raises(MCPError) as unknown:
+                        await look(client.session, task_id, method)
+                    assert unknown.value.code == -32602
+        async with front.caller(agent, token, **tasked) as client:
+            asked = await look(client.session, first.task_id)
+            assert (asked.status, asked.task_id) == ("input_required", first.task_id)
+            ada = {"who": {"action": "accept", "content": {"name": "Ada"}}}
+            await look(client.session, first.task_id, "tasks/update", input_responses=ada)
+            await look(client.session, second.task_id, "tasks/cancel")
+            return [await look(client.session, each.task_id) for each in (first, second)]
+
+    done, cancelled = asyncio.run(looked_after())
+    assert (done.status, done.result["content"][0]["text"]) == ("completed", "tea for Ada")
+    assert done.result["_meta"][DECISION_META] == first.meta[DECISION_META]
+    assert cancelled.status == "cancelled"
+    about = [each for each in front.heard() if "method" in each]
+    assert {each["task"] for each in about} == {"brew-0", "brew-1"}
+    assert not [key for each in about for key in each["meta"] if key.startswith("dev.ztpm")]
+    # A client that knows no tasks gets none, and nothing of the other tasks of the server.
+    assert front.use(agent, token, "slow_brew", {}).content[0].text == "brewed at once"
 
 
 def test_progress_questions_and_cancellation_go_through(front):

@@ -89,6 +89,7 @@ def tools_app_of(
         audience=audience,
         issuer=point.config.issuer,
         clock=point.clock,
+        kept=point.kept,
         vouching=Vouching(
             key=key,
             audience=audience,

@@ -12,6 +12,7 @@ from pep.gate.gate import Gate
 from pep.gate.observe_only import Marked
 from pep.gate.robot_ports import RobotPorts
 from pep.journal.budget_store import BUDGETS, BudgetStore
+from pep.journal.task_store import TASKS, TaskStore
 from pep.perception.receiver import FrameReceiver
 from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
@@ -77,6 +78,7 @@ class RobotPoint(EnforcementPoint):
     Attributes:
         robot: the arm's model, with its tool and empty fingers.
         gate: made by the subclass.
+        kept: deferred calls that their callers look after.
     """
 
     config: CellConfig
@@ -111,6 +113,7 @@ class RobotPoint(EnforcementPoint):
         )
         people = Deferrals.of(self, journal=self.marked, timeout_ms=config.defer_timeout_s * 1000, trust=trust, key=key)
         self.asks, self.asking = people.asks, people.asking
+        self.kept = TaskStore(config.state_dir / TASKS)
 
     @property
     def edge(self) -> Edge:
@@ -171,7 +174,8 @@ class RobotPoint(EnforcementPoint):
         raise NotImplementedError
 
     async def let_go(self) -> None:
-        """Releases sensors and robot."""
+        """Releases sensors and robot, and closes the file of tasks."""
+        self.kept.close()
         await self.receiver.close()
         self.state.close()
 

@@ -18,7 +18,7 @@ import httpx2
 from mcp import Client
 from mcp.client.streamable_http import streamable_http_client
 
-from pep.mcp.guard import DECISION_META
+from pep.mcp.decision_result import DECISION_META
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -126,6 +126,10 @@ def refusal_in(error: BaseException) -> Denied | Deferred | None:
         return error
     if (told := error_of(getattr(error, "told", None))) is not None:
         return told
+    if isinstance(members := getattr(error, "data", None), dict):  # the page of a deferral in an error of MCP
+        found = error_of(members.get(DECISION_META))
+        if found is not None:
+            return found
     held = error.exceptions if isinstance(error, BaseExceptionGroup) else ()
     for each in (*held, error.__cause__):
         if each is not None and (found := refusal_in(each)) is not None:

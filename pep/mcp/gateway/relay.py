@@ -7,17 +7,18 @@ they are as they were reviewed; a caller's credentials and this project's own me
 from __future__ import annotations
 
 import asyncio
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
-from mcp import MCPError
+from mcp import MCPError, UrlElicitationRequiredError
 from mcp.server.lowlevel.server import Server
 from mcp_types import (
     INVALID_PARAMS,
     CallToolRequestParams,
-    CallToolResult,
     CompleteRequestParams,
     CompleteResult,
     Completion,
+    ElicitRequestURLParams,
     GetPromptRequestParams,
     GetPromptResult,
     InputRequiredResult,
@@ -32,8 +33,11 @@ from mcp_types import (
 )
 
 from pep.base.errors import UpstreamError
-from pep.mcp.deferred_result import APPROVAL
+from pep.mcp.deferred_result import APPROVAL, INPUT_REQUIRED_SINCE
+from pep.mcp.deferred_task import is_look
+from pep.mcp.gateway import task_relay
 from pep.mcp.gateway.upstream import DECLARED
+from pep.mcp.passed_task import EXTENSION, PassedTask
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
@@ -41,7 +45,7 @@ if TYPE_CHECKING:
     from mcp.client.session import ClientSession
     from mcp.server.context import ServerRequestContext
     from mcp.shared.dispatcher import ProgressFnT
-    from mcp_types import Prompt, Resource, ResourceTemplate, Tool
+    from mcp_types import CallToolResult, Prompt, Resource, ResourceTemplate, Tool
 
     from pep.mcp.gateway.lock import Lock
     from pep.mcp.gateway.upstream import ToolUpstream
@@ -84,6 +88,10 @@ class UpstreamRelay:
             # Header checks would ask for the list of tools once more, of every server.
             get_tool_input_schema=lambda name: None,  # noqa: ARG005 - the SDK's signature
         )
+        self._guarded = lock is None
+        """They guard themselves, so a deferral is theirs to tell."""
+        if self._guarded and len(upstreams) == 1:
+            task_relay.pass_on(self.server, upstreams[0], partial(_passed_on, tasks=True))
 
     def introduce(self) -> None:
         """Lets clients have the instructions of the servers that are as they were reviewed."""
@@ -132,15 +140,39 @@ class UpstreamRelay:
         home = self._home(params.name)
         if home is None:
             raise MCPError(INVALID_PARAMS, "unknown tool")
-        answers = {key: each for key, each in (params.input_responses or {}).items() if key != APPROVAL}
-        ours = params.input_responses is not None and APPROVAL in params.input_responses
+        given = params.input_responses or {}
+        ours = not self._guarded and APPROVAL in given
+        answers = {key: each for key, each in given.items() if self._guarded or key != APPROVAL}
         sent = CallToolRequestParams(
             name=params.name.removeprefix(home.config.prefix),
             arguments=params.arguments,
             input_responses=answers or None,
             request_state=None if ours else params.request_state,
         )
-        return await home.call(sent, meta=_passed_on(ctx), progress=_progress(ctx))
+        tasks = self._guarded or (home.config.tasks and not is_look())
+        answer: Any = await home.call(sent, meta=_passed_on(ctx, tasks=tasks), progress=_progress(ctx))
+        if self._guarded:
+            _check_form(answer, ctx)
+        elif isinstance(answer, PassedTask):
+            answer = answer.model_copy(update={"upstream": home.config.name})
+        return answer  # type: ignore[no-any-return]  # a handle of a task, too, which the SDK passes on
+
+    async def about_task(
+        self, ctx: Context, name: str, task_id: str, responses: dict[str, Any] | None
+    ) -> Mapping[str, Any]:
+        """Answer of the server of that name about one of its tasks; the method is that of the request.
+
+        Raises:
+            MCPError: it refuses, or does not answer.
+        """
+        upstream = next((each for each in self._upstreams if each.config.name == name and each.config.tasks), None)
+        if upstream is None:
+            raise MCPError(INVALID_PARAMS, "Task not found")
+        more = {} if responses is None else {"inputResponses": responses}
+        params = task_relay.PassedParams.model_validate({"taskId": task_id, **more})
+        sent: Any = _passed_on(ctx, tasks=True)
+        answer = await task_relay.ask(upstream, ctx.method, params.model_copy(update={"meta": sent}))
+        return answer.model_dump(by_alias=True, mode="json", exclude_none=True)
 
     # ---- what is not a tool
 
@@ -254,8 +286,8 @@ def _renamed(definition: Any, prefix: str) -> Any:
     return definition.model_copy(update={"name": prefix + definition.name}) if prefix else definition
 
 
-def _passed_on(ctx: Context) -> dict[str, Any]:
-    """Members of `_meta` that go on, and the caller's abilities.
+def _passed_on(ctx: Context, *, tasks: bool = False) -> dict[str, Any]:
+    """Members of `_meta` that go on, and the caller's abilities, tasks among them only where they are passed on.
 
     A caller of the era before requests stated them can do nothing between a question and its answer here.
     """
@@ -263,7 +295,24 @@ def _passed_on(ctx: Context) -> dict[str, Any]:
     kept = {key: value for key, value in meta.items() if not key.startswith(OURS) and key != "progressToken"}
     known = ctx.session.client_capabilities
     declared = {} if known is None else known.model_dump(by_alias=True, mode="json", exclude_none=True)
+    if not tasks and (others := declared.pop("extensions", {})):
+        declared["extensions"] = {name: each for name, each in others.items() if name != EXTENSION}
     return {**kept, DECLARED: declared}
+
+
+def _check_form(answer: Any, ctx: Context) -> None:
+    """Checks that the caller's client can be given the answer as it is.
+
+    Raises:
+        UrlElicitationRequiredError: the client is of the older protocol, and has the pages of a server in an error.
+    """
+    if not isinstance(answer, InputRequiredResult) or ctx.protocol_version >= INPUT_REQUIRED_SINCE:
+        return
+    asked = [getattr(each, "params", None) for each in (answer.input_requests or {}).values()]
+    pages = [each for each in asked if isinstance(each, ElicitRequestURLParams)]
+    if pages and len(pages) == len(asked):
+        named = [each.model_copy(update={"elicitation_id": each.elicitation_id or each.url}) for each in pages]
+        raise UrlElicitationRequiredError(named, " ".join(f"{each.message} {each.url}" for each in pages))
 
 
 def _progress(ctx: Context) -> ProgressFnT | None:

@@ -19,6 +19,7 @@ from mcp_types import CONNECTION_CLOSED, METHOD_NOT_FOUND, CallToolRequestParams
 from pydantic import ValidationError
 
 from pep.base.errors import UpstreamError
+from pep.mcp.passed_task import PassedTasks
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Awaitable, Callable
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from mcp_types import CallToolResult, Implementation, InputRequiredResult, Prompt, Resource, ResourceTemplate, Tool
 
     from pep.mcp.gateway.upstream_config import UpstreamConfig
+    from pep.mcp.passed_task import PassedTask
 
     T = TypeVar("T")
 
@@ -140,7 +142,13 @@ class ToolUpstream:
                     encoding_error_handler="replace",
                 )
                 transport = stdio_client(parameters)
-            client = Client(_declaring(transport), cache=None, mode=mode, read_timeout_seconds=config.timeout_s)
+            client = Client(
+                _declaring(transport),
+                cache=None,
+                mode=mode,
+                read_timeout_seconds=config.timeout_s,
+                extensions=[PassedTasks()],
+            )
             async with asyncio.timeout(CONNECT_S if config.url else START_S):
                 await stack.enter_async_context(client)
             yield client
@@ -195,7 +203,7 @@ class ToolUpstream:
 
     async def call(
         self, params: CallToolRequestParams, *, meta: dict[str, Any], progress: ProgressFnT | None
-    ) -> CallToolResult | InputRequiredResult:
+    ) -> CallToolResult | InputRequiredResult | PassedTask:
         """Result of a call, sent once.
 
         Args:
@@ -216,8 +224,18 @@ class ToolUpstream:
                 request_state=params.request_state,
                 meta=meta or None,
                 allow_input_required=True,
+                allow_claimed=True,
             )
         )
+
+    async def once(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
+        """Answer to a question that may have an effect, sent once.
+
+        Raises:
+            UpstreamError: it does not answer; whether it did anything is not known.
+            MCPError: it refuses.
+        """
+        return await self._sent(question)
 
     def _lacks(self, capability: str) -> bool:
         client = self._client

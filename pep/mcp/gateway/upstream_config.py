@@ -29,6 +29,7 @@ class UpstreamConfig(BaseModel):
         prefix: put before the names of its tools and prompts.
         timeout_s: longest wait for an answer.
         resources, prompts: whether its resources and prompts are for every holder of a live token.
+        tasks: whether it may do an act as a task, which goes on after the permit that it was begun on.
         tool: declarations of its tools, by its own names; None where it guards itself, and all it has is passed on.
     """
 
@@ -44,6 +45,7 @@ class UpstreamConfig(BaseModel):
     timeout_s: float = Field(TIMEOUT_S, gt=0, le=TIMEOUT_MOST_S)
     resources: bool = False
     prompts: bool = False
+    tasks: bool = False
     tool: dict[str, Any] | None = {}
 
     @model_validator(mode="after")

@@ -4,10 +4,11 @@ import asyncio
 
 import httpx2
 import pytest
-from mcp import Client
+from mcp import Client, MCPError, UrlElicitationRequiredError
 from mcp.client.streamable_http import streamable_http_client
 from mcp_types import ElicitResult
 from pep.base.clock import SystemClock
+from pep.mcp.decision_result import DECISION_META
 from pep.people.deferral import AskState
 from tests.pep.kit import AUDIENCE, ISSUER, MOVE, reading
 from tests.pep.mcp.test_mcp import Cell, Signed, call_body
@@ -130,14 +131,32 @@ def test_a_page_that_was_not_shown_is_not_waited_for(cell, action, monkeypatch):
     assert cell.arm.moves == []
 
 
-def test_an_older_protocol_gets_the_structured_error_even_with_elicitation(cell):
-    async def show(_, params):
-        cell.shown.append(params.url)
-        return ElicitResult(action="accept")
+def test_a_client_of_the_older_protocol_has_the_page_in_an_error_and_its_retry_succeeds_once(cell):
+    async def never(_, params):
+        raise AssertionError("no question comes back on the call's own connection")
 
-    result = with_cell(cell, lambda: use(cell, show, mode="legacy"))
-    assert result.meta[DECISION_META]["approval_id"]
-    assert cell.shown == []
+    async def required():
+        async with httpx2.AsyncClient(auth=Signed(cell.holder, cell.clock), timeout=60) as http:
+            transport = streamable_http_client(AUDIENCE, http_client=http)
+            async with Client(transport, mode="legacy", elicitation_callback=never) as client:
+                try:
+                    return await client.call_tool("move_joint", MOVE)
+                except MCPError as error:
+                    return error
+
+    async def scenario():
+        first, again = await required(), await required()
+        (ask_id,) = cell.issuer.asks
+        await approve(cell, ask_id)
+        return ask_id, first, again, await required(), await required()
+
+    ask_id, first, again, retry, third = with_cell(cell, scenario)
+    (shown,) = UrlElicitationRequiredError.from_error(first.error).elicitations
+    assert (shown.mode, shown.url, shown.elicitation_id) == ("url", page(ask_id), ask_id)
+    assert first.data[DECISION_META]["approval_id"] == again.data[DECISION_META]["approval_id"] == ask_id
+    assert not retry.is_error
+    assert third.data[DECISION_META]["reason"] == "APPROVAL_USED"
+    assert len(cell.arm.moves) == 1
 
 
 FORGED = {

@@ -4,6 +4,7 @@ import asyncio
 
 import pytest
 from pep.context.flow import Flow
+from pep.context.json_value import plain
 from pep.mcp.guard import DECISION_META
 from pep.mcp.provenance import RECEIPT, RESPONSE, Vouching
 from pep.point.guard_config import GuardConfig
@@ -13,6 +14,7 @@ from tests.pep.point.alive import CALLED, living, open_valve, sdk, valve_scope
 from tests.pep.point.test_guarded_server import PASSPHRASE, written  # noqa: F401 - a fixture
 
 from capabilities.keys import keys
+from capabilities.statements.context import response
 from capabilities.values.caps import DEFAULT as CAPS
 from pep import pins
 from policies.words.labels import Integrity, Label, Source
@@ -54,8 +56,16 @@ def test_an_answer_comes_with_a_receipt_where_the_server_vouches(written):  # no
     assert {RECEIPT, RESPONSE} <= answer(written(), vouches=True).meta.keys()
 
 
-def test_it_comes_with_none_where_the_server_does_not(written):  # noqa: F811
-    assert not {RECEIPT, RESPONSE} & answer(written(), vouches=False).meta.keys()
+def test_it_comes_with_the_signed_response_alone_where_nobody_follows_contexts(written):  # noqa: F811
+    path = written()
+    found = answer(path, vouches=False)
+    key = keys.from_pem(GuardConfig.read(path).pep_key_file.read_bytes(), PASSPHRASE.encode())
+    said = response.open(found.meta[RESPONSE], frozenset({keys.public_raw(key)}), CAPS)
+    told = found.meta[DECISION_META]
+    assert RECEIPT not in found.meta
+    assert (said.request, said.definition, said.tool) == (told["request_digest"], told["tool_digest"], "open_valve")
+    assert (said.result, said.tainted) == (plain(found.structured_content).digest, True)
+    assert said.result != plain({**found.structured_content, "more": 1}).digest
 
 
 def test_a_holder_whose_context_is_tainted_makes_tainted_arguments(written):  # noqa: F811

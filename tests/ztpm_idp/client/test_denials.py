@@ -3,6 +3,7 @@
 import json
 
 import pytest
+from mcp import MCPError
 
 from ztpm_idp.client import Deferred, Denied, refusal_in
 
@@ -69,3 +70,10 @@ def test_a_denial_is_found_in_any_wrapping(error):
 )
 def test_any_other_error_is_none(error):
     assert refusal_in(error) is None
+
+
+def test_the_page_in_an_error_of_the_protocol_is_a_deferral():
+    found = refusal_in(MCPError(-32_042, "A person must approve this first.", {"dev.ztpm/decision": ASK}))
+    assert isinstance(found, Deferred)
+    assert found.page == ASK["url"]
+    assert refusal_in(MCPError(-32_042, "another server's page", {"elicitations": []})) is None
