@@ -18,9 +18,9 @@ from functools import partial
 from typing import TYPE_CHECKING, Any, Final, TypeAlias, cast
 from urllib.parse import urlsplit
 
+from mcp import MCPError
 from mcp.server.lowlevel.server import HandlerEntry, Server
 from mcp.server.mcpserver import MCPServer
-from mcp.server.transport_security import TransportSecuritySettings
 from mcp_types import CallToolRequestParams, CallToolResult, PaginatedRequestParams
 
 from capabilities import tracing
@@ -39,6 +39,7 @@ from pep.mcp.message_edge import MessageEdge
 from pep.mcp.passed_task import PassedTask
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.real_paths import resolved_request
+from pep.mcp.session_layer import http_app
 from pep.mcp.tool_digest import definition_digest, tool_reading
 from pep.mcp.tool_listing import ShownTools
 from pep.request.authority import NOBODY
@@ -189,7 +190,10 @@ class Guard:
                 again = to_request(operation, sent.arguments or {}, request_id="", audience=self._audience, at=at)
                 permit.spend_act(digest="" if isinstance(again, Misfit) else again.digest)
             with PermitScope(permit), tracing.step(trace_context.EFFECT, {trace_context.OPERATION: operation.name}):
-                outcome = await self._call(ctx, sent)
+                try:
+                    outcome = await self._call(ctx, sent)
+                except MCPError as error:  # an answer of the tool's own, which is no result
+                    outcome = error.error
             if permit.refusal is not None:
                 raise ActuationRefusedError(permit.refusal)
             return effect_of(outcome)
@@ -313,6 +317,7 @@ def guard(
     served: ListTools | None = None,
     kept: TaskStore | None = None,
     about: AboutTask | None = None,
+    sessions: bool = False,
 ) -> ASGIApp:
     """The guarded HTTP app of an existing server: no tool of it can be reached but through the gate.
 
@@ -334,6 +339,7 @@ def guard(
         served: as for `Guard`; None: the server's whole list is asked for.
         kept: keeps deferred calls, for clients that can look after a task; None: a deferral is never one.
         about: as for `DeferredTasks`.
+        sessions: kept over HTTP for clients of the protocol before 2026-07-28; else each of their requests is alone.
 
     Raises:
         ConfigError: a FastMCP server that cannot be guarded as it is.
@@ -362,7 +368,13 @@ def guard(
         fastmcp_server.stand_before(foreign, stands, shown=stands.shown, extension=EXTENSION, settings=SETTINGS)
         app = fastmcp_server.app_of(foreign, urlsplit(audience))
     else:
-        app = _guarded(cast("SdkServer", server), standing, audience)
+        lease_ms = gate.lease_ms(None)
+
+        def good(caller: Credentials) -> bool:
+            return isinstance(authority.standing(caller, lease_ms=lease_ms), Chain)
+
+        app = http_app(cast("SdkServer", server), audience, standing=good if sessions else None)
+        _guard_tools(cast("SdkServer", server), standing)
     before_messages = MessageEdge(authority=authority, edge=gate, tools=tools, audience=audience, clock=clock)
     low = lowlevel(server)
     low.middleware[:0] = [before_messages, declared]
@@ -380,19 +392,8 @@ def guard(
     )
 
 
-def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -> ASGIApp:
-    """App of one of the SDK's own servers, with the guard before its tools."""
-    parts = urlsplit(audience)
-    app = server.streamable_http_app(
-        streamable_http_path=parts.path,
-        # No sessions: each request stands for itself, with a token and proof of its own.
-        stateless_http=True,
-        transport_security=TransportSecuritySettings(
-            enable_dns_rebinding_protection=True,
-            allowed_hosts=[parts.netloc],
-            allowed_origins=[f"{parts.scheme}://{parts.netloc}"],
-        ),
-    )
+def _guard_tools(server: SdkServer, standing: Callable[..., Guard]) -> None:
+    """Puts the guard before the tools of one of the SDK's own servers."""
     low = lowlevel(server)
     own = low.get_request_handler("tools/call")
     if own is None:
@@ -405,7 +406,6 @@ def _guarded(server: SdkServer, standing: Callable[..., Guard], audience: str) -
     low.extensions[EXTENSION] = dict(SETTINGS)
     if low.get_request_handler("tools/call") != HandlerEntry(CallToolRequestParams, stands):
         raise RuntimeError("the guard does not stand before the tools")
-    return app
 
 
 def lowlevel(server: AnyServer) -> Server[Any]:

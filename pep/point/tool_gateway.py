@@ -61,6 +61,8 @@ class ToolGateway(GuardedServer):
         ready: is told once every server that is there was heard.
     """
 
+    keeps_sessions = True
+
     def __init__(self, config: ToolGatewayConfig, *, ready: Callable[[ToolGateway], None] = lambda _: None) -> None:
         self._ready = ready
         self._upstreams = {each.name: ToolUpstream(each, partial(self._state, each.name)) for each in config.upstreams}
@@ -87,13 +89,13 @@ class ToolGateway(GuardedServer):
         """Names of the tools that can be called now."""
         return tuple(sorted(self._rows.keys() - self.faults().keys()))
 
-    async def served(self, ctx: CallContext, name: str) -> ServedTools:  # noqa: ARG002 - the same for every caller
-        """Tools of that name as the one server that has it lists them now.
+    async def served(self, ctx: CallContext, name: str) -> ServedTools:
+        """Tools of that name as the one server that has it lists them now to this caller.
 
         Raises:
             UpstreamError: it does not answer.
         """
-        return await self._relay.tools(name)
+        return await self._relay.tools(name, ctx)
 
     async def about_task(
         self, ctx: CallContext, name: str, task_id: str, responses: dict[str, Any] | None

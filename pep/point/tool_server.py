@@ -14,7 +14,7 @@ from __future__ import annotations
 import asyncio
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 from urllib.parse import urlsplit
 
 from capabilities.values.caps import DEFAULT as CAPS
@@ -81,7 +81,12 @@ class GuardedServer(DecidingPoint):
         config: of the guard.
         vouching: gives the provenance of values at this point; without it no receipt is believed, and none given, and
             a response is signed as one whose arguments may be tainted.
+
+    Attributes:
+        keeps_sessions: over HTTP, for clients of the protocol before 2026-07-28.
     """
+
+    keeps_sessions: ClassVar[bool] = False
 
     def __init__(
         self,
@@ -111,6 +116,7 @@ class GuardedServer(DecidingPoint):
             kept=self.kept,
             about=self.about_task,
             vouching=self._signing() if vouching is None else vouching(self),
+            sessions=self.keeps_sessions,
         )
         if config.authzen:
             self._app = EvaluationLayer(

@@ -7,11 +7,14 @@ they are as they were reviewed; a caller's credentials and this project's own me
 from __future__ import annotations
 
 import asyncio
+from contextlib import ExitStack, asynccontextmanager
 from functools import partial
+from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final
 
 from mcp import MCPError, UrlElicitationRequiredError
-from mcp.server.lowlevel.server import Server
+from mcp.server.lowlevel.server import NotificationOptions, Server
+from mcp.shared.subscriptions import SUBSCRIPTION_ID_META_KEY, event_to_notification
 from mcp_types import (
     INVALID_PARAMS,
     CallToolRequestParams,
@@ -19,6 +22,7 @@ from mcp_types import (
     CompleteResult,
     Completion,
     ElicitRequestURLParams,
+    EmptyResult,
     GetPromptRequestParams,
     GetPromptResult,
     InputRequiredResult,
@@ -26,25 +30,37 @@ from mcp_types import (
     ListResourcesResult,
     ListResourceTemplatesResult,
     ListToolsResult,
+    NotificationParams,
     PaginatedRequestParams,
     PromptReference,
     ReadResourceRequestParams,
     ReadResourceResult,
+    SetLevelRequestParams,
+    SubscribeRequestParams,
+    SubscriptionFilter,
+    SubscriptionsAcknowledgedNotification,
+    SubscriptionsAcknowledgedNotificationParams,
+    SubscriptionsListenRequestParams,
+    SubscriptionsListenResult,
+    UnsubscribeRequestParams,
 )
 
 from pep.base.errors import UpstreamError
 from pep.mcp.deferred_result import APPROVAL, INPUT_REQUIRED_SINCE
 from pep.mcp.deferred_task import is_look
 from pep.mcp.gateway import task_relay
+from pep.mcp.gateway.paired_session import WATCHED, PairedSession
 from pep.mcp.gateway.upstream import DECLARED
 from pep.mcp.passed_task import EXTENSION, PassedTask
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
+    from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
 
     from mcp.client.session import ClientSession
     from mcp.server.context import ServerRequestContext
+    from mcp.server.models import InitializationOptions
     from mcp.shared.dispatcher import ProgressFnT
+    from mcp.shared.subscriptions import ServerEvent
     from mcp_types import CallToolResult, Prompt, Resource, ResourceTemplate, Tool
 
     from pep.mcp.gateway.lock import Lock
@@ -75,8 +91,10 @@ class UpstreamRelay:
         self._upstreams = upstreams
         self._lock = lock
         self._admitted = admitted
-        self.server: Server[Any] = Server(
+        self._schemas: dict[str, dict[str, Any]] = {}
+        self.server: Server[Any] = _TellingServer(
             SERVER,
+            version=version("ztpm"),
             on_list_tools=self._list_tools,
             on_call_tool=self._call_tool,
             on_list_prompts=self._list_prompts,
@@ -85,8 +103,15 @@ class UpstreamRelay:
             on_list_resource_templates=self._list_resource_templates,
             on_read_resource=self._read_resource,
             on_completion=self._complete,
-            # Header checks would ask for the list of tools once more, of every server.
-            get_tool_input_schema=lambda name: None,  # noqa: ARG005 - the SDK's signature
+            on_subscriptions_listen=self._listen,
+            on_subscribe_resource=self._subscribe,
+            on_unsubscribe_resource=self._unsubscribe,
+            # As listed last: a check of headers would ask every server for its list once more.
+            get_tool_input_schema=self._schema,
+        )
+        self.server.add_request_handler("logging/setLevel", SetLevelRequestParams, self._set_level)
+        self.server.add_notification_handler(
+            "notifications/roots/list_changed", NotificationParams, self._roots_changed
         )
         self._guarded = lock is None
         """They guard themselves, so a deferral is theirs to tell."""
@@ -102,31 +127,47 @@ class UpstreamRelay:
         ]
         self.server.instructions = "\n\n".join(told) or None
 
-    async def tools(self, name: str) -> list[Tool]:
-        """Definitions of the tools of that name, as the server that has it lists them now.
+    async def tools(self, name: str, ctx: Context) -> list[Tool]:
+        """Definitions of the tools of that name, as its server lists them now to the caller of a request.
 
         Raises:
             UpstreamError: it does not answer.
         """
         home = self._home(name)
-        return [] if home is None else [each for each in await self.mapped(home) if each.name == name]
+        if home is None:
+            return []
+        return [each for each in await self.mapped(home, await _at(ctx, home)) if each.name == name]
 
     # ---- tools
 
     async def _list_tools(self, ctx: Context, params: PaginatedRequestParams | None) -> ListToolsResult:  # noqa: ARG002
         """Tools of all servers that answer; those of another are not there to be called either."""
-        found = await asyncio.gather(*(self.mapped(each) for each in self._upstreams), return_exceptions=True)
-        return ListToolsResult(tools=[tool for listed in found for tool in _of(listed)])
+        listed = (self.mapped(each, _open_at(ctx, each)) for each in self._upstreams)
+        found = await asyncio.gather(*listed, return_exceptions=True)
+        return ListToolsResult(tools=[tool for tools in found for tool in _of(tools)])
 
-    async def mapped(self, upstream: ToolUpstream) -> list[Tool]:
+    async def mapped(self, upstream: ToolUpstream, asked: ToolUpstream | None = None) -> list[Tool]:
         """Definitions of the tools of one server that are mapped and admitted, under their names here.
+
+        Args:
+            upstream: the server.
+            asked: the connection to it over which it is asked; None for that of all.
 
         Raises:
             UpstreamError: it does not answer.
         """
         prefix, names = upstream.config.prefix, upstream.config.tool
-        found = [_renamed(each, prefix) for each in await upstream.tools() if names is None or each.name in names]
-        return [each for each in found if self._admitted(each)]
+        found = [
+            _renamed(each, prefix) for each in await (asked or upstream).tools() if names is None or each.name in names
+        ]
+        kept = [each for each in found if self._admitted(each)]
+        self._schemas[upstream.config.name] = {each.name: each.input_schema for each in kept}
+        return kept
+
+    def _schema(self, name: str) -> Mapping[str, Any] | None:
+        """Schema of a tool's arguments, as its server listed it last."""
+        home = self._home(name)
+        return None if home is None else self._schemas.get(home.config.name, {}).get(name)
 
     def _home(self, name: str) -> ToolUpstream | None:
         """The server that has the tool of that name."""
@@ -150,7 +191,8 @@ class UpstreamRelay:
             request_state=None if ours else params.request_state,
         )
         tasks = self._guarded or (home.config.tasks and not is_look())
-        answer: Any = await home.call(sent, meta=_passed_on(ctx, tasks=tasks), progress=_progress(ctx))
+        async with _serving(ctx, home) as server:
+            answer: Any = await server.call(sent, meta=_passed_on(ctx, tasks=tasks), progress=_progress(ctx))
         if self._guarded:
             _check_form(answer, ctx)
         elif isinstance(answer, PassedTask):
@@ -176,12 +218,12 @@ class UpstreamRelay:
 
     # ---- what is not a tool
 
-    async def _list_prompts(self, ctx: Context, params: PaginatedRequestParams | None) -> ListPromptsResult:  # noqa: ARG002
+    async def _list_prompts(self, ctx: Context, _: PaginatedRequestParams | None) -> ListPromptsResult:
         found: list[Prompt] = []
         for each in self._with("prompts"):
             found += [
                 _renamed(prompt, each.config.prefix)
-                for prompt in _of(await _tried(each.prompts()))
+                for prompt in _of(await _tried(_open_at(ctx, each).prompts()))
                 if self._lock is None or self._lock.has_prompt(each.config.name, prompt)
             ]
         return ListPromptsResult(prompts=found)
@@ -189,39 +231,38 @@ class UpstreamRelay:
     async def _get_prompt(self, ctx: Context, params: GetPromptRequestParams) -> GetPromptResult | InputRequiredResult:
         for each in self._with("prompts"):
             name = params.name.removeprefix(each.config.prefix)
-            known = params.name.startswith(each.config.prefix) and any(
-                prompt.name == name and (self._lock is None or self._lock.has_prompt(each.config.name, prompt))
-                for prompt in await each.prompts()
-            )
-            if known:
-                return await each.asked(
-                    lambda session, name=name: session.get_prompt(  # type: ignore[misc]
-                        name,
-                        params.arguments,
-                        input_responses=params.input_responses,
-                        request_state=params.request_state,
-                        meta=_passed_on(ctx) or None,
-                        allow_input_required=True,
-                    )
+            async with _serving(ctx, each) as server:
+                known = params.name.startswith(each.config.prefix) and any(
+                    prompt.name == name and (self._lock is None or self._lock.has_prompt(each.config.name, prompt))
+                    for prompt in await server.prompts()
                 )
+                if known:
+                    return await server.asked(
+                        lambda session, name=name: session.get_prompt(  # type: ignore[misc]
+                            name,
+                            params.arguments,
+                            input_responses=params.input_responses,
+                            request_state=params.request_state,
+                            meta=_passed_on(ctx) or None,
+                            allow_input_required=True,
+                        )
+                    )
         raise MCPError(INVALID_PARAMS, "unknown prompt")
 
-    async def _list_resources(self, ctx: Context, params: PaginatedRequestParams | None) -> ListResourcesResult:  # noqa: ARG002
+    async def _list_resources(self, ctx: Context, _: PaginatedRequestParams | None) -> ListResourcesResult:
         found: list[Resource] = []
         for each in self._with("resources"):
-            found += _of(await _tried(each.resources()))
+            found += _of(await _tried(_open_at(ctx, each).resources()))
         return ListResourcesResult(resources=found)
 
     async def _list_resource_templates(
-        self,
-        ctx: Context,  # noqa: ARG002 - the SDK's signature
-        params: PaginatedRequestParams | None,  # noqa: ARG002 - likewise
+        self, ctx: Context, _: PaginatedRequestParams | None
     ) -> ListResourceTemplatesResult:
         found: list[ResourceTemplate] = []
         for each in self._with("resources"):
             found += [
                 template
-                for template in _of(await _tried(each.resource_templates()))
+                for template in _of(await _tried(_open_at(ctx, each).resource_templates()))
                 if self._lock is None or self._lock.has_template(each.config.name, template)
             ]
         return ListResourceTemplatesResult(resource_templates=found)
@@ -233,20 +274,21 @@ class UpstreamRelay:
         refused: MCPError | None = None
         for each in self._with("resources"):
             try:
-                return await each.asked(
-                    lambda session: session.read_resource(
-                        params.uri,
-                        input_responses=params.input_responses,
-                        request_state=params.request_state,
-                        meta=_passed_on(ctx) or None,  # type: ignore[arg-type]
-                        allow_input_required=True,
+                async with _serving(ctx, each) as server:
+                    return await server.asked(
+                        lambda session: session.read_resource(
+                            params.uri,
+                            input_responses=params.input_responses,
+                            request_state=params.request_state,
+                            meta=_passed_on(ctx) or None,  # type: ignore[arg-type]
+                            allow_input_required=True,
+                        )
                     )
-                )
             except MCPError as error:
                 refused = refused or error
         raise refused or MCPError(INVALID_PARAMS, "unknown resource")
 
-    async def _complete(self, ctx: Context, params: CompleteRequestParams) -> CompleteResult:  # noqa: ARG002
+    async def _complete(self, ctx: Context, params: CompleteRequestParams) -> CompleteResult:
         """Completions of the first server that has some."""
         known = None if params.context is None else params.context.arguments
         argument = {"name": params.argument.name, "value": params.argument.value}
@@ -260,14 +302,127 @@ class UpstreamRelay:
             def question(session: ClientSession, ref: Any = ref) -> Awaitable[CompleteResult]:
                 return session.complete(ref, argument, context_arguments=known)
 
-            found = await _tried(each.asked(question))
+            found = await _tried(_open_at(ctx, each).asked(question))
             if isinstance(found, CompleteResult) and found.completion.values:
                 return found
         return CompleteResult(completion=Completion(values=[]))
 
+    # ---- what a client hears of
+
+    async def _listen(self, ctx: Context, params: SubscriptionsListenRequestParams) -> SubscriptionsListenResult:
+        """Changes that the client asks to hear of, on the stream of this request, until it goes."""
+        wanted = params.notifications
+        if len(wanted.resource_subscriptions or ()) > WATCHED:
+            raise MCPError(INVALID_PARAMS, f"more than {WATCHED} resources")
+        changed: dict[ServerEvent, None] = {}
+        news = asyncio.Event()
+
+        def told(event: ServerEvent) -> None:
+            changed[event] = None
+            news.set()
+
+        meta: dict[str, Any] = {SUBSCRIPTION_ID_META_KEY: ctx.request_id}
+        with ExitStack() as stack:
+            for each in self._upstreams:
+                stack.enter_context(each.changes.heard(_honored(wanted, (each,)), told))
+            await asyncio.gather(*(each.changes.opened() for each in self._upstreams))
+            honored = SubscriptionsAcknowledgedNotificationParams(
+                notifications=_honored(wanted, self._upstreams), _meta=meta
+            )
+            await ctx.session.send_notification(
+                SubscriptionsAcknowledgedNotification(params=honored), related_request_id=ctx.request_id
+            )
+            while True:
+                await news.wait()
+                news.clear()
+                while changed:
+                    event = next(iter(changed))
+                    del changed[event]
+                    await ctx.session.send_notification(
+                        event_to_notification(event, meta), related_request_id=ctx.request_id
+                    )
+
+    async def _subscribe(self, ctx: Context, params: SubscribeRequestParams) -> EmptyResult:
+        """Lets a client of the older protocol hear of a resource, at the first server that has it."""
+        refused: MCPError | None = None
+        paired = PairedSession.of(ctx)
+        for each in self._with("resources"):
+            try:
+                if paired is not None:
+                    await paired.watch(each, params.uri)
+                    return EmptyResult()
+            except UpstreamError:
+                continue
+            except MCPError as error:
+                refused = refused or error
+        raise refused or MCPError(INVALID_PARAMS, "unknown resource")
+
+    async def _unsubscribe(self, ctx: Context, params: UnsubscribeRequestParams) -> EmptyResult:
+        if (paired := PairedSession.of(ctx)) is not None:
+            await paired.unwatch(params.uri)
+        return EmptyResult()
+
+    async def _set_level(self, ctx: Context, params: SetLevelRequestParams) -> EmptyResult:
+        if (paired := PairedSession.of(ctx)) is not None:
+            await paired.log_from(params.level)
+        return EmptyResult()
+
+    async def _roots_changed(self, ctx: Context, _: NotificationParams) -> None:
+        if (paired := PairedSession.of(ctx)) is not None:
+            await paired.roots_changed()
+
     def _with(self, what: str) -> Iterable[ToolUpstream]:
         """Servers of which the configuration passes these on."""
         return (each for each in self._upstreams if getattr(each.config, what))
+
+
+class _TellingServer(Server[Any]):
+    """Server that tells clients of the older protocol that it tells of changes."""
+
+    def create_initialization_options(
+        self, notification_options: NotificationOptions | None = None, *stated: Any, **others: Any
+    ) -> InitializationOptions:
+        """As the SDK's, with all changes announced."""
+        told = notification_options or NotificationOptions(
+            prompts_changed=True, resources_changed=True, tools_changed=True
+        )
+        return super().create_initialization_options(told, *stated, **others)
+
+
+async def _at(ctx: Context, upstream: ToolUpstream) -> ToolUpstream:
+    """Connection to a server for the caller of a request: its own, or that of all."""
+    paired = PairedSession.of(ctx)
+    return upstream if paired is None else await paired.at(upstream)
+
+
+def _open_at(ctx: Context, upstream: ToolUpstream) -> ToolUpstream:
+    """The same, for what is the same to all: a list opens no connection."""
+    paired = PairedSession.of(ctx)
+    return upstream if paired is None else paired.open_at(upstream)
+
+
+@asynccontextmanager
+async def _serving(ctx: Context, upstream: ToolUpstream) -> AsyncIterator[ToolUpstream]:
+    """The same; while it lasts, the server may ask the caller, where the connection is its own."""
+    paired = PairedSession.of(ctx)
+    if paired is None:
+        yield upstream
+        return
+    server = await paired.at(upstream)
+    with paired.serving(ctx):
+        yield server
+
+
+def _honored(wanted: SubscriptionFilter, upstreams: Sequence[ToolUpstream]) -> SubscriptionFilter:
+    """The wanted part of what the configuration passes on of these servers."""
+    prompts = any(each.config.prompts for each in upstreams)
+    resources = any(each.config.resources for each in upstreams)
+    return SubscriptionFilter(
+        tools_list_changed=wanted.tools_list_changed or None,
+        prompts_list_changed=(prompts and wanted.prompts_list_changed) or None,
+        resources_list_changed=(resources and wanted.resources_list_changed) or None,
+        resource_subscriptions=(resources and wanted.resource_subscriptions) or None,
+    )
 
 
 async def _tried(answer: Any) -> Any:

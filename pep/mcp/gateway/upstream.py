@@ -9,22 +9,32 @@ from __future__ import annotations
 import asyncio
 import os
 from contextlib import AsyncExitStack, asynccontextmanager
+from contextvars import Context
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self, TypeVar, cast
 
 import httpx2
 from mcp import Client, MCPError, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from mcp.client.streamable_http import streamable_http_client
-from mcp_types import CONNECTION_CLOSED, METHOD_NOT_FOUND, CallToolRequestParams, JSONRPCRequest, PaginatedRequestParams
+from mcp_types import (
+    CONNECTION_CLOSED,
+    METHOD_NOT_FOUND,
+    REQUEST_TIMEOUT,
+    CallToolRequestParams,
+    JSONRPCRequest,
+    PaginatedRequestParams,
+)
 from pydantic import ValidationError
 
 from pep.base.errors import UpstreamError
+from pep.mcp.gateway.server_changes import ServerChanges
 from pep.mcp.passed_task import PassedTasks
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable
+    from collections.abc import AsyncIterator, Awaitable, Callable, Mapping
 
-    from mcp.client.session import ClientSession
+    from mcp.client.session import ClientSession, MessageHandlerFnT
     from mcp.shared.dispatcher import ProgressFnT
     from mcp.shared.message import SessionMessage
     from mcp_types import CallToolResult, Implementation, InputRequiredResult, Prompt, Resource, ResourceTemplate, Tool
@@ -42,12 +52,33 @@ AGAIN_S: Final = (0.1, 0.5, 2.0, 5.0)
 """Ours: waits before the next attempts to connect; the last one repeats, and requests no longer wait meanwhile."""
 PAGES: Final = 100
 """Ours: most pages of one list; a server that never ends its list is refused."""
+STREAM_S: Final = 600.0
+"""Ours: longest silence of a stream."""
 NAMES: Final = 10_000
 """Ours: most members of one list."""
 CAPABILITIES: Final = "io.modelcontextprotocol/clientCapabilities"
 """Key of `_meta` under which a request states what its client can do (MCP 2026-07-28)."""
 DECLARED: Final = "dev.ztpm/declared"
 """Key of `_meta` under which the caller's own statement of that goes as far as the transport."""
+SESSION_OVER: Final = "Session terminated"
+"""Word of the SDK for a session that the server does not know any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class SoleCaller:
+    """Client of the protocol before 2026-07-28 for whom alone a connection is.
+
+    Attributes:
+        declared: abilities that the server is told of.
+        answers: callbacks of the SDK's client, by their names there.
+        connected: is awaited after each connection, before anything else goes over it.
+        noticed: is told of each message that the server sends on its own.
+    """
+
+    declared: Mapping[str, Any]
+    answers: Mapping[str, Any]
+    connected: Callable[[ClientSession], Awaitable[None]]
+    noticed: MessageHandlerFnT
 
 
 class ToolUpstream:
@@ -57,19 +88,29 @@ class ToolUpstream:
         config: of it.
         changed: is told of each new state in words, as it comes.
         auth: signs each request to a URL; None for the configured bearer token, or for nothing.
+        caller: for whom alone the connection is; None: it is everybody's, and nobody can be asked over it.
 
     Attributes:
         config: the same.
+        changes: of the server's lists and resources, for all who listen to them.
         CONNECTED: word for the state in which it answers.
     """
 
     CONNECTED: Final = "connected"
 
     def __init__(
-        self, config: UpstreamConfig, changed: Callable[[str], None], *, auth: httpx2.Auth | None = None
+        self,
+        config: UpstreamConfig,
+        changed: Callable[[str], None],
+        *,
+        auth: httpx2.Auth | None = None,
+        caller: SoleCaller | None = None,
     ) -> None:
         self.config = config
+        self.changes = ServerChanges(self.session, self.lost)
         self._auth = auth
+        self._caller = caller
+        self._others = 0
         self._changed = changed
         self._state = ""
         self._client: Client | None = None
@@ -81,11 +122,13 @@ class ToolUpstream:
     async def run(self) -> None:
         """Keeps the connection up, until it is cancelled."""
         tries = 0
-        mode = "auto"
+        mode = "auto" if self._caller is None else "legacy"
         while True:
             try:
                 async with self._connected(mode) as client:
                     tries = 0
+                    if self._caller is not None:
+                        await self._caller.connected(client.session)
                     self._client = client
                     self._broken.clear()
                     self._settled.set()
@@ -96,8 +139,9 @@ class ToolUpstream:
             except Exception as error:  # noqa: BLE001 - whatever a foreign server does: it is connected to again
                 self._told(f"not connected: {_words(error)}")
                 # Some servers end at a question of the newer protocol; the next attempt is in the older one.
-                mode = "auto" if mode == "legacy" or self.config.url else "legacy"
-                if mode == "auto":
+                if self._caller is None:
+                    mode = "auto" if mode == "legacy" or self.config.url else "legacy"
+                if self._caller is not None or mode == "auto":
                     self._tried.set()
             finally:
                 self._client = None
@@ -118,6 +162,38 @@ class ToolUpstream:
         """Waits for the first connection, or for a failure in each protocol that the server may speak."""
         await self._tried.wait()
 
+    @property
+    def is_connected(self) -> bool:
+        """True while it can be asked."""
+        return self._client is not None
+
+    async def lost(self) -> None:
+        """Waits for the end of the connection that there is."""
+        await self._broken.wait()
+
+    @asynccontextmanager
+    async def alone(self, caller: SoleCaller) -> AsyncIterator[ToolUpstream | None]:
+        """Connection to the same server for one caller; None where there is none for it.
+
+        Args:
+            caller: for whom it is.
+        """
+        if self._others >= self.config.most_sessions:
+            yield None
+            return
+        self._others += 1
+        made = ToolUpstream(self.config, lambda _: None, auth=self._auth, caller=caller)
+        running = asyncio.create_task(made.run(), context=Context())
+        try:
+            await made.tried()
+            if not made.is_connected:
+                running.cancel()
+            yield made if made.is_connected else None
+        finally:
+            running.cancel()
+            await asyncio.gather(running, return_exceptions=True)
+            self._others -= 1
+
     @asynccontextmanager
     async def _connected(self, mode: str) -> AsyncIterator[Client]:
         config = self.config
@@ -126,8 +202,10 @@ class ToolUpstream:
                 if config.bearer and not os.environ.get(config.bearer):
                     raise UpstreamError(config.name, f"the environment variable {config.bearer} is not set")
                 headers = {"authorization": f"Bearer {os.environ[config.bearer]}"} if config.bearer else {}
+                # A call has a limit of its own; a stream of what the server tells on its own may be silent for longer.
+                read_s = max(config.timeout_s, STREAM_S)
                 http = httpx2.AsyncClient(
-                    headers=headers, auth=self._auth, timeout=httpx2.Timeout(CONNECT_S, read=config.timeout_s)
+                    headers=headers, auth=self._auth, timeout=httpx2.Timeout(CONNECT_S, read=read_s)
                 )
                 await stack.enter_async_context(http)
                 transport = streamable_http_client(config.url, http_client=http)
@@ -142,11 +220,14 @@ class ToolUpstream:
                     encoding_error_handler="replace",
                 )
                 transport = stdio_client(parameters)
+            answers: Mapping[str, Any] = {} if self._caller is None else self._caller.answers
             client = Client(
-                _declaring(transport),
+                _declaring(transport, None if self._caller is None else self._caller.declared),
                 cache=None,
                 mode=mode,
                 read_timeout_seconds=config.timeout_s,
+                message_handler=self.changes.noticed if self._caller is None else self._caller.noticed,
+                **answers,
                 extensions=[PassedTasks()],
             )
             async with asyncio.timeout(CONNECT_S if config.url else START_S):
@@ -264,7 +345,15 @@ class ToolUpstream:
                 return found
         raise UpstreamError(self.config.name, f"its list of {what} is longer than {NAMES}")
 
-    async def _sent(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
+    async def session(self) -> ClientSession:
+        """The connection's session; waits for a connection.
+
+        Raises:
+            UpstreamError: there is none.
+        """
+        return (await self._connection()).session
+
+    async def _connection(self) -> Client:
         try:
             async with asyncio.timeout(CONNECT_S):
                 await self._settled.wait()
@@ -273,13 +362,21 @@ class ToolUpstream:
         client = self._client
         if client is None:
             raise UpstreamError(self.config.name, "not connected")
+        return client
+
+    async def _sent(self, question: Callable[[ClientSession], Awaitable[T]]) -> T:
+        client = await self._connection()
         try:
             return await question(client.session)
         except MCPError as error:
-            if error.code != CONNECTION_CLOSED:
-                raise
-            self._end(client)
-            raise UpstreamError(self.config.name, "the connection ended") from error
+            over = error.code == CONNECTION_CLOSED or error.message == SESSION_OVER
+            if over:
+                self._end(client)
+            if over or error.code == REQUEST_TIMEOUT:
+                raise UpstreamError(
+                    self.config.name, "the connection ended" if over else "no answer in time"
+                ) from error
+            raise
         except (OSError, httpx2.HTTPError) as error:
             self._end(client)
             raise UpstreamError(self.config.name, _words(error)) from error
@@ -302,14 +399,22 @@ def _words(error: BaseException) -> str:
 
 
 class _Declaring:
-    """Write stream that states the caller's abilities in place of this client's own, where a request carries them."""
+    """Write stream that states the caller's abilities in place of this client's own.
 
-    def __init__(self, stream: Any) -> None:
+    Args:
+        stream: the transport's.
+        declared: abilities of the one caller; None where each request carries those of its own.
+    """
+
+    def __init__(self, stream: Any, declared: Mapping[str, Any] | None) -> None:
         self._stream = stream
+        self._declared = declared
 
     async def send(self, message: SessionMessage) -> None:
         request = message.message
         if isinstance(request, JSONRPCRequest) and request.params is not None:
+            if request.method == "initialize":
+                request.params["capabilities"] = dict(self._declared or {})
             meta = request.params.get("_meta")
             if isinstance(meta, dict) and DECLARED in meta:
                 declared = meta.pop(DECLARED)
@@ -329,7 +434,7 @@ class _Declaring:
 
 
 @asynccontextmanager
-async def _declaring(transport: Any) -> AsyncIterator[Any]:
+async def _declaring(transport: Any, declared: Mapping[str, Any] | None) -> AsyncIterator[Any]:
     """The transport, whose requests state their callers' abilities."""
     async with transport as (read, write):
-        yield read, _Declaring(write)
+        yield read, _Declaring(write, declared)
