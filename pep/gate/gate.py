@@ -26,6 +26,7 @@ from pep.base.ports import Assessed
 from pep.gate import advice, records
 from pep.gate.budget_charge import BudgetCharge
 from pep.gate.first_fault import first_fault
+from pep.gate.last_look import LastLook
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
 from pep.gate.robot_ports import robot_of, takes_slot
 from pep.journal.conduct import Conduct
@@ -138,6 +139,7 @@ class Gate(Edge):
         self._clock = clock
         self._authority = authority
         self._robot = robot
+        self._registry = registry
         self._budgets = budgets
         self._asks = asks
         self._announcer = announcer
@@ -341,7 +343,11 @@ class Gate(Edge):
             sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
             touch=touch,
             agent=_agent(call),
+            again=None if call.operation.robot else self._last_look(call, decision),
         )
+
+    def _last_look(self, call: Call, decision: Decision) -> LastLook:
+        return LastLook(call, decision, self._cheap, self._registry, self._asks, lambda: self._policies)
 
     async def _effect(
         self,

@@ -40,10 +40,10 @@ from pep.mcp.passed_task import PassedTask
 from pep.mcp.provenance import Unreadable, shown, unvouched, wanted
 from pep.mcp.real_paths import resolved_request
 from pep.mcp.session_layer import http_app
-from pep.mcp.tool_digest import definition_digest, tool_reading
+from pep.mcp.tool_digest import definition_digest, refuse_changed
 from pep.mcp.tool_listing import ShownTools
 from pep.request.authority import NOBODY
-from pep.request.call import Call
+from pep.request.call import Call, tool_reading
 from pep.request.permit import Permit, PermitScope
 from policies.evidence.evidence import NOT_COLLECTED, NotCollected
 from policies.evidence.model import Effect
@@ -74,6 +74,7 @@ if TYPE_CHECKING:
     ServedTool: TypeAlias = Tool
     ServedTools: TypeAlias = Sequence[ServedTool]
     ListTools = Callable[[CallContext, str], Awaitable[ServedTools]]
+    ListedTools = Callable[[str], ServedTools]
 
 SdkServer: TypeAlias = "MCPServer[Any] | Server[Any]"
 AnyServer: TypeAlias = "MCPServer[Any] | Server[Any] | FastMCPServer"
@@ -88,6 +89,7 @@ class Guard:
     Args:
         call: the server's own answer to a call.
         served: the tools of a name as the server lists them now, to the asker of a context; others may be among them.
+        listed: the same as it listed them last, where that will do; none where it is to be asked.
         gate: decides and enforces.
         registry: approved definitions and base tiers.
         tools: operations of the tools that may be called, by name.
@@ -105,6 +107,7 @@ class Guard:
         *,
         call: CallTool,
         served: ListTools,
+        listed: ListedTools = lambda _: (),
         gate: Gate,
         registry: Registry,
         tools: Mapping[str, Operation],
@@ -123,6 +126,7 @@ class Guard:
         self._tasks = tasks
         self._call = call
         self._served = served
+        self._listed = listed
         self._gate = gate
         self._readiness = readiness
         self._registry = registry
@@ -163,7 +167,7 @@ class Guard:
             unread: dict[str, object] = {"tool": params.name, "argument": "_meta", "detail": presented.detail}
             return await self._denied_calls.deny(Reason.BODY_MALFORMED, "CII-5", credentials, unread)
         try:
-            tool = await self._tool(operation, ctx)
+            tool = await self._tool(operation, ctx, recent=operation.robot is None)
         except UpstreamError as error:
             away: dict[str, object] = {"tool": params.name, "detail": error.detail}
             return await self._denied_calls.deny(Reason.UPSTREAM_UNREACHABLE, "TEA-3", credentials, away)
@@ -187,6 +191,7 @@ class Guard:
 
         async def effect(permit: Permit) -> EffectResult:
             if operation.robot is None:
+                await refuse_changed(tool, partial(self._tool, operation, ctx))
                 again = to_request(operation, sent.arguments or {}, request_id="", audience=self._audience, at=at)
                 permit.spend_act(digest="" if isinstance(again, Misfit) else again.digest)
             with PermitScope(permit), tracing.step(trace_context.EFFECT, {trace_context.OPERATION: operation.name}):
@@ -269,12 +274,24 @@ class Guard:
         )
         return replace(answer, result=replace(result, carried=with_meta(result.carried, said)))
 
-    async def _tool(self, operation: Operation, ctx: ServerRequestContext[Any, Any]) -> ToolReading:
-        """The tool as it is registered, and as this server serves it at this moment."""
-        served = [tool for tool in await self._served(ctx, operation.name) if tool.name == operation.name]
+    async def _tool(
+        self, operation: Operation, ctx: ServerRequestContext[Any, Any], *, recent: bool = False
+    ) -> ToolReading:
+        """The tool as it is registered, and as this server serves it at this moment.
+
+        Args:
+            operation: of the tool.
+            ctx: of the request.
+            recent: the server's latest list will do while it agrees with the registry: there is a last look.
+        """
+        listed = (recent and self._listed(operation.name)) or await self._served(ctx, operation.name)
+        served = [tool for tool in listed if tool.name == operation.name]
         # Of two tools of one name nobody knows which would be called.
         digest = definition_digest(served[0]) if len(served) == 1 else ""
-        return tool_reading(operation.name, self._registry.tool(operation.name), digest)
+        reading = tool_reading(operation.name, self._registry.tool(operation.name), digest)
+        if recent and reading.actual_digest != reading.approved_digest:
+            return await self._tool(operation, ctx)
+        return reading
 
     async def _stop(
         self,
@@ -315,6 +332,7 @@ def guard(
     vouching: Vouching | None = None,
     access: AccessTokens | None = None,
     served: ListTools | None = None,
+    listed: ListedTools = lambda _: (),
     kept: TaskStore | None = None,
     about: AboutTask | None = None,
     sessions: bool = False,
@@ -337,6 +355,7 @@ def guard(
         vouching: provenance of values; None where nothing is known of it: no receipt is believed, and none given.
         access: answers about access tokens of OAuth clients; None: the server takes none.
         served: as for `Guard`; None: the server's whole list is asked for.
+        listed: likewise; a server that is asked at once has none.
         kept: keeps deferred calls, for clients that can look after a task; None: a deferral is never one.
         about: as for `DeferredTasks`.
         sessions: kept over HTTP for clients of the protocol before 2026-07-28; else each of their requests is alone.
@@ -353,6 +372,7 @@ def guard(
         declared=declared,
         tasks=tasks,
         served=served or (lambda ctx, name: tools_of(server, ctx)),  # noqa: ARG005 - the list is the whole one
+        listed=listed,
         gate=gate,
         registry=registry,
         tools=tools,

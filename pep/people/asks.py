@@ -34,6 +34,7 @@ from pep.people.envelopes import Envelopes
 from pep.people.openings import Openings
 from pep.people.recovery import reopen
 from pep.people.votes import (
+    Count,
     RejectedStatement,
     VerifiedEnvelope,
     VerifiedOpening,
@@ -165,6 +166,22 @@ class Asks:
                 return True
             self._leaves.give_back(opening_id, request_id)
             return False
+
+    def stands(self, decision: Decision) -> bool:
+        """True while the answer whose use the decision names still counts, or it names none."""
+        if decision.approval is None:
+            return True
+        known, id_ = registered(self._approvers), decision.approval.ask_id
+        with self._lock:
+            now_s, deferral = self._wall_s(), self._deferrals.get(id_)
+            if deferral is None:
+                return self._envelopes.stands(id_, known, now_s=now_s)
+            opening_id = deferral.question.opening_id
+            if opening_id and not self._leaves.stands(opening_id, known, now_s=now_s):
+                return False
+            counted = deferral.count(known)
+            granted = deferral.state is AskState.GRANTED and counted.count is Count.GRANTED
+            return granted and now_s <= counted.not_after
 
     def release(self, request_id: str) -> None:
         """Frees the uses that were only reserved for the request. Consumed ones stay consumed."""

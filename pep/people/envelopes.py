@@ -85,6 +85,15 @@ class Envelopes:
                 return self._approval(envelope, evidence, left, use)
         return None
 
+    def stands(self, envelope_id: str, registered: Mapping[bytes, str], *, now_s: float) -> bool:
+        """True while the envelope is in force, with uses left or none."""
+        known = self._known.get(envelope_id)
+        return (
+            known is not None
+            and registered.get(known.key) == known.envelope.approver
+            and known.envelope.not_before <= now_s <= known.envelope.not_after
+        )
+
     def _approval(self, envelope: Envelope, evidence: Evidence, left: int, use: int) -> ApprovalReading:
         impact = evidence.impact
         return ApprovalReading(

@@ -65,6 +65,15 @@ class Openings:
         ]
         return max(fit, key=lambda o: (o.opening_id == named, o.not_after, o.opening_id), default=None)
 
+    def stands(self, opening_id: str, registered: Mapping[bytes, str], *, now_s: float) -> bool:
+        """True while the opening is in force, with uses left or none."""
+        leave = self._known.get(opening_id)
+        return (
+            leave is not None
+            and registered.get(leave.key) == leave.opening.opener
+            and leave.opening.not_before <= now_s <= leave.opening.not_after
+        )
+
     def consume(self, opening_id: str, request_id: str) -> bool:
         """True when an act of this request may rest on the opening, and takes one of its uses."""
         leave = self._known.get(opening_id)

@@ -27,12 +27,11 @@ from pep.mcp.mapping import Misfit, bare_request
 from pep.mcp.provenance import unvouched
 from pep.mcp.real_paths import resolved_request
 from pep.mcp.resource_description import ALGORITHMS
-from pep.mcp.tool_digest import tool_reading
 from pep.point import evaluation_answer
 from pep.point.evaluation_answer import Answer
 from pep.point.evaluation_form import AGENT, OBJECT, Semantic, read
 from pep.request.authority import NOBODY, Credentials, PresentedRequest
-from pep.request.call import Call
+from pep.request.call import Call, tool_reading
 from policies.evidence.model import Effect
 from policies.words.reason_table import REASONS, Reason
 

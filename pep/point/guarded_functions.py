@@ -28,7 +28,7 @@ from capabilities import tracing
 from capabilities.values import trace_context
 from capabilities.values.chain import Chain
 from pep.base.declaration import declared
-from pep.base.errors import DeclarationError, JournalError, PepFault
+from pep.base.errors import ActuationRefusedError, DeclarationError, JournalError, PepFault
 from pep.base.traced import tell
 from pep.gate import records
 from pep.gate.gate import EffectResult, GateResult
@@ -39,11 +39,11 @@ from pep.mcp.http_request import headers_of, token_in
 from pep.mcp.mapping import Misfit, bare_request, checked_defaults, decided_arguments
 from pep.mcp.provenance import unvouched
 from pep.mcp.real_paths import resolved_request
-from pep.mcp.tool_digest import ToolPin, definition_digest, tool_reading
+from pep.mcp.tool_digest import ToolPin, definition_digest
 from pep.point import carriage
 from pep.point.deciding_point import DecidingPoint
 from pep.request.authority import PresentedRequest
-from pep.request.call import Call
+from pep.request.call import Call, tool_reading
 from policies.evidence.evidence import NOT_COLLECTED
 from policies.evidence.model import Effect
 from policies.words.reason_table import REASONS, Reason
@@ -213,19 +213,26 @@ class GuardedFunctions(DecidingPoint):
             context = copy_context()
             call = await self._call(row, presented, arguments)
         decided = decided_arguments(row, call.request, arguments)
-        entered, left = asyncio.Event(), asyncio.get_running_loop().create_future()
+        loop = asyncio.get_running_loop()
+        entered: asyncio.Future[Permit] = loop.create_future()
+        left: asyncio.Future[None] = loop.create_future()
 
         async def effect(permit: Permit) -> EffectResult:
-            permit.spend_act(digest=call.request.digest)
-            entered.set()
+            entered.set_result(permit)
             await left
             return EffectResult(value={})
 
-        running = asyncio.get_running_loop().create_task(self._decided(call, effect), context=context)
-        entering = asyncio.ensure_future(entered.wait())
+        running = loop.create_task(self._decided(call, effect), context=context)
         try:
-            await asyncio.wait({running, entering}, return_when=asyncio.FIRST_COMPLETED)
-            if not entered.is_set():
+            ends: set[asyncio.Future[Any]] = {running, entered}
+            await asyncio.wait(ends, return_when=asyncio.FIRST_COMPLETED)
+            if entered.done():
+                try:
+                    # Here and not in the effect: nothing waits between this and the act.
+                    entered.result().spend_act(digest=call.request.digest)
+                except ActuationRefusedError as refused:
+                    left.set_exception(refused)
+            if not entered.done() or left.done():
                 raise NotPermittedError(_told(answer := await running), answer)
             try:
                 yield decided
@@ -236,7 +243,6 @@ class GuardedFunctions(DecidingPoint):
             left.set_result(None)
             await running
         finally:
-            entering.cancel()
             running.cancel()  # a caller who has gone; one that has ended notices nothing
 
     async def _decided(self, call: Call, effect: Callable[[Permit], Awaitable[EffectResult]]) -> GateResult:

@@ -97,6 +97,10 @@ class ToolGateway(GuardedServer):
         """
         return await self._relay.tools(name, ctx)
 
+    def listed(self, name: str) -> ServedTools:
+        """Tools of that name as their server listed them last; none while it is not connected."""
+        return self._relay.listed(name)
+
     async def about_task(
         self, ctx: CallContext, name: str, task_id: str, responses: dict[str, Any] | None
     ) -> Mapping[str, Any]:
@@ -128,15 +132,17 @@ class ToolGateway(GuardedServer):
         self._relay.introduce()
 
     def _admit(self, tool: ServedTool) -> bool:
-        """True where a tool fits its mapping as it is now; its row is then that of this definition."""
+        """True where a tool fits its mapping as it is now; its row is then that of this definition.
+
+        Else the row of an earlier one stays, so that a call is still compared with what the server says by then.
+        """
         digest = definition_digest(tool)
         if self._digests.get(tool.name) == digest:
-            return tool.name in self._rows
+            return tool.name not in self._faults
         self._digests[tool.name] = digest
         try:
             row = rows_of([tool], decorated={}, configured={tool.name: self._configured[tool.name]})[tool.name]
         except DeclarationError as error:
-            self._rows.pop(tool.name, None)
             self._faults[tool.name] = str(error)
             self.note({"what": "tool", "tool": tool.name, "fault": str(error)})
             return False

@@ -113,6 +113,7 @@ class GuardedServer(DecidingPoint):
             clock=self.clock,
             access=self.access,
             served=self.served,
+            listed=self.listed,
             kept=self.kept,
             about=self.about_task,
             vouching=self._signing() if vouching is None else vouching(self),
@@ -166,6 +167,10 @@ class GuardedServer(DecidingPoint):
     async def served(self, ctx: CallContext, name: str) -> ServedTools:  # noqa: ARG002 - the list is the whole one
         """Tools as the server lists them now; those of the name are among them."""
         return await tool_guard.tools_of(self._server, ctx)
+
+    def listed(self, name: str) -> ServedTools:  # noqa: ARG002 - asking takes no time
+        """Tools of that name as the server listed them last; none where it is to be asked."""
+        return ()
 
     def run(self, *, host: str = "", port: int = 0) -> None:
         """Serves until SIGINT or SIGTERM.

@@ -5,16 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from policies.evidence.evidence import NOT_COLLECTED, NotCollected
+from policies.evidence.evidence import NOT_COLLECTED, NotCollected, ToolReading
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.base.operation_row import Operation
-    from pep.base.ports import Readiness
+    from pep.base.ports import Readiness, RegisteredTool
     from pep.request.authority import Credentials
     from policies.evidence.content_readings import ContextReading
-    from policies.evidence.evidence import ToolReading
     from policies.evidence.model import Request
 
 
@@ -42,3 +41,21 @@ class Call:
     readiness: Readiness | None
     context: ContextReading | NotCollected = NOT_COLLECTED
     renewed: Callable[[], Credentials] | None = None
+
+
+def tool_reading(name: str, registered: RegisteredTool | None, actual_digest: str) -> ToolReading:
+    """The tool of this name as it is registered for its own operation, and as it is now.
+
+    Args:
+        name: of the tool and its operation.
+        registered: of the registry; None where it knows no such tool.
+        actual_digest: of the definition now; "" where the tool is not there.
+    """
+    if registered is None or registered.operation != name:
+        return ToolReading(name=name, approved_digest=None, actual_digest=actual_digest, base_tier=None)
+    return ToolReading(
+        name=name,
+        approved_digest=registered.definition_digest,
+        actual_digest=actual_digest,
+        base_tier=registered.base_tier,
+    )

@@ -81,6 +81,7 @@ class Permit:
         sighted: bool = True,
         touch: frozenset[str] = frozenset(),
         agent: str = "",
+        again: Callable[[], Reason | None] | None = None,
     ) -> None:
         self.request_id = request_id
         self.agent = agent
@@ -97,6 +98,7 @@ class Permit:
         self.watched: Mapping[str, object] | None = None
         self._clock = clock
         self._standing = standing
+        self._again = self._ended if again is None else again
         self._lock = threading.Lock()
 
     def spend(self, *, digest: str, stopped_ms: int | None) -> None:
@@ -118,20 +120,24 @@ class Permit:
             self.spent = True
 
     def spend_act(self, *, digest: str) -> None:
-        """Spends the permit of an act that nothing watches: the authority behind it is asked once more.
+        """Spends the permit of an act that nothing watches: all that it rests on is looked at once more.
 
         Args:
             digest: as for `spend`.
 
         Raises:
-            ActuationRefusedError: as `spend`; the fault's code where the authority has ended since the decision.
+            ActuationRefusedError: as `spend`; the reason for which it would not be permitted now.
         """
-        fault = self._standing()
-        if fault is not None:
+        reason = self._again()
+        if reason is not None:
             with self._lock:
-                self.refusal = Reason(fault.code)
-            raise ActuationRefusedError(self.refusal, "the authority ended after the decision")
+                self.refusal = reason
+            raise ActuationRefusedError(reason, "it was permitted, and would not be now")
         self.spend(digest=digest, stopped_ms=None)
+
+    def _ended(self) -> Reason | None:
+        fault = self._standing()
+        return None if fault is None else Reason(fault.code)
 
     def _why_not(self, digest: str, stopped_ms: int | None) -> tuple[Reason | None, str]:
         if self.refusal is not None:

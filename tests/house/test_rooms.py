@@ -15,7 +15,8 @@ FILES = 25
 OF_THE_WHOLE = ("e2e", "examples", "house", "model", "mutation", "properties", "vectors")
 """Folders of tests that are about no single package."""
 CAMPAIGNS = {
-    "pep/pit/campaign", "pep/rtde/campaign", "ztpm_idp/campaign", "ztpm_idp/hostile", "ztpm_idp/store/campaign",
+    "pep/mcp/campaign", "pep/pit/campaign", "pep/rtde/campaign", "ztpm_idp/campaign", "ztpm_idp/hostile",
+    "ztpm_idp/store/campaign",
 }  # fmt: skip
 """Beside the tests that they vary: what a campaign draws, and a slice of it for the suite."""
 RECORDED = {"MoveJ", "MoveL", "ServoJ", "SpeedJ", "SpeedL"}

@@ -10,9 +10,8 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, Self
 
-from capabilities.values import strict_json
 from pep.base.errors import ConfigError, PepFault
-from pep.mcp.tool_digest import plain_definition
+from pep.mcp.tool_digest import canonical_definition, plain_definition
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -96,7 +95,7 @@ class Lock:
 
     def _has(self, server: str, kind: str, name: str, definition: Mapping[str, Any]) -> bool:
         known = self._of(server).get(kind, {}).get(name)
-        return known is not None and strict_json.canonical(known) == strict_json.canonical(definition)
+        return known is not None and canonical_definition(known) == canonical_definition(definition)
 
     def _of(self, server: str) -> Mapping[str, Any]:
         found: Mapping[str, Any] = self.servers.get(server, {})
@@ -108,5 +107,5 @@ def _is_server(table: Any) -> bool:
 
 
 def _plain(definition: Prompt | ResourceTemplate) -> dict[str, Any]:
-    """The definition without `_meta`, which is transport."""
-    return definition.model_dump(by_alias=True, mode="json", exclude_none=True, exclude={"meta"})
+    """The whole definition."""
+    return definition.model_dump(by_alias=True, mode="json", exclude_none=True)

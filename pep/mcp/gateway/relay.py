@@ -10,7 +10,7 @@ import asyncio
 from contextlib import ExitStack, asynccontextmanager
 from functools import partial
 from importlib.metadata import version
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from mcp import MCPError, UrlElicitationRequiredError
 from mcp.server.lowlevel.server import NotificationOptions, Server
@@ -35,6 +35,7 @@ from mcp_types import (
     PromptReference,
     ReadResourceRequestParams,
     ReadResourceResult,
+    Result,
     SetLevelRequestParams,
     SubscribeRequestParams,
     SubscriptionFilter,
@@ -68,8 +69,11 @@ if TYPE_CHECKING:
 
     Context = ServerRequestContext[Any, Any]
 
+Answer = TypeVar("Answer", bound=Result)
 SERVER: Final = "ztpm-gateway"
-OURS: Final = ("dev.ztpm/", "io.modelcontextprotocol/")
+MEMBERS: Final = "dev.ztpm/"
+"""Beginning of the keys of this project's own members of `_meta`."""
+OURS: Final = (MEMBERS, "io.modelcontextprotocol/")
 """Beginnings of the keys of `_meta` that are between the caller and this gateway alone."""
 
 
@@ -91,7 +95,7 @@ class UpstreamRelay:
         self._upstreams = upstreams
         self._lock = lock
         self._admitted = admitted
-        self._schemas: dict[str, dict[str, Any]] = {}
+        self._listed: dict[str, list[Tool]] = {}
         self.server: Server[Any] = _TellingServer(
             SERVER,
             version=version("ztpm"),
@@ -161,13 +165,19 @@ class UpstreamRelay:
             _renamed(each, prefix) for each in await (asked or upstream).tools() if names is None or each.name in names
         ]
         kept = [each for each in found if self._admitted(each)]
-        self._schemas[upstream.config.name] = {each.name: each.input_schema for each in kept}
+        self._listed[upstream.config.name] = kept
         return kept
 
     def _schema(self, name: str) -> Mapping[str, Any] | None:
         """Schema of a tool's arguments, as its server listed it last."""
+        return next((each.input_schema for each in self.listed(name)), None)
+
+    def listed(self, name: str) -> list[Tool]:
+        """Definitions of the tools of that name, as a server that is connected listed them last."""
         home = self._home(name)
-        return None if home is None else self._schemas.get(home.config.name, {}).get(name)
+        if home is None or not home.is_connected:
+            return []
+        return [each for each in self._listed.get(home.config.name, ()) if each.name == name]
 
     def _home(self, name: str) -> ToolUpstream | None:
         """The server that has the tool of that name."""
@@ -197,7 +207,7 @@ class UpstreamRelay:
             _check_form(answer, ctx)
         elif isinstance(answer, PassedTask):
             answer = answer.model_copy(update={"upstream": home.config.name})
-        return answer  # type: ignore[no-any-return]  # a handle of a task, too, which the SDK passes on
+        return self._unforged(answer)  # type: ignore[no-any-return]  # a handle of a task, too, which the SDK passes on
 
     async def about_task(
         self, ctx: Context, name: str, task_id: str, responses: dict[str, Any] | None
@@ -215,6 +225,13 @@ class UpstreamRelay:
         sent: Any = _passed_on(ctx, tasks=True)
         answer = await task_relay.ask(upstream, ctx.method, params.model_copy(update={"meta": sent}))
         return answer.model_dump(by_alias=True, mode="json", exclude_none=True)
+
+    def _unforged(self, answer: Answer) -> Answer:
+        """The answer without members of ours, which only a server that guards itself may give."""
+        if self._lock is None or not answer.meta:
+            return answer
+        kept = {key: value for key, value in answer.meta.items() if not key.startswith(MEMBERS)}
+        return answer.model_copy(update={"meta": kept or None})
 
     # ---- what is not a tool
 
@@ -237,7 +254,7 @@ class UpstreamRelay:
                     for prompt in await server.prompts()
                 )
                 if known:
-                    return await server.asked(
+                    found = await server.asked(
                         lambda session, name=name: session.get_prompt(  # type: ignore[misc]
                             name,
                             params.arguments,
@@ -247,6 +264,7 @@ class UpstreamRelay:
                             allow_input_required=True,
                         )
                     )
+                    return self._unforged(found)  # type: ignore[no-any-return]  # the SDK's own is no better
         raise MCPError(INVALID_PARAMS, "unknown prompt")
 
     async def _list_resources(self, ctx: Context, _: PaginatedRequestParams | None) -> ListResourcesResult:
@@ -275,7 +293,7 @@ class UpstreamRelay:
         for each in self._with("resources"):
             try:
                 async with _serving(ctx, each) as server:
-                    return await server.asked(
+                    found = await server.asked(
                         lambda session: session.read_resource(
                             params.uri,
                             input_responses=params.input_responses,
@@ -284,6 +302,7 @@ class UpstreamRelay:
                             allow_input_required=True,
                         )
                     )
+                return self._unforged(found)
             except MCPError as error:
                 refused = refused or error
         raise refused or MCPError(INVALID_PARAMS, "unknown resource")

@@ -285,7 +285,7 @@ class ToolUpstream:
     async def call(
         self, params: CallToolRequestParams, *, meta: dict[str, Any], progress: ProgressFnT | None
     ) -> CallToolResult | InputRequiredResult | PassedTask:
-        """Result of a call, sent once.
+        """Result of a call, sent once and at once: it waits for no connection, for it was decided for this moment.
 
         Args:
             params: name of the tool here, decided arguments, and a caller's answers to the server's own questions.
@@ -296,6 +296,8 @@ class ToolUpstream:
             UpstreamError: it does not answer; whether it did anything is not known.
             MCPError: it refuses.
         """
+        if not self.is_connected:
+            raise UpstreamError(self.config.name, "not connected")
         return await self._sent(
             lambda session: cast("Any", session).call_tool(
                 params.name,

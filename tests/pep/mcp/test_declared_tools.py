@@ -18,6 +18,7 @@ from pep.base.errors import DeclarationError, PepFault
 from pep.base.stated_values import Free, Length, Listed, Within, Word
 from pep.mcp.declared_tools import decorated, definition_of, rows_of
 from pep.mcp.mapping import Misfit, decided_arguments, rounded, to_request
+from pep.mcp.tool_digest import definition_digest
 from policies.evidence.model import Point
 from policies.words.reason_table import Reason
 
@@ -458,3 +459,16 @@ def test_a_module_that_defines_a_tool_twice_is_refused_with_any_decorators(times
     with pytest.raises(DeclarationError) as refused:
         asyncio.run(decorated(server))
     assert refused.value.code is code
+
+
+def test_each_definition_has_a_digest_of_all_that_goes_on():
+    def digest(meta=None, **bounds):
+        schema = {"type": "object", "properties": {"n": {"type": "integer", **bounds}}}
+        return definition_digest(Tool(name="act", input_schema=schema, _meta=meta))
+
+    known = [
+        digest(), digest(maximum=2**64 - 1), digest(maximum=2**64 - 2), digest(maximum=2**53), digest(maximum=3),
+        digest(meta={"ui": {"resourceUri": "ui://a"}}), digest(meta={"ui": {"resourceUri": "ui://b"}}),
+    ]  # fmt: skip
+    assert len(set(known)) == len(known)
+    assert digest(maximum=3.0) == digest(maximum=3)

@@ -3,7 +3,7 @@
 import asyncio
 import json
 import os
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from dataclasses import replace
 from typing import Annotated, Any
 
@@ -20,6 +20,7 @@ from pep.point.guard_config import GuardConfig
 from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
 from pep.request.authority import PresentedRequest
 from tests.pep.kit import AUDIENCE, FakeIssuer, agent, full_scope, issuer_keys
+from tests.pep.mcp.campaign.interposed import Moment, Points, counted, factory
 from tests.pep.point.alive import at_once
 from tests.pep.point.test_guarded_server import PASSPHRASE, written  # noqa: F401 - a fixture
 
@@ -167,6 +168,28 @@ def test_a_revocation_after_the_decision_still_counts(written):  # noqa: F811
                 await program.point.enforced(vent)(program.presented())
             assert refused.value.told["reason"] == "REVOKED"
             assert program.records() == [("decision", None), ("outcome", "refused")]
+
+    asyncio.run(go())
+
+
+def test_a_revocation_at_any_await_point_before_the_act_counts(written, monkeypatch):  # noqa: F811
+    async def go():
+        asyncio.get_running_loop().set_task_factory(factory)
+        async with living(written()) as program:
+            follower, done, at = program.point.follower, [], 0
+            view, revoked = follower.view, RevocationView(9, 0, frozenset({("agent", program.holder.name)}))
+            monkeypatch.setitem(vent.__globals__, "aired", lambda: done.append(points.changed))
+            while True:
+                at += 1
+                for moment in Moment:
+                    points = Points(at, moment, lambda: setattr(follower, "view", lambda: revoked))
+                    with counted(points), suppress(NotPermittedError):
+                        await asyncio.create_task(program.point.enforced(vent)(program.presented()))
+                    follower.view = view
+                assert True not in done, f"at point {at}"
+                if not points.changed:
+                    assert done
+                    return
 
     asyncio.run(go())
 
