@@ -36,10 +36,15 @@ def installed(folder: Path) -> Path:
             for name in ("package.json", "package-lock.json", ".npmrc"):
                 shutil.copy(folder / name, new / name)
             done = subprocess.run(
-                [npm, "ci", "--ignore-scripts"], cwd=new, capture_output=True, text=True, timeout=240, check=False
+                [npm, "ci", "--ignore-scripts", "--fetch-retries=1"],
+                cwd=new,
+                capture_output=True,
+                text=True,
+                timeout=240,
+                check=False,
             )
             if done.returncode != 0:
-                pytest.skip(f"npm cannot install {folder.name}: {done.stderr.strip()[-200:]}")
+                pytest.skip(f"npm cannot install {folder.name}: {done.stderr.strip()[:200]}")
             if not kept.exists():  # another process may have been quicker
                 new.rename(kept)
     return kept

@@ -105,6 +105,7 @@ class Front(Plant):
             url = "http://127.0.0.1:{self.slow_port}/mcp"
             prefix = "slow_"
             timeout_s = 20
+            sessions = 0
             bearer = "SLOW_TOKEN"
             tasks = true
             [upstream.slow.tool.work]
@@ -407,8 +408,13 @@ def test_progress_questions_and_cancellation_go_through(front):
         async def answered(context, params):
             return ElicitResult(action="accept", content={"name": "Ada"})
 
-        async with front.caller(agent, token, elicitation_callback=answered) as client:
-            assert (await in_time(client, "slow_ask", {})).content[0].text == "hello Ada"
+        # The server's answer is a question, which a client of the older protocol hears as one.
+        for mode in ("2026-07-28", "legacy"):
+            async with front.caller(agent, token, elicitation_callback=answered, mode=mode) as client:
+                assert (await in_time(client, "slow_ask", {})).content[0].text == "hello Ada"
+        async with front.caller(agent, token, mode="legacy") as client:
+            with pytest.raises(MCPError):
+                await in_time(client, "slow_ask", {})
 
     asyncio.run(all_of_it())
 

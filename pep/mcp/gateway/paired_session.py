@@ -7,10 +7,10 @@ something while it works. So what comes over such a connection is this client's,
 from __future__ import annotations
 
 import asyncio
-from contextlib import AsyncExitStack, contextmanager, suppress
+from contextlib import AsyncExitStack, suppress
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Any, Final, assert_never, get_args
+from typing import TYPE_CHECKING, Any, Final, TypeVar, assert_never, get_args
 
 from mcp import MCPError
 from mcp.shared.message import ServerMessageMetadata
@@ -27,6 +27,7 @@ from mcp_types import (
     ElicitResult,
     EmptyResult,
     ErrorData,
+    InputRequiredResult,
     ListRootsRequest,
     ListRootsResult,
     LoggingLevel,
@@ -47,13 +48,21 @@ from pep.mcp.gateway.server_changes import subscribed, unsubscribed
 from pep.mcp.gateway.upstream import SoleCaller, ToolUpstream
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Iterator
+    from collections.abc import Awaitable, Callable
 
     from mcp.client.session import ClientSession, IncomingMessage
     from mcp.server.context import ServerRequestContext
-    from mcp_types import ClientCapabilities, CreateMessageRequestParams, ElicitRequestParams, InputRequest
+    from mcp_types import (
+        ClientCapabilities,
+        CreateMessageRequestParams,
+        ElicitRequestParams,
+        InputRequest,
+        InputResponseRequestParams,
+    )
 
     Asking = ServerRequestContext[Any, Any]
+    P = TypeVar("P", bound=InputResponseRequestParams)
+    R = TypeVar("R")
 
 STATE: Final = "ztpm.paired"
 """Key in the state of the SDK's connection."""
@@ -125,13 +134,33 @@ class PairedSession:
         """The same, and the one of all also while the client has none of its own yet."""
         return self._own.get(upstream.config.name) or upstream
 
-    @contextmanager
-    def serving(self, ctx: Asking) -> Iterator[None]:
-        """While it lasts, a server may ask the client for something, on the stream of this request."""
+    async def served(self, ctx: Asking, upstream: ToolUpstream, params: P, send: Callable[[P], Awaitable[R]]) -> R:
+        """Answer to a request of the client; what the server asks for it, the client is asked on its stream.
+
+        Args:
+            ctx: of the request.
+            upstream: the server.
+            params: of the request.
+            send: gives the server's answer to such params.
+
+        Raises:
+            MCPError: the server refuses, or the client does not answer its questions.
+        """
         work = _Work(ctx)
         self._working.append(work)
         try:
-            yield
+            result = await send(params)
+            # A server of the newer protocol asks by its answer, and is asked once more.
+            for _ in range(QUESTIONS):
+                if not isinstance(result, InputRequiredResult):
+                    break
+                answers = {
+                    key: await self._answered(question, upstream.config.timeout_s, work)
+                    for key, question in (result.input_requests or {}).items()
+                }
+                again = {"input_responses": answers or None, "request_state": result.request_state}
+                result = await send(params.model_copy(update=again))
+            return result
         finally:
             self._working.remove(work)
 
@@ -187,36 +216,52 @@ class PairedSession:
                 await _tolerated(subscribed(session, uri))
 
         async def sample(_: Any, params: CreateMessageRequestParams) -> Any:
-            answer = CreateMessageResultWithTools if params.tools else CreateMessageResult
-            asked = CreateMessageRequest(params=params.model_copy(update={"meta": None}))
-            return await self._asked(asked, answer, timeout_s)
+            return await self._asked(CreateMessageRequest(params=params), timeout_s)
 
         async def elicit(_: Any, params: ElicitRequestParams) -> Any:
-            asked = ElicitRequest(params=params.model_copy(update={"meta": None}))
-            return await self._asked(asked, ElicitResult, timeout_s)
+            return await self._asked(ElicitRequest(params=params), timeout_s)
 
         async def roots(_: Any) -> Any:
-            return await self._asked(ListRootsRequest(), ListRootsResult, timeout_s)
+            return await self._asked(ListRootsRequest(), timeout_s)
 
         known = {} if self._can is None else self._can.model_dump(by_alias=True, mode="json", exclude_none=True)
         declared: dict[str, Any] = {key: known[key] for key in ASKED if key in known}
         answers = {"sampling_callback": sample, "elicitation_callback": elicit, "list_roots_callback": roots}
         return SoleCaller(declared, answers, connected, noticed=partial(self._noticed, upstream))
 
-    async def _asked(self, question: InputRequest, answer: type[Any], timeout_s: float) -> Any:
-        """The client's answer to a question, or an error for the server that asks."""
+    async def _answered(self, question: InputRequest, timeout_s: float, work: _Work) -> Any:
+        """The client's answer to a question within a request.
+
+        Raises:
+            MCPError: it gives none.
+        """
+        answer = await self._asked(question, timeout_s, work)
+        if isinstance(answer, ErrorData):
+            raise MCPError.from_error_data(answer)
+        return answer
+
+    async def _asked(self, question: InputRequest, timeout_s: float, work: _Work | None = None) -> Any:
+        """The client's answer to a question, or an error for the server that asks.
+
+        Args:
+            question: of a server.
+            timeout_s: longest wait.
+            work: the request that leads to it; None for the latest one.
+        """
         if not able(self._can, question):
             return ErrorData(code=METHOD_NOT_FOUND, message="the client cannot be asked for this")
-        if not self._working or self._working[-1].questions >= QUESTIONS:
+        work = work or (self._working[-1] if self._working else None)
+        if work is None or work.questions >= QUESTIONS:
             return ErrorData(code=INVALID_REQUEST, message="no request of the client leads to this question")
         if len(question.model_dump_json(by_alias=True)) > QUESTION_BYTES:
             return ErrorData(code=INVALID_REQUEST, message="the question is too long")
-        work = self._working[-1]
         work.questions += 1
+        if question.params is not None:
+            question = question.model_copy(update={"params": question.params.model_copy(update={"meta": None})})
         try:
             return await work.ctx.session.send_request(
                 question,
-                answer,
+                _answer_to(question),
                 request_read_timeout_seconds=timeout_s,
                 metadata=ServerMessageMetadata(related_request_id=work.ctx.request_id),
             )
@@ -282,6 +327,19 @@ def able(can: ClientCapabilities | None, question: InputRequest) -> bool:
             return elicitation is not None and (elicitation.form is not None or elicitation.url is None)
         case ListRootsRequest():
             return can is not None and can.roots is not None
+        case _:
+            assert_never(question)
+
+
+def _answer_to(question: InputRequest) -> type[Any]:
+    """Form of the answer to a question."""
+    match question:
+        case CreateMessageRequest(params=params):
+            return CreateMessageResultWithTools if params.tools else CreateMessageResult
+        case ElicitRequest():
+            return ElicitResult
+        case ListRootsRequest():
+            return ListRootsResult
         case _:
             assert_never(question)
 

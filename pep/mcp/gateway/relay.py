@@ -7,7 +7,7 @@ they are as they were reviewed; a caller's credentials and this project's own me
 from __future__ import annotations
 
 import asyncio
-from contextlib import ExitStack, asynccontextmanager
+from contextlib import ExitStack
 from functools import partial
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -55,19 +55,21 @@ from pep.mcp.gateway.upstream import DECLARED
 from pep.mcp.passed_task import EXTENSION, PassedTask
 
 if TYPE_CHECKING:
-    from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Mapping, Sequence
+    from collections.abc import Awaitable, Callable, Iterable, Mapping, Sequence
 
     from mcp.client.session import ClientSession
     from mcp.server.context import ServerRequestContext
     from mcp.server.models import InitializationOptions
     from mcp.shared.dispatcher import ProgressFnT
     from mcp.shared.subscriptions import ServerEvent
-    from mcp_types import CallToolResult, Prompt, Resource, ResourceTemplate, Tool
+    from mcp_types import CallToolResult, InputResponseRequestParams, Prompt, Resource, ResourceTemplate, Tool
 
     from pep.mcp.gateway.lock import Lock
     from pep.mcp.gateway.upstream import ToolUpstream
 
     Context = ServerRequestContext[Any, Any]
+    P = TypeVar("P", bound=InputResponseRequestParams)
+    R = TypeVar("R")
 
 Answer = TypeVar("Answer", bound=Result)
 SERVER: Final = "ztpm-gateway"
@@ -201,8 +203,10 @@ class UpstreamRelay:
             request_state=None if ours else params.request_state,
         )
         tasks = self._guarded or (home.config.tasks and not is_look())
-        async with _serving(ctx, home) as server:
-            answer: Any = await server.call(sent, meta=_passed_on(ctx, tasks=tasks), progress=_progress(ctx))
+        meta, progress = _passed_on(ctx, tasks=tasks), _progress(ctx)
+        answer: Any = await _served(
+            ctx, home, sent, lambda server, asked: server.call(asked, meta=meta, progress=progress)
+        )
         if self._guarded:
             _check_form(answer, ctx)
         elif isinstance(answer, PassedTask):
@@ -246,25 +250,17 @@ class UpstreamRelay:
         return ListPromptsResult(prompts=found)
 
     async def _get_prompt(self, ctx: Context, params: GetPromptRequestParams) -> GetPromptResult | InputRequiredResult:
+        meta = _passed_on(ctx)
         for each in self._with("prompts"):
             name = params.name.removeprefix(each.config.prefix)
-            async with _serving(ctx, each) as server:
-                known = params.name.startswith(each.config.prefix) and any(
-                    prompt.name == name and (self._lock is None or self._lock.has_prompt(each.config.name, prompt))
-                    for prompt in await server.prompts()
-                )
-                if known:
-                    found = await server.asked(
-                        lambda session, name=name: session.get_prompt(  # type: ignore[misc]
-                            name,
-                            params.arguments,
-                            input_responses=params.input_responses,
-                            request_state=params.request_state,
-                            meta=_passed_on(ctx) or None,
-                            allow_input_required=True,
-                        )
-                    )
-                    return self._unforged(found)  # type: ignore[no-any-return]  # the SDK's own is no better
+            known = params.name.startswith(each.config.prefix) and any(
+                prompt.name == name and (self._lock is None or self._lock.has_prompt(each.config.name, prompt))
+                for prompt in await (await _at(ctx, each)).prompts()
+            )
+            if known:
+                sent = params.model_copy(update={"name": name})
+                got = await _served(ctx, each, sent, lambda server, asked: server.prompt(asked, meta=meta))
+                return self._unforged(got)
         raise MCPError(INVALID_PARAMS, "unknown prompt")
 
     async def _list_resources(self, ctx: Context, _: PaginatedRequestParams | None) -> ListResourcesResult:
@@ -289,20 +285,11 @@ class UpstreamRelay:
         self, ctx: Context, params: ReadResourceRequestParams
     ) -> ReadResourceResult | InputRequiredResult:
         """Answer of the first server that has such a resource."""
-        refused: MCPError | None = None
+        refused, meta = None, _passed_on(ctx)
         for each in self._with("resources"):
             try:
-                async with _serving(ctx, each) as server:
-                    found = await server.asked(
-                        lambda session: session.read_resource(
-                            params.uri,
-                            input_responses=params.input_responses,
-                            request_state=params.request_state,
-                            meta=_passed_on(ctx) or None,  # type: ignore[arg-type]
-                            allow_input_required=True,
-                        )
-                    )
-                return self._unforged(found)
+                read = await _served(ctx, each, params, lambda server, asked: server.resource(asked, meta=meta))
+                return self._unforged(read)
             except MCPError as error:
                 refused = refused or error
         raise refused or MCPError(INVALID_PARAMS, "unknown resource")
@@ -420,16 +407,18 @@ def _open_at(ctx: Context, upstream: ToolUpstream) -> ToolUpstream:
     return upstream if paired is None else paired.open_at(upstream)
 
 
-@asynccontextmanager
-async def _serving(ctx: Context, upstream: ToolUpstream) -> AsyncIterator[ToolUpstream]:
-    """The same; while it lasts, the server may ask the caller, where the connection is its own."""
+async def _served(
+    ctx: Context, upstream: ToolUpstream, params: P, send: Callable[[ToolUpstream, P], Awaitable[R]]
+) -> R:
+    """Answer of a server to a request.
+
+    A client of the older protocol is asked what the server asks; one of the newer gets the questions as the answer.
+    """
     paired = PairedSession.of(ctx)
     if paired is None:
-        yield upstream
-        return
+        return await send(upstream, params)
     server = await paired.at(upstream)
-    with paired.serving(ctx):
-        yield server
+    return await paired.served(ctx, upstream, params, lambda asked: send(server, asked))
 
 
 def _honored(wanted: SubscriptionFilter, upstreams: Sequence[ToolUpstream]) -> SubscriptionFilter:
@@ -461,10 +450,7 @@ def _renamed(definition: Any, prefix: str) -> Any:
 
 
 def _passed_on(ctx: Context, *, tasks: bool = False) -> dict[str, Any]:
-    """Members of `_meta` that go on, and the caller's abilities, tasks among them only where they are passed on.
-
-    A caller of the era before requests stated them can do nothing between a question and its answer here.
-    """
+    """Members of `_meta` that go on, and the caller's abilities, tasks among them only where they are passed on."""
     meta: Mapping[str, Any] = (ctx.params or {}).get("_meta") or {}
     kept = {key: value for key, value in meta.items() if not key.startswith(OURS) and key != "progressToken"}
     known = ctx.session.client_capabilities

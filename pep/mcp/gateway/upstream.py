@@ -37,7 +37,19 @@ if TYPE_CHECKING:
     from mcp.client.session import ClientSession, MessageHandlerFnT
     from mcp.shared.dispatcher import ProgressFnT
     from mcp.shared.message import SessionMessage
-    from mcp_types import CallToolResult, Implementation, InputRequiredResult, Prompt, Resource, ResourceTemplate, Tool
+    from mcp_types import (
+        CallToolResult,
+        GetPromptRequestParams,
+        GetPromptResult,
+        Implementation,
+        InputRequiredResult,
+        Prompt,
+        ReadResourceRequestParams,
+        ReadResourceResult,
+        Resource,
+        ResourceTemplate,
+        Tool,
+    )
 
     from pep.mcp.gateway.upstream_config import UpstreamConfig
     from pep.mcp.passed_task import PassedTask
@@ -308,6 +320,35 @@ class ToolUpstream:
                 meta=meta or None,
                 allow_input_required=True,
                 allow_claimed=True,
+            )
+        )
+
+    async def prompt(
+        self, params: GetPromptRequestParams, *, meta: dict[str, Any]
+    ) -> GetPromptResult | InputRequiredResult:
+        """The prompt of that name here, as `asked`."""
+        return await self.asked(
+            lambda session: session.get_prompt(
+                params.name,
+                params.arguments,
+                input_responses=params.input_responses,
+                request_state=params.request_state,
+                meta=meta or None,  # type: ignore[arg-type]
+                allow_input_required=True,
+            )
+        )
+
+    async def resource(
+        self, params: ReadResourceRequestParams, *, meta: dict[str, Any]
+    ) -> ReadResourceResult | InputRequiredResult:
+        """The resource at that address, likewise."""
+        return await self.asked(
+            lambda session: session.read_resource(
+                params.uri,
+                input_responses=params.input_responses,
+                request_state=params.request_state,
+                meta=meta or None,  # type: ignore[arg-type]
+                allow_input_required=True,
             )
         )
 
