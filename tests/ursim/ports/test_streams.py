@@ -28,6 +28,22 @@ def cell():
     assert controller.process.returncode == 0
 
 
+MINE = m.SetupInputs(("input_int_register_47",))
+
+
+@pytest.fixture(scope="module", autouse=True)
+def fell_asleep(cell):
+    """Time from which a client does not read, while the other tests are made."""
+    names = tuple(name for name, kind in OUTPUTS.items() if kind is VariableType.VECTOR6D)
+    with Plain(cell.host) as sleeper, Plain(cell.host) as other:
+        sleeper.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        assert sleeper.ask(MINE).recipe == 1
+        assert sleeper.ask(m.SetupOutputs(names, 500.0)).recipe == 1
+        sleeper.send(m.Start())
+        assert other.ask(MINE).types == (VariableType.IN_USE,)
+        yield time.monotonic()
+
+
 class Reader:
     """A client of a primary, secondary or real-time port."""
 
@@ -258,16 +274,8 @@ def test_a_text_from_a_client_is_taken_and_a_broken_frame_is_told_in_one(cell):
         assert client.next() is None
 
 
-def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs_are_free(cell):
+def test_a_client_that_does_not_read_is_dropped_after_ten_seconds_and_its_inputs_are_free(cell, fell_asleep):
     """Long before what waits for it grows too large: the patience alone ends it."""
-    names = tuple(name for name, kind in OUTPUTS.items() if kind is VariableType.VECTOR6D)
-    mine = m.SetupInputs(("input_int_register_47",))
-    with Plain(cell.host) as sleeper, Plain(cell.host) as other:
-        sleeper.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-        assert sleeper.ask(mine).recipe == 1
-        assert sleeper.ask(m.SetupOutputs(names, 500.0)).recipe == 1
-        sleeper.send(m.Start())
-        assert other.ask(mine).types == (VariableType.IN_USE,)
-        begun = time.monotonic()
-        until(lambda: other.ask(mine).recipe, deadline_s=30.0, pause_s=0.2)
-        assert time.monotonic() - begun > 9.0
+    with Plain(cell.host) as other:
+        until(lambda: other.ask(MINE).recipe, deadline_s=30.0, pause_s=0.2)
+        assert time.monotonic() - fell_asleep > 9.0
