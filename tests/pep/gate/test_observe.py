@@ -245,13 +245,15 @@ def test_the_question_is_no_command_of_a_robot():
     assert QUESTION.split()[0] not in {"stop", "play", "load", "popup", "power", "get", "set", "is", "safetystatus"}
 
 
-@pytest.mark.parametrize("kind", ["a robot", "an address elsewhere", "nobody"])
-def test_a_gateway_refuses_to_start_observing_what_is_not_simulated(tmp_path, kind):
+def test_where_nobody_answers_nothing_is_simulated():
+    with pytest.raises(RobotError) as error:
+        recognise("127.99.99.99")
+    assert error.value.code is PepFault.NOT_SIMULATED
+
+
+def test_a_gateway_refuses_to_start_observing_what_is_not_simulated(tmp_path):
     journal, config = tmp_path / "journal.ndjson", tmp_path / "gateway.toml"
-    with contextlib.ExitStack() as stack:
-        host = {"an address elsewhere": "192.0.2.1", "nobody": "127.99.99.99"}.get(kind)
-        if host is None:
-            host = stack.enter_context(dashboard(NO_SIMULATOR["a robot"]))
+    with dashboard(NO_SIMULATOR["a robot"]) as host:
         config.write_text(toml(robot_host=f'"{host}"', journal_file=f'"{journal}"', state_dir=f'"{tmp_path}"'))
         ended = subprocess.run(
             [sys.executable, "-m", "ztpm.point.gateway_server", "--config", config, "--unsafe-observe"],
