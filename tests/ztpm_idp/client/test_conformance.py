@@ -37,7 +37,7 @@ async def verdicts(place, *asked, bound):
 
 @pytest.mark.parametrize(
     ("asked", "version", "least"),
-    [(("--suite", "all"), (), 33), (("--requirements", "2026-07-28"), ("--spec-version", "2026-07-28", "--force"), 24)],
+    [(("--suite", "all"), (), 33), (("--requirements", "2026-07-28"), ("--spec-version", "2026-07-28", "--force"), 31)],
     ids=["all", "2026-07-28"],
 )
 def test_every_scenario_passes_with_dpop_around_the_sdks_provider(tmp_path, asked, version, least):
