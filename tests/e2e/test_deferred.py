@@ -170,7 +170,7 @@ def test_a_page_and_an_error_lead_to_one_act_each_over_a_restart_in_between(plan
         return ElicitResult(action="accept")
 
     call = lambda percent: lambda client: client.call_tool("open_valve", {"percent": percent})  # noqa: E731
-    error = plant.within(call(91), extensions=()).structured_content
+    error = plant.within(call(91), extensions=()).meta[DECISION_META]
     assert (error["decision"], error["retry_after_s"], plant.opened()) == ("DEFER", 1, before)
     done = plant.within(call(92), extensions=(), elicitation_callback=show)
     assert (done.structured_content, len(pages)) == ({"result": 92.0}, 1)
