@@ -91,10 +91,10 @@ postgres:  ## the identity provider's tests over PostgreSQL: a real server, whic
 	@$(RUN) pytest -q -n 2 --dist loadgroup --postgres tests/ztpm_idp; echo "postgres: $$SECONDS s"
 
 public-servers:  ## ten popular MCP servers as they were published behind one gateway, from npm and PyPI; how many are held, last
-	$(RUN) python -m tests.e2e.public_servers
+	$(RUN) python -m tests.e2e.public.servers
 
 public-arms:  ## two public MCP servers for UR arms behind one gateway, each with a simulated controller; how many are held, last
-	$(RUN) python -m tests.e2e.public_arms
+	$(RUN) python -m tests.e2e.public.arms
 
 store-faults:  ## kill -9 at every boundary of the store and at 300 instants, 1,000 rounds of 64 uses at once, on both databases; goes on where it was ended; the figures last
 	$(RUN) python -m tests.ztpm_idp.store.campaign --ledger .store-faults

@@ -114,7 +114,9 @@ ast.parse = parsed_in_peace
 
 
 TRUSTED = cache(httpcore2.default_ssl_context)
-"""The system's certificates, read once: that takes 20 ms, and most clients of tests speak to no server that has one."""
+"""The system's certificates, read once.
+
+    That takes 20 ms, and most clients of tests speak to no server that has one."""
 
 
 def trusted(*, _trust_env=True, read=httpcore2.default_ssl_context):

@@ -25,7 +25,7 @@ def types_of(schema: Any, root: Any) -> frozenset[str]:
 
 
 def members_of(schema: Any, root: Any) -> tuple[Any, ...]:
-    """Schemas of which the members of a list may be; none where the schema does not say it of each list.
+    """Schemas of the members of a list; none where the schema does not say it of each list.
 
     Args:
         schema: of the value.

@@ -192,7 +192,7 @@ def provider(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def plant_of(provider, tmp_path_factory):
-    """The plant of a kind, made once in whatever order the kinds come."""
+    """The plant of a kind, made once in any order of the kinds."""
     return cache(lambda kind: Plant(provider, kind, tmp_path_factory.mktemp(kind)))
 
 

@@ -28,7 +28,9 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
 
 
 HTTP = httpx2.Client(timeout=5)
-"""For all that is asked of the page: what a client of its own for each question costs is taken from what is waited for."""
+"""One client for all that is asked of the page.
+
+A client for each question would take its time from what is waited for."""
 
 
 def until(seen, what, limit_s=SEEN_S):

@@ -297,7 +297,9 @@ class ToolUpstream:
     async def call(
         self, params: CallToolRequestParams, *, meta: dict[str, Any], progress: ProgressFnT | None
     ) -> CallToolResult | InputRequiredResult | PassedTask:
-        """Result of a call, sent once and at once: it waits for no connection, for it was decided for this moment.
+        """Result of a call, sent once and at once.
+
+        It was decided for this moment, so it waits for no connection.
 
         Args:
             params: name of the tool here, decided arguments, and a caller's answers to the server's own questions.

@@ -374,7 +374,9 @@ def test_a_schema_of_more_values_than_the_row_fits(name, schema):
 
 
 def test_a_text_is_of_a_schema_that_reads_nothing_else_in_it():
-    """Servers that take more than texts read JSON in them: the text "null" would reach the tool as none at all."""
+    """Servers that take more than texts read JSON in them.
+
+    The text "null" would reach the tool as none at all."""
     nullable = {"type": "object", "properties": {"word": {"anyOf": [{"type": "string"}, {"type": "null"}]}}}
     listed = {"type": "object", "properties": {"word": {"type": "array", "items": nullable["properties"]["word"]}}}
     for word, schema, fits in (

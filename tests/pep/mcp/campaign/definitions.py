@@ -1,7 +1,7 @@
 """E4: a server changes what it says of a tool, and the tool is not called; it says the same otherwise, and it is.
 
-A change is one that somebody behind the gateway could see. The same is the same JSON value (RFC 8785), however it is
-spelled, on whatever page and beside whatever other tools.
+A change is one that a client of the gateway could see. The same is the same JSON value (RFC 8785), however it is
+spelled, on any page and beside any other tools.
 """
 
 from __future__ import annotations

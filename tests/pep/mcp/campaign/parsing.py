@@ -418,7 +418,9 @@ class Line:
         )  # fmt: skip
 
     def send(self, line):
-        """Writes the line and a question behind it; True once that is answered, and the line where it is at all."""
+        """Writes the line and a question behind it.
+
+        True once that is answered, and the line where it is at all."""
         self.stand.line_numbers += 1
         after = {
             "jsonrpc": "2.0",

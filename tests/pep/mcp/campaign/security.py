@@ -1,4 +1,6 @@
-"""E6: sixty ways to have something done, or learn something, that nobody permitted, at a gateway of its own; none works.
+"""E6: sixty ways to have something done, or to learn something, that nobody permitted.
+
+Each is tried at a gateway, and none works.
 
 A case is a function. What it returns is the answer to its attempt, or a list of what went wrong in words. Besides, the
 servers behind the gateway must have got no call by it.
@@ -39,7 +41,9 @@ CASES = {}
 LEAST = 60
 """Cases, at least."""
 STALE_S = 60.0
-"""Longest time until a view of revocations is too old: its lease of 30 s, and as long again for a busy machine."""
+"""Longest time until a view of revocations is too old.
+
+Its lease is 30 s; as long again is for a busy machine."""
 
 
 def case(name, *, last=False):
@@ -91,7 +95,7 @@ def b64(raw):
 
 
 def forged(stand, header, sign, **claims):
-    """The response to a call with a proof of this header, whatever signs it."""
+    """The response to a call with a proof of this header, by any signer."""
     content = stand.body(GOOD)
     own = stand.signed(content)["dpop"].split(".")[1]
     body = {**json.loads(base64.urlsafe_b64decode(own + "==")), **claims}
@@ -755,7 +759,7 @@ class Found:
 
 
 def tried(stand, function):
-    """What went wrong in a case, in words."""
+    """Words for the fault of a case."""
     stand.settled()
     answer = function(stand)
     answer, most = answer if isinstance(answer, tuple) else (answer, 0)

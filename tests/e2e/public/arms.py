@@ -1,6 +1,6 @@
 """Servers for UR arms that others published, behind one gateway: the arm does what the token grants, and stands else.
 
-`python -m tests.e2e.public_arms [--folder DIR] [NAME...]` installs both from PyPI in environments of their own and
+`python -m tests.e2e.public.arms [--folder DIR] [NAME...]` installs both from PyPI in environments of their own and
 gives each a simulated controller, to whose ports it speaks by itself. The arm's joints are read over RTDE, by a
 connection of this program's: before and after each call, and for a second after one that is refused.
 """
@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from capabilities.values.scope import Budget, Range, Tier, Words
 from rtde_receive import RTDEReceiveInterface
-from tests.e2e.public_site import (
+from tests.e2e.public.site import (
     DONE, INSTALLED, LIMITED, Package, Site, approved_once, expect, judged, report, text_of,
 )  # fmt: skip
 from tests.e2e.test_tool_gateway import in_time
@@ -118,7 +118,7 @@ SERVERS = (
 
 
 async def tried(site: Site, server: ArmServer) -> list[str]:
-    """What was found of one server.
+    """Findings of one server.
 
     Raises:
         Wrong: something is not as it should be.

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
 
 INSTALLED = TOP / ".public-servers"
-"""Where the servers are installed, and found again."""
+"""Place where the servers are installed, and found again."""
 MAPPINGS = TOP / "examples" / "mappings"
 DONE = ("PERMIT", "PERMITTED")
 LIMITED = ("DENY", "LIMIT_EXCEEDED_BY_REQUEST")
@@ -52,7 +52,7 @@ class Package:
         environment: of its process.
         also: requirements that the package forgets to state.
         npm: whether it is of npm, else of PyPI.
-        checked: whether its requirements are its own; else `also` are all, in whatever Python there is.
+        checked: whether its requirements are its own; else `also` are all, in the Python that there is.
     """
 
     package: str

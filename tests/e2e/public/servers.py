@@ -1,6 +1,8 @@
-"""Ten popular public MCP servers behind one gateway, each as it was published, driven by a client that knows only stdio.
+"""Ten popular public MCP servers behind one gateway, driven by a client that knows only stdio.
 
-`python -m tests.e2e.public_servers [--folder DIR] [NAME...]` installs them in environments of their own, from PyPI and
+Each is as it was published.
+
+`python -m tests.e2e.public.servers [--folder DIR] [NAME...]` installs them in environments of their own, from PyPI and
 npm, at the versions below. Of each server one call is permitted, one refused by a limit, and one deferred, approved by
 a person, and done once; a table is said, and the figure last. What happened is read off the gateway's journal and, where
 it can be, off the world: files, a repository, a database, requests at a web server.
@@ -27,7 +29,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values.scope import Each, Range, Stems, Tier, Words
-from tests.e2e.public_site import (
+from tests.e2e.public.site import (
     DEADLINE_S, DONE, INSTALLED, LIMITED, START_S, Package, Site, Wrong, approved_once, expect, judged, report, text_of,
 )  # fmt: skip
 from tests.e2e.test_any_tool import TOP, told
@@ -250,7 +252,7 @@ def thought(number: int) -> tuple[str, dict[str, Any]]:
 
 
 async def tried(site: Site, server: PublicServer) -> list[str]:
-    """What was found of one server: permitted, refused, deferred, approved once.
+    """Findings of one server: permitted, refused, deferred, approved once.
 
     Raises:
         Wrong: something is not as it should be.
