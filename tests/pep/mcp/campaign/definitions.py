@@ -1,4 +1,4 @@
-"""E4: a server changes what it says of a tool, and the tool is not called; it says the same otherwise, and it is.
+"""E4: a tool whose definition changed is not called; the same definition, spelled otherwise, is.
 
 A change is one that a client of the gateway could see. The same is the same JSON value (RFC 8785), however it is
 spelled, on any page and beside any other tools.
