@@ -332,8 +332,15 @@ def test_the_model_has_all_its_numbers():
 
 
 def check_numbers_of_the_model(name, asked):
-    """An arm with a 0 is another arm and may count less; one with a bad number may not."""
-    found, plain = [], ask().index
+    assert list(wrong_of_the_model(name, asked)) == []
+
+
+def wrong_of_the_model(name, asked):
+    """Places in which the number is believed.
+
+    An arm with a 0 is another arm and may count less; one with a bad number may not.
+    """
+    plain = ask().index
     for place in asked:
         robot = robot_of(text_with(*place, SPELT[name]))
         if robot is None:
@@ -342,8 +349,7 @@ def check_numbers_of_the_model(name, asked):
         if passes(answer) and answer.index < plain - RESOLUTION:
             zero = robot_of(text_with(*place, "0.0"))
             if name not in ORDINARY or zero is None or ask(robot=zero).index > answer.index + RESOLUTION:
-                found.append((place[1] + 1, place[2], place[4], answer.index))
-    assert found == []
+                yield place[1] + 1, place[2], place[4], answer.index
 
 
 # ---- without the walls the matrix is not empty
@@ -366,5 +372,4 @@ def test_without_its_check_a_model_is_believed(monkeypatch):
     monkeypatch.setattr("pep.pit.robot.model.TURN_LIMIT_RAD", math.inf)
     monkeypatch.setattr("pep.pit.robot.model.THINNEST_M", 5e-324)
     for name in ("1e308", "5e-324"):
-        with pytest.raises(AssertionError):
-            check_numbers_of_the_model(name, list(numbers_of_the_model()))
+        assert any(wrong_of_the_model(name, numbers_of_the_model())), name
