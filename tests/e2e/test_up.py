@@ -27,7 +27,7 @@ MEASUREMENT = bytes(range(32))
 pytestmark = [pytest.mark.e2e, pytest.mark.timeout(900)]
 
 
-HTTP = httpx2.Client(timeout=5)
+HTTP = httpx2.Client(timeout=5, limits=httpx2.Limits(max_keepalive_connections=0))
 """One client for all that is asked of the page.
 
 A client for each question would take its time from what is waited for."""
