@@ -81,11 +81,12 @@ ASKED: Final = ("roots", "sampling", "elicitation")
 LEVELS: Final = get_args(LoggingLevel)
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Work:
-    """One request of the client that is being served, and the number of questions within it."""
+    """One request of the client that a server is serving, and the number of questions within it."""
 
     ctx: Asking
+    upstream: ToolUpstream
     questions: int = 0
 
 
@@ -146,7 +147,7 @@ class PairedSession:
         Raises:
             MCPError: the server refuses, or the client does not answer its questions.
         """
-        work = _Work(ctx)
+        work = _Work(ctx, upstream)
         self._working.append(work)
         try:
             result = await send(params)
@@ -155,7 +156,7 @@ class PairedSession:
                 if not isinstance(result, InputRequiredResult):
                     break
                 answers = {
-                    key: await self._answered(question, upstream.config.timeout_s, work)
+                    key: await self._answered(question, upstream, work)
                     for key, question in (result.input_requests or {}).items()
                 }
                 again = {"input_responses": answers or None, "request_state": result.request_state}
@@ -207,7 +208,7 @@ class PairedSession:
     # ---- what a server sends
 
     def _caller(self, upstream: ToolUpstream) -> SoleCaller:
-        name, timeout_s = upstream.config.name, upstream.config.timeout_s
+        name = upstream.config.name
 
         async def connected(session: ClientSession) -> None:
             if self._level is not None:
@@ -216,41 +217,41 @@ class PairedSession:
                 await _tolerated(subscribed(session, uri))
 
         async def sample(_: Any, params: CreateMessageRequestParams) -> Any:
-            return await self._asked(CreateMessageRequest(params=params), timeout_s)
+            return await self._asked(CreateMessageRequest(params=params), upstream)
 
         async def elicit(_: Any, params: ElicitRequestParams) -> Any:
-            return await self._asked(ElicitRequest(params=params), timeout_s)
+            return await self._asked(ElicitRequest(params=params), upstream)
 
         async def roots(_: Any) -> Any:
-            return await self._asked(ListRootsRequest(), timeout_s)
+            return await self._asked(ListRootsRequest(), upstream)
 
         known = {} if self._can is None else self._can.model_dump(by_alias=True, mode="json", exclude_none=True)
         declared: dict[str, Any] = {key: known[key] for key in ASKED if key in known}
         answers = {"sampling_callback": sample, "elicitation_callback": elicit, "list_roots_callback": roots}
         return SoleCaller(declared, answers, connected, noticed=partial(self._noticed, upstream))
 
-    async def _answered(self, question: InputRequest, timeout_s: float, work: _Work) -> Any:
+    async def _answered(self, question: InputRequest, upstream: ToolUpstream, work: _Work) -> Any:
         """The client's answer to a question within a request.
 
         Raises:
             MCPError: it gives none.
         """
-        answer = await self._asked(question, timeout_s, work)
+        answer = await self._asked(question, upstream, work)
         if isinstance(answer, ErrorData):
             raise MCPError.from_error_data(answer)
         return answer
 
-    async def _asked(self, question: InputRequest, timeout_s: float, work: _Work | None = None) -> Any:
+    async def _asked(self, question: InputRequest, upstream: ToolUpstream, work: _Work | None = None) -> Any:
         """The client's answer to a question, or an error for the server that asks.
 
         Args:
             question: of a server.
-            timeout_s: longest wait.
-            work: the request that leads to it; None for the latest one.
+            upstream: that server.
+            work: the request that leads to it; None for the latest one there.
         """
         if not able(self._can, question):
             return ErrorData(code=METHOD_NOT_FOUND, message="the client cannot be asked for this")
-        work = work or (self._working[-1] if self._working else None)
+        work = work or self._latest(upstream)
         if work is None or work.questions >= QUESTIONS:
             return ErrorData(code=INVALID_REQUEST, message="no request of the client leads to this question")
         if len(question.model_dump_json(by_alias=True)) > QUESTION_BYTES:
@@ -262,13 +263,17 @@ class PairedSession:
             return await work.ctx.session.send_request(
                 question,
                 _answer_to(question),
-                request_read_timeout_seconds=timeout_s,
+                request_read_timeout_seconds=upstream.config.timeout_s,
                 metadata=ServerMessageMetadata(related_request_id=work.ctx.request_id),
             )
         except MCPError as error:
             return error.error
         except ValidationError:
             return ErrorData(code=INTERNAL_ERROR, message="the client's answer is none")
+
+    def _latest(self, upstream: ToolUpstream) -> _Work | None:
+        """The latest request of the client that this server is serving."""
+        return next((work for work in reversed(self._working) if work.upstream is upstream), None)
 
     async def _noticed(self, upstream: ToolUpstream, message: IncomingMessage) -> None:
         """Passes on what the client is to hear, of the right size, and not too much of it."""
@@ -282,9 +287,9 @@ class PairedSession:
             return
         if message.params is not None:
             message = message.model_copy(update={"params": message.params.model_copy(update={"meta": None})})
-        if isinstance(message, LoggingMessageNotification) and self._working:
-            ctx = self._working[-1].ctx
-            await ctx.session.send_notification(message, related_request_id=ctx.request_id)
+        work = self._latest(upstream)
+        if isinstance(message, LoggingMessageNotification) and work is not None:
+            await work.ctx.session.send_notification(message, related_request_id=work.ctx.request_id)
         else:
             await self._client.send_notification(message)
 
