@@ -1,7 +1,7 @@
-"""Last look before an act: all that its PERMIT rests on, as it is at the moment of the effect.
+"""Last look before an act: all that its PERMIT rests on, as it is right before the effect.
 
 A motion is watched while it lasts; an act is over at once, so it is looked at right before. Between the verdict and
-here lie a record on disk and all that the shell waited for.
+here lie a record on disk and all that the shell waits for.
 """
 
 from __future__ import annotations

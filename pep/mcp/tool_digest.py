@@ -61,9 +61,7 @@ def plain_definition(tool: Tool) -> dict[str, Any]:
 
 
 async def refuse_changed(tool: ToolReading, look: Callable[[], Awaitable[ToolReading]]) -> None:
-    """Refuses an effect whose tool is served as another one than it was decided on.
-
-    A retry may have waited for people.
+    """Refuses an effect whose tool is served as another one by now; a retry may have waited for people.
 
     Raises:
         ActuationRefusedError: `TOOL_DEFINITION_CHANGED`, or `UPSTREAM_UNREACHABLE` where nobody can say.
@@ -87,9 +85,7 @@ def _digest_of(definition: str) -> str:
 
 
 def canonical_definition(definition: Any) -> bytes:
-    """The one text of a definition.
-
-    It is the form of RFC 8785, with whole numbers in full where one is beyond 2^53.
+    """The one text of a definition: its RFC 8785 form, with whole numbers beyond 2^53 in full.
 
     Servers state such bounds (of 64 bits), and what has no text cannot be compared.
     """

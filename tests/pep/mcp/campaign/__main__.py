@@ -82,11 +82,14 @@ def main(given=None):
     given = parser.parse_args(given)
     began, progress, figures, well = time.monotonic(), Progress(), [], True
     for name in given.only or PARTS:
-        enough, figure, failed = PARTS[name](progress.at)
+        try:
+            enough, figure, failed = PARTS[name](progress.at)
+        except Exception as error:  # noqa: BLE001 - told, and the other parts go on
+            enough, figure, failed = False, f"broke off: {type(error).__name__}: {error}", []
         for each in failed[:SHOWN]:
             print(f"{name}: {each}"[:500])
         well = well and enough and not failed
-        figures.append(f"{name}: {figure}{'' if enough else ': TOO FEW'}")
+        figures.append(f"{name}: {figure}{'' if enough else ': NOT WHOLE'}")
     print(f"{time.monotonic() - began:.0f} s")
     print("\n".join(figures))
     return 0 if well else 1

@@ -1,4 +1,4 @@
-"""E4: a tool whose definition changed is not called; the same definition, spelled otherwise, is.
+"""E4: a server changes what it says of a tool, and the tool is not called; said otherwise, it is.
 
 A change is one that a client of the gateway could see. The same is the same JSON value (RFC 8785), however it is
 spelled, on any page and beside any other tools.
@@ -97,7 +97,7 @@ def seen(definition):
     """Canonical form of all that goes on of a definition; None of one that no client takes."""
     try:
         return strict_json.canonical(plain_definition(Tool.model_validate(definition)))
-    except Exception:  # noqa: BLE001 - whatever is wrong with it
+    except Exception:  # noqa: BLE001 - for any reason
         return None
 
 

@@ -1,6 +1,4 @@
-"""E1: evidence changes at each await point of a call, and no effect begins on it.
-
-One piece changes at a time.
+"""E1: evidence changes at each await point of a call, and no effect begins on what has changed.
 
 The gate, its journal, budgets and deferrals, the guard and the relay are the real ones, in this process; the server
 behind them is a process of its own. The effect begins when its message is given to the transport.
@@ -186,7 +184,7 @@ class Boundary(Rig):
         return agent(self.made, now, name=f"robotic-{secrets.token_hex(4)}", scope=scope)
 
     async def call(self, holder, percent=SMALL):
-        """The caller's answer."""
+        """The decision that its caller is told of."""
         params = {"name": TOOL, "arguments": {"percent": percent, "note": "a", "body": {"b": [1]}}, "_meta": ENVELOPE}
         body = {"jsonrpc": "2.0", "id": 1, "method": "tools/call", "params": params}
         content, headers = json.dumps(body).encode(), HEADERS

@@ -1,6 +1,4 @@
-"""Changes at every await point.
-
-Each suspension of a call's tasks is counted, and at one of them something is changed.
+"""Changes at every await point: of the suspensions of a call's tasks, one has a change.
 
 A call's tasks are the one that makes it and all that are begun inside of it: they inherit its context.
 """

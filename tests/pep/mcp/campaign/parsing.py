@@ -418,9 +418,7 @@ class Line:
         )  # fmt: skip
 
     def send(self, line):
-        """Writes the line and a question behind it.
-
-        True once that is answered, and the line where it is at all."""
+        """Writes the line and a question behind it; True once both are answered, the line where it is at all."""
         self.stand.line_numbers += 1
         after = {
             "jsonrpc": "2.0",
@@ -443,8 +441,8 @@ class Line:
         return self.noted.read_bytes().splitlines() if self.noted.exists() else []
 
     def end(self):
-        self.popen.stdin.close()
-        self.popen.wait(ANSWER_S)
+        self.popen.kill()
+        self.popen.communicate()
 
 
 def stand_pin(alice, tool, audience):

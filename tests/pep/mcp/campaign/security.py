@@ -1,6 +1,4 @@
-"""E6: sixty ways to have something done, or to learn something, that nobody permitted.
-
-Each is tried at a gateway, and none works.
+"""E6: ways to have something done that nobody permitted, at a gateway of its own; none works.
 
 A case is a function. What it returns is the answer to its attempt, or a list of what went wrong in words. Besides, the
 servers behind the gateway must have got no call by it.
@@ -41,9 +39,7 @@ CASES = {}
 LEAST = 60
 """Cases, at least."""
 STALE_S = 60.0
-"""Longest time until a view of revocations is too old.
-
-Its lease is 30 s; as long again is for a busy machine."""
+"""Longest time until a view of revocations is too old: twice its lease, for a busy machine."""
 
 
 def case(name, *, last=False):
@@ -95,7 +91,7 @@ def b64(raw):
 
 
 def forged(stand, header, sign, **claims):
-    """The response to a call with a proof of this header, by any signer."""
+    """The response to a call with a proof of this header, with that signature."""
     content = stand.body(GOOD)
     own = stand.signed(content)["dpop"].split(".")[1]
     body = {**json.loads(base64.urlsafe_b64decode(own + "==")), **claims}
@@ -490,9 +486,7 @@ def _(stand):
     stand.says(done=json.dumps(required))
     answer = good(stand)
     stand.says()
-    return [
-        f"its decision, or none: {answer.text}"
-    ] if "FORGED" in answer.text or "input_required" not in answer.text else [], 1
+    return (["its decision"] if "FORGED" in answer.text else []), 1
 
 
 @case("definition with members of ours in _meta")
@@ -620,7 +614,7 @@ def _(stand):
         wrong = ["the provider delegated more"]
     told = told_in(call(stand, stand.body({**GOOD, "stars": 4}), key=child.key, token=less.token))
     wrong += [] if told.get("decision") == "DENY" else [f"beyond: {told}"]
-    theirs = told_in(call(stand, key=parent.key, token=less.token))
+    theirs = told_in(good(stand, key=parent.key, token=less.token))
     return wrong + ([] if "PROOF" in str(theirs.get("reason")) else [f"the parent with it: {theirs}"])
 
 
@@ -631,7 +625,7 @@ def deferred(stand, name):
     """An agent whose act waits for a person."""
     held, token = lent(stand, name, ceiling=Tier.HIGH_CONSEQUENCE)
     asked = {**GOOD, "stars": 950_000}
-    told = told_in(call(stand, stand.body(asked), key=held.key, token=token))
+    told = told_in(good(stand, asked, key=held.key, token=token))
     return held, token, asked, told["approval_id"]
 
 
@@ -759,7 +753,7 @@ class Found:
 
 
 def tried(stand, function):
-    """Words for the fault of a case."""
+    """Faults of a case, in words."""
     stand.settled()
     answer = function(stand)
     answer, most = answer if isinstance(answer, tuple) else (answer, 0)

@@ -167,7 +167,7 @@ class Stand(Front):
         return path.read_bytes().splitlines() if path.exists() else []
 
     def settled(self):
-        """True where all that the servers got so far was right."""
+        """Notes that the calls so far were right."""
         self.right = len(self.called()) + len(self.called(self.twin))
 
     def unsettled(self):
@@ -206,7 +206,7 @@ class Stand(Front):
             return http.request(method, url or self.audience + path, content=content, headers=headers, **more)
 
     def call(self, arguments=None, *, tool="act", **options):
-        """Answer to the caller of a call; asked again where a busy machine was too slow."""
+        """The decision on a call; asked again where a busy machine was too slow."""
         until = time.monotonic() + DEADLINE_S
         while True:
             content = self.body(GOOD if arguments is None else arguments, tool=tool)
