@@ -10,7 +10,7 @@ import pytest
 from tests.ztpm_idp.client.suite_client import LONGEST_S, Stage
 from tests.ztpm_idp.oauth.conformance import suite_command
 
-pytestmark = [pytest.mark.e2e, pytest.mark.xdist_group("conformance"), pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 PROVEN = {"auth/dpop", "auth/dpop-nonce"}
 """Scenarios that a bearer token fails."""
 NAMED = re.compile(r"(auth/.+)-20[0-9]{2}-[0-9]{2}-[0-9]{2}T")
