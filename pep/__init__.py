@@ -3,7 +3,7 @@
     from pep import Within, guard, operation
 
 guards the tools of a server (docs/guard.md). They are loaded when they are asked for: who wants physics alone loads no
-server.
+server. `Sensor` is for programs that see (docs/sensors.md).
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pep.point.guard_config import GuardConfig
     from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
     from pep.point.tool_server import guard, pins
+    from pep.sensor.sensor import Sensor
 
 __all__ = [
     "Fact",
@@ -27,6 +28,7 @@ __all__ = [
     "GuardedFunctions",
     "Length",
     "NotPermittedError",
+    "Sensor",
     "Within",
     "Word",
     "acting",
@@ -41,6 +43,7 @@ _HOMES: Final = {
     "GuardConfig": "pep.point.guard_config",
     "GuardedFunctions": "pep.point.guarded_functions",
     "NotPermittedError": "pep.point.guarded_functions",
+    "Sensor": "pep.sensor.sensor",
     "acting": "pep.point.carriage",
     "function_pins": "pep.point.guarded_functions",
     "permitted": "pep.point.guarded_functions",

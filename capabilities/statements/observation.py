@@ -46,6 +46,8 @@ SIGHTING_AGE_MS: Final = 3_600_000
 """Oldest sighting that a frame may still tell of: an hour."""
 FACTS: Final = 64
 """Most facts of a frame."""
+FRAME_BYTES: Final = 65_536
+"""Largest signed frame; one with 16 people and 64 objects has about 40 kB."""
 
 _Coordinate = Annotated[int, within(-REACH_UM, REACH_UM)]
 _Length = Annotated[int, within(1, REACH_UM)]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 from typing import TYPE_CHECKING, Final
 
-from pep.perception.sensor_frames import FRAME_BYTES, NOBODY, FrameFault, RejectedFrame
+from capabilities.statements.observation import FRAME_BYTES
+from pep.perception.sensor_frames import NOBODY, FrameFault, RejectedFrame
 
 if TYPE_CHECKING:
     from collections.abc import Callable

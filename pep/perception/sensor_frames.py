@@ -18,6 +18,7 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from capabilities.statements import observation
+from capabilities.statements.observation import FRAME_BYTES
 from capabilities.values.errors import CapabilityError
 from pep.perception.consistency import contradicted
 from policies.evidence.evidence import PerceptionReading, SensorReading
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from capabilities.values.caps import Caps
     from pep.base.ports import Clock, RegisteredSensor, Sensors
 
-FRAME_BYTES: Final = 65_536
-"""Largest frame; one with 16 people and 64 objects has about 40 kB."""
 BOOTS_KEPT: Final = 64
 """Earlier boots of a sensor that are remembered; an older one is out of time anyway."""
 SKEW_MS: Final = 1_000

@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import dataclasses
+import hashlib
 import json
 import os
 import subprocess
@@ -25,6 +26,8 @@ from policies.decision.load import load_shipped
 from policies.evidence.tiers import FRESH
 from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIssuer, agent, issuer_keys, survey
 from tests.pep.mcp.test_mcp import Signed
+from tests.pep.sensor.test_keypoints import COCO_17, points
+from tests.pep.sensor.test_sensors_page import FIVE_LINES
 from ztpm.point.gateway_config import GatewayConfig
 from ztpm.point.gateway_server import GatewayServer
 from ztpm.point.simulator_check import recognise
@@ -123,7 +126,7 @@ async def listens(port, task):
 class Cell:
     """A running gateway, and a tool server before it, with everything around them. To be made on their event loop."""
 
-    def __init__(self, tmp, sensor, parameters, **gateway):
+    def __init__(self, tmp, sensor, parameters, *, calibration=CALIBRATION, **gateway):
         self.made, trust = issuer_keys()
         sensor_key, pep_key, door_key = keys.generate(), keys.generate(), keys.generate()
         (tmp / "sensor.key").write_bytes(keys.to_pem(sensor_key, PASSPHRASE.encode()))
@@ -158,7 +161,7 @@ class Cell:
             gateway_url=CALLS,
         )
         tools = [ToolEntry(t.name, t.definition_digest, t.operation, t.base_tier) for t in tool_definitions_cached()]
-        sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), CALIBRATION, 20)]
+        sensors = [SensorEntry("camera-1", keys.public_raw(sensor_key), calibration, 20)]
         self.clock = SystemClock()
         self.issuer = FakeIssuer(self.made, self.clock, tools=tools, sensors=sensors)
         self.issuer.peps = (PartyEntry(DOOR, keys.public_raw(door_key)),)
@@ -238,7 +241,7 @@ def sensor(key_file):
     )  # fmt: skip
 
 
-def in_cell(tmp_path, scenario, parameters=PATIENT, **gateway):
+def in_cell(tmp_path, scenario, parameters=PATIENT, sensor=sensor, **gateway):
     async def inside():
         goes_first()  # as the real gateway
         cell = Cell(tmp_path, sensor, parameters, **gateway)
@@ -566,3 +569,74 @@ def test_the_journal_reaches_the_ledger(controller, tmp_path):
 
     shipped = in_cell(tmp_path, scenario)
     assert [record["seq"] for record in shipped] == list(range(1, len(shipped) + 1))
+
+
+class OwnSensor:
+    """The program of docs/sensors.md in a thread; what its pose estimator sees is told here."""
+
+    def __init__(self, key_file, folder):
+        os.replace(key_file, folder / "camera-1.key")
+        self.folder, self.skeletons, self.ended, self.failed = folder, [], threading.Event(), []
+        self.thread = threading.Thread(target=self.run)
+        self.thread.start()
+
+    def estimator(self):
+        while not self.ended.wait(1 / 30):
+            yield self.skeletons
+
+    def run(self):
+        program = FIVE_LINES.replace("127.0.0.1:8801", f"{HOST}:{PORT + 1}").replace(
+            '"camera-1.', f'"{self.folder}/camera-1.'
+        )
+        try:
+            exec(compile(program, "docs/sensors.md", "exec"), {"pose_estimator": self.estimator()})  # noqa: S102 - the page itself
+        except Exception as error:  # noqa: BLE001 - told where it is waited for
+            self.failed.append(error)
+
+    def tell(self, *, people, objects):
+        assert not objects and not self.failed, self.failed
+        self.skeletons = people
+
+    def end(self):
+        self.ended.set()
+        self.thread.join()
+
+
+def test_a_person_whom_the_five_lines_of_the_page_show_defers_a_motion(controller, tmp_path, monkeypatch):
+    monkeypatch.setenv("ZTPM_PASSPHRASE", PASSPHRASE)
+    document = tmp_path / "camera-1.pdf"
+    document.write_bytes(b"measured on Monday")
+    eyes = received(HOST)
+
+    async def scenario(cell):
+        holder = cell.holder()
+
+        async def move(q):
+            # A busy machine loses the control script now and then; the tools bring it again.
+            async with asyncio.timeout(60):
+                while (answer := decided(await cell.move(holder, q)))[1] == "ROBOT_NOT_EXCLUSIVE":
+                    await asyncio.sleep(0.1)
+            return answer
+
+        await cell.see(holder)
+        assert (await move(LEFT))[:2] == ("PERMIT", "PERMITTED")
+
+        # somebody stands there, facing the arm: people are asked, and nothing moves
+        skeleton = points(COCO_17)
+        await cell.see(holder, people=[skeleton])
+        assert (await move(RIGHT))[0] == "DEFER"
+        assert eyes.read().q_rad == pytest.approx(LEFT, abs=2e-3)
+        recorded = cell.records("decision")[-1]["evidence"]
+        contributing = {each["object"] for each in recorded["impact"]["contributions"]}
+        assert any("person-1" in each for each in contributing), contributing
+
+        # nobody is there any more
+        await cell.see(holder)
+        assert (await move(RIGHT))[:2] == ("PERMIT", "PERMITTED")
+        assert not cell.records("incident")
+
+    in_cell(
+        tmp_path, scenario, sensor=lambda file: OwnSensor(file, tmp_path),
+        calibration=hashlib.sha256(document.read_bytes()).hexdigest(),
+    )  # fmt: skip
+    eyes.close()

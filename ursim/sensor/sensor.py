@@ -28,17 +28,17 @@ import argparse
 import asyncio
 import contextlib
 import json
-import secrets
 import signal
 import sys
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from capabilities.statements import observation as wire
 from pep.base.errors import ConfigError
 from pep.base.key_file import read_key
 from pep.base.thread_priority import goes_first
+from pep.sensor.frame_sender import FrameSender
+from pep.sensor.frame_writer import FrameWriter
 from ursim.sensor.sensor_scene import SceneCommandError, Seen, parse
 
 if TYPE_CHECKING:
@@ -46,14 +46,12 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
 
-RETRY_S: Final = 0.1
 HZ: Final = 30.0
 """Frames a second, as an ordinary depth camera gives.
 
 Each with one person costs the receiver 1.5 ms of a core.
 """
 HIGHEST_HZ: Final = 500.0
-UNREAD_BYTES: Final = 65_536
 
 
 class Sensor:
@@ -66,11 +64,8 @@ class Sensor:
     """
 
     def __init__(self, key: PrivateKey, *, name: str, calibration: str) -> None:
-        self._key = key
+        self._writer = FrameWriter(key, name=name, calibration=calibration)
         self.name = name
-        self._calibration = calibration
-        self._boot_id = secrets.token_hex(16)
-        self._sequence = 0
         self.seen = Seen.nothing()
         self.changed = False
 
@@ -80,21 +75,8 @@ class Sensor:
         Args:
             captured_s: wall clock at capture, seconds since the epoch.
         """
-        self._sequence += 1
         self.seen, people, objects = self.seen.at(captured_s)
-        return wire.sign(
-            wire.Observation(
-                sensor=self.name,
-                boot_id=self._boot_id,
-                sequence=self._sequence,
-                captured_ms=int(captured_s * 1000),
-                calibration=self._calibration,
-                complete=self.seen.complete,
-                people=people,
-                objects=objects,
-            ),
-            self._key,
-        )
+        return self._writer.frame(people, objects, captured_s=captured_s, complete=self.seen.complete)
 
 
 def obey(sensors: Sequence[Sensor], line: str, *, at_s: float) -> None:
@@ -119,52 +101,7 @@ def obey(sensors: Sequence[Sensor], line: str, *, at_s: float) -> None:
         sensor.seen, sensor.changed = seen, True
 
 
-class Receiver:
-    """One perception point, connected to again and again."""
-
-    def __init__(self, host: str, port: int) -> None:
-        self._host = host
-        self._port = port
-        self._writer: asyncio.StreamWriter | None = None
-
-    async def keep(self) -> None:
-        """Keeps a connection to the receiver whenever it listens, for ever."""
-        while True:
-            try:
-                reader, self._writer = await asyncio.open_connection(self._host, self._port)
-                await reader.read()  # it says nothing, and ends when it has gone
-            except OSError:
-                pass
-            finally:
-                self._drop()
-            await asyncio.sleep(RETRY_S)
-
-    @property
-    def connected(self) -> bool:
-        """True while the receiver is connected."""
-        return self._writer is not None
-
-    def send(self, line: bytes) -> bool:
-        """Sends a line; True where it was sent.
-
-        Nothing is kept for later: a receiver that does not read is dropped, and connected to anew.
-        """
-        writer = self._writer
-        if writer is None or writer.is_closing():
-            return False
-        if writer.transport.get_write_buffer_size() > UNREAD_BYTES:
-            writer.transport.abort()
-            return False
-        writer.write(line)
-        return True
-
-    def _drop(self) -> None:
-        writer, self._writer = self._writer, None
-        if writer is not None:
-            writer.close()
-
-
-async def push(sensor: Sensor, receivers: Sequence[Receiver], *, period_s: float) -> None:
+async def push(sensor: Sensor, receivers: Sequence[FrameSender], *, period_s: float) -> None:
     """Frames go to every perception point for ever, the same to each; without any nothing is seen."""
     loop = asyncio.get_running_loop()
     due = loop.time()
@@ -202,7 +139,7 @@ async def run(sensors: Sequence[Sensor], to: Sequence[tuple[str, int]], *, hz: f
         loop.add_signal_handler(number, ended.set)
     tasks = []
     for sensor in sensors:
-        receivers = [Receiver(host, port) for host, port in to]
+        receivers = [FrameSender(host, port) for host, port in to]
         tasks += [asyncio.create_task(receiver.keep()) for receiver in receivers]
         tasks.append(asyncio.create_task(push(sensor, receivers, period_s=1 / hz)))
     tasks.append(asyncio.create_task(listen(sensors)))

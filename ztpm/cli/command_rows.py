@@ -111,7 +111,13 @@ ROWS: Final = (
         (("vouch", "ztpm.cli.provider.restore:vouch"),),
     ),
     CommandRow("pep", PEOPLE, "ztpm.cli.provider.points:pep", "Enforcement points: who stands before which tools."),
-    CommandRow("sensor", PEOPLE, "ztpm.cli.provider.points:sensor", "Sensors: whose frames are believed."),
+    CommandRow(
+        "sensor",
+        PEOPLE,
+        "ztpm.cli.provider.points:sensor",
+        "Sensors: whose frames are believed, and how good they are.",
+        (("check", "ztpm.cli.provider.sensor_check:check"),),
+    ),
     CommandRow(
         "tool",
         PEOPLE,

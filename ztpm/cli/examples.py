@@ -48,6 +48,7 @@ EXAMPLES: Final = {
     "sensor suspend": "camera-1 --reason 'it was moved' --as alice",
     "sensor restore": "camera-1 --reason 'measured again' --as alice",
     "sensor retire": "camera-1 --reason 'broken' --as alice",
+    "sensor check": "camera-1 --at 127.0.0.1:8950 --calibration camera-1.pdf",
     "sensor rotate": "camera-1 --reason 'once a year' --as alice",
     "tool register": "open_valve --audience https://plant.example/mcp --tier 2 --definition open_valve.json --as alice",
     "tool list": "--as alice",

@@ -21,7 +21,8 @@ from cobot_claw.depth import DepthCamera, Following, commands_of
 from pep.base.errors import ConfigError
 from pep.base.key_file import read_key
 from pep.base.thread_priority import goes_first
-from ursim.sensor.sensor import Receiver, Sensor, listen
+from pep.sensor.frame_sender import FrameSender
+from ursim.sensor.sensor import Sensor, listen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,7 +34,7 @@ A moving arm is stopped when its view is older than 150 ms.
 """
 
 
-async def look(truth: Sensor, sensors: Sequence[tuple[Sensor, Receiver]]) -> None:
+async def look(truth: Sensor, sensors: Sequence[tuple[Sensor, FrameSender]]) -> None:
     """Frames go out for ever.
 
     Args:
@@ -60,7 +61,7 @@ async def look(truth: Sensor, sensors: Sequence[tuple[Sensor, Receiver]]) -> Non
         await asyncio.sleep(due - loop.time())
 
 
-async def run(truth: Sensor, sensors: Sequence[tuple[Sensor, Receiver]]) -> None:
+async def run(truth: Sensor, sensors: Sequence[tuple[Sensor, FrameSender]]) -> None:
     """The camera runs until it is told to end (SIGTERM, SIGINT)."""
     loop, ended = asyncio.get_running_loop(), asyncio.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -91,7 +92,7 @@ def main() -> None:
         for to, name, path in wanted:
             host, _, port = to.rpartition(":")
             key = read_key(path, name="--key-file")
-            sensors.append((Sensor(key, name=name, calibration=options.calibration), Receiver(host, int(port))))
+            sensors.append((Sensor(key, name=name, calibration=options.calibration), FrameSender(host, int(port))))
     except (ConfigError, ValueError) as error:
         parser.exit(2, f"{error}\n")
     truth = Sensor(read_key(options.key_file, name="--key-file"), name="truth", calibration=options.calibration)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ztpm_idp.client import Operator
 
 pep = typer.Typer(no_args_is_help=True, help="Enforcement points: who stands before which tools.")
-sensor = typer.Typer(no_args_is_help=True, help="Sensors: whose frames are believed.")
+sensor = typer.Typer(no_args_is_help=True, help="Sensors: whose frames are believed, and how good they are.")
 
 TRANSIT_MS: Final = 20
 """Ours: declared longest transit of a frame where none is stated, as the simulated sensor's."""
