@@ -1,4 +1,4 @@
-"""`python -m ursim`: a simulated UR3e controller in a process of its own.
+"""`python -m ursim`: a simulated controller of a UR e-Series arm in a process of its own.
 
 Prints one JSON line when every port listens, and another with its timing when it ends; with `--words` both are for
 people. SIGTERM and SIGINT end it, and so does a client's `shutdown`. With `--commands` it also reads faults as JSON
@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.base.thread_priority import goes_first
 from pep.rtde.wire.messages import ControlVersion
+from ursim.ports.arm_kinds import KINDS
 from ursim.ports.faults import USAGE, FaultError, Faults, PlannedFault
 from ursim.ports.server import HOME, Settings, Simulator
 
@@ -47,6 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
         object_width_m=options.gripper_object,
         tcp_m=options.tcp,
         payload=(options.payload[0], options.payload[1:]),
+        robot=options.robot,
     )
     try:
         simulator = Simulator(settings, over.set)
@@ -68,7 +70,7 @@ def main(arguments: list[str] | None = None) -> int:
         threading.Thread(target=_obey, args=(simulator, over.set), name="commands", daemon=True).start()
     version = f"{options.polyscope.major}.{options.polyscope.minor}"
     ports = [port.number for port in simulator.ports]
-    say({"ready": True, "host": options.host, "polyscope": version, "ports": ports})
+    say({"ready": True, "robot": options.robot, "host": options.host, "polyscope": version, "ports": ports})
     _befall(simulator, options.fault, over)
     over.wait()
     simulator.stop()
@@ -81,7 +83,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(prog="python -m ursim", description="A simulated UR3e controller.")
+    parser = argparse.ArgumentParser(prog="python -m ursim", description="A simulated controller of a UR arm.")
     parser.add_argument("--host", required=True, help="IPv4 address to listen on; the ports are fixed")
     parser.add_argument(
         "--joints", type=_numbers(6), default=HOME, help="j1,..,j6 [rad] to start at; write --joints=..."
@@ -99,6 +101,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--payload", type=_numbers(4), default=(0.0,) * 4, help="kg,x,y,z [m] of the installation's payload"
     )
+    parser.add_argument("--robot", choices=sorted(KINDS), default="ur3e", help="arm of the controller")
     parser.add_argument("--words", action="store_true", help="say it in words instead of JSON")
     parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
     parser.add_argument(
@@ -166,7 +169,8 @@ def _standard_input() -> Iterator[str]:
 
 def _tell(told: dict[str, object]) -> None:
     if told["ready"]:
-        text = f"A simulated UR3e with PolyScope {told['polyscope']} listens on {told['host']}. Ctrl-C ends it."
+        arm, version = str(told["robot"]).upper().replace("E", "e"), told["polyscope"]
+        text = f"A simulated {arm} with PolyScope {version} listens on {told['host']}. Ctrl-C ends it."
     else:
         text = "; ".join(f"{name} {value}" for name, value in told.items() if name != "ready")
     print(text, flush=True)  # noqa: T201  standard output is this program's interface

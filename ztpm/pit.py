@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
@@ -19,20 +19,23 @@ from pep.pit.files.motion_file import motion_of, seed_of, word_of
 from pep.pit.files.plain_file import FILE_LIMIT_BYTES, value_of
 from pep.pit.files.scene_file import situation_of
 from pep.pit.proof.proof_document import document, question_digest
-from pep.pit.robot.calibration import Calibration, calibrated
-from pep.pit.robot.outfit import Outfit
+from pep.pit.robot.calibration import Calibration, calibrated, nominal_error_m
+from pep.pit.robot.outfit import Outfit, ToolFile
 from pep.pit.robot.robot import Robot
 from pep.pit.robot.urdf_robot import robot_of
-from pep.pit.scene.cell import CALIBRATED_UNCERTAINTY_M
+from pep.pit.scene.cell import CALIBRATED_UNCERTAINTY_M, TRACKING_M
 from policies.evidence.tiers import RULES, TierRule
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Motion
     from pep.pit.files.scene_file import Situation
     from policies.evidence.evidence import Contribution, ImpactFault
 
 URDF: Final = ".urdf"
+UNCERTAINTY: Final = "robot_uncertainty_m"
 PATIENCE_S: Final = 600.0
 """Longest time for an answer out of files without a limit of their own.
 
@@ -120,12 +123,14 @@ class Arm:
     Attributes:
         stated: a shipped model's name, a model file (`.toml`) or a URDF (`.urdf`).
         outfit: with a URDF: the person's outfit of it.
+        tools: with a URDF: files of tools beside the outfit's own.
         calibration: the arm's own kinematics, as its maker's tool wrote them.
     """
 
     stated: str
     outfit: Path | None = None
     calibration: Path | None = None
+    tools: tuple[Path, ...] = ()
 
     def robot(self, tool: str) -> Robot:
         """The robot with this tool.
@@ -137,7 +142,7 @@ class Arm:
         found = self._nominal(tool)
         if self.calibration is None:
             return found
-        own = Calibration.from_yaml(_text(self.calibration))
+        own = Calibration.from_yaml(text_of(self.calibration))
         return Robot.from_model(calibrated(found.model, own), tool=tool)
 
     def _nominal(self, tool: str) -> Robot:
@@ -145,11 +150,32 @@ class Arm:
         if (file.suffix == URDF) != (self.outfit is not None):
             raise PitError("PARAMETERS_WRONG", "a URDF and an outfit belong together")
         if self.outfit is not None:
-            return robot_of(_text(file), Outfit.from_toml(_text(self.outfit)), tool=tool)
-        return Robot.from_toml(_text(file), tool=tool) if file.suffix else Robot.load(self.stated, tool=tool)
+            return robot_of(text_of(file), outfit_of(self.outfit, self.tools), tool=tool)
+        if self.tools:
+            raise PitError("PARAMETERS_WRONG", "a file of tools belongs to a URDF; a model file has its own")
+        return Robot.from_toml(text_of(file), tool=tool) if file.suffix else Robot.load(self.stated, tool=tool)
 
 
-def _text(file: Path) -> str:
+def outfit_of(file: Path, tools: Iterable[Path]) -> Outfit:
+    """A person's outfit of an arm, with tools out of files of their own.
+
+    Raises:
+        PitError: a file that is refused.
+        OSError: a file that cannot be read.
+    """
+    outfit = Outfit.from_toml(text_of(file))
+    for each in tools:
+        outfit = outfit.fitted_with(ToolFile.from_toml(text_of(each)).tools)
+    return outfit
+
+
+def text_of(file: Path) -> str:
+    """Text of a file.
+
+    Raises:
+        PitError: it is too long, or not UTF-8.
+        OSError: it cannot be read.
+    """
     with file.open("rb") as opened:
         raw = opened.read(FILE_LIMIT_BYTES + 1)
     if len(raw) > FILE_LIMIT_BYTES:
@@ -173,14 +199,20 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
         PitError: a file that is refused, with its reason and place.
         OSError: a file that cannot be read.
     """
-    stated = value_of(_text(scene).encode(), scene)
+    stated = value_of(text_of(scene).encode(), scene)
+    known = False  # whether the scene says how well the arm is known
     if isinstance(stated, dict) and isinstance(stated.get("cell"), dict):
         stated["cell"].setdefault("time_limit_s", PATIENCE_S)
+        known = UNCERTAINTY in stated["cell"]
         if arm.calibration is not None:
-            stated["cell"].setdefault("robot_uncertainty_m", CALIBRATED_UNCERTAINTY_M)
+            stated["cell"].setdefault(UNCERTAINTY, CALIBRATED_UNCERTAINTY_M)
     situation = situation_of(stated)
-    what = motion_of(value_of(_text(motion).encode(), motion))
-    return Asked(arm.robot(situation.cell.tool).holding(situation.held), situation, what)
+    what = motion_of(value_of(text_of(motion).encode(), motion))
+    robot = arm.robot(situation.cell.tool)
+    if arm.calibration is None and not known:
+        uncertainty = nominal_error_m(robot.model) + TRACKING_M
+        situation = replace(situation, cell=replace(situation.cell, robot_uncertainty_m=uncertainty))
+    return Asked(robot.holding(situation.held), situation, what)
 
 
 def effect(said: Assessment) -> TierRule:

@@ -130,13 +130,15 @@ def run(
     """
     from ztpm.point.gateway_config import read_gateway_config
 
+    config = read_gateway_config(layout.gateway_config)
     cell = Cell(
         layout,
         addresses,
         passphrase,
         joints,
-        read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2,
+        config.cell.stop_deceleration_rad_s2,
         begin_child=partial(Child.begin, ended=ended.is_set),
+        arm=config.robot,
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())

@@ -23,7 +23,7 @@ from pep.pit.base.motion import (
     SpeedJ,
     SpeedL,
 )
-from pep.pit.robot.calibration import Calibration
+from pep.pit.robot.calibration import NOMINAL_ERROR_M, Calibration
 from pep.pit.robot.gripped_object import GrippedObject
 from pep.pit.robot.outfit import Outfit
 from pep.pit.robot.robot import Robot
@@ -32,7 +32,6 @@ from pep.pit.scene.adult_body import Build, adult_at_distance, standing_adult
 from pep.pit.scene.cell import (
     CALIBRATED_ERROR_M,
     CALIBRATED_UNCERTAINTY_M,
-    NOMINAL_ERROR_M,
     NOMINAL_UNCERTAINTY_M,
     CellParameters,
     Contact,

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit import NOMINAL_ERROR_M, JointPath, MoveJ, MoveL
+from pep.pit import JointPath, MoveJ, MoveL
+from pep.pit.robot.calibration import nominal_error_m
 from pep.pit.robot.inverse_kinematics import stance
 from pep.pit.robot.twist import turn_of, turned_by
 
@@ -17,8 +18,8 @@ if TYPE_CHECKING:
 
 JOINT_RAD: Final = 1e-3
 """A joint this near to its target has arrived; the controller holds about a tenth of it."""
-TOOL_M: Final = NOMINAL_ERROR_M + 1e-3
-"""Distance at which a tool has arrived.
+TOOL_M: Final = 1e-3
+"""Distance at which a tool has arrived, beside the error of nominal kinematics.
 
 A controller has its arm's own kinematics, a model may have nominal ones.
 """
@@ -43,7 +44,8 @@ def arrived(motion: Motion | None, robot: Robot, q_rad: Sequence[float]) -> bool
             here = stance(robot, np.array(q_rad, dtype=float))
             off = turn_of(turned_by(np.array(pose[3:])) @ here.rotation.T)
             return bool(
-                np.linalg.norm(np.array(pose[:3]) - here.position) <= TOOL_M and np.linalg.norm(off) <= TOOL_RAD
+                np.linalg.norm(np.array(pose[:3]) - here.position) <= nominal_error_m(robot.model) + TOOL_M
+                and np.linalg.norm(off) <= TOOL_RAD
             )
         case _:
             return False

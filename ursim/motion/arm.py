@@ -6,7 +6,7 @@ import math
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from ursim.motion.spatial import (
     Frame,
@@ -23,11 +23,12 @@ from ursim.motion.spatial import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
 AXES: Final = 6
 GRAVITY_M_S2: Final = 9.80665  # standard acceleration of free fall, CGPM 1901
-UR3E: Final = Path(__file__).parents[2] / "pep" / "pit" / "robots" / "ur3e.toml"
+ROBOTS: Final = Path(__file__).parents[2] / "pep" / "pit" / "robots"
+UR3E: Final = ROBOTS / "ur3e.toml"
 
 Joints: TypeAlias = tuple[float, ...]
 
@@ -78,9 +79,7 @@ class Arm:
                 position_limit_rad=float(one["position_limit_rad"]),
                 speed_limit_rad_s=float(one["speed_limit_rad_s"]),
                 torque_limit_nm=float(one["torque_limit_nm"]),
-                body=Body(
-                    float(one["mass_kg"]), _triple(one["com_m"]), (*_triple(one["inertia_kg_m2"]), 0.0, 0.0, 0.0)
-                ),
+                body=Body(float(one["mass_kg"]), _triple(one["com_m"]), _inertia(one)),
             )
             for one in told["joints"]
         )
@@ -193,6 +192,11 @@ def damped(columns: Sequence[Sequence[float]], wanted: Sequence[float], *, dampi
     for i in reversed(range(n)):
         y[i] = (rows[i][n] - sum(rows[i][k] * y[k] for k in range(i + 1, n))) / rows[i][i]
     return tuple(sum(column[i] * y[i] for i in range(n)) for column in columns)
+
+
+def _inertia(told: Mapping[str, Any]) -> tuple[float, ...]:
+    """Moments xx, yy, zz, and products xy, xz, yz."""
+    return (*_triple(told["inertia_kg_m2"]), *_triple(told.get("inertia_products_kg_m2", (0.0, 0.0, 0.0))))
 
 
 def _triple(told: Sequence[float]) -> Triple:

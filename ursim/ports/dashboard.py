@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.rtde.wire.messages import ControlVersion
+    from ursim.ports.arm_kinds import ArmKind
     from ursim.ports.controller import Controller
     from ursim.ports.sockets import Connection
 
@@ -21,7 +22,6 @@ BANNER: Final = "Connected: Universal Robots Dashboard Server"
 MAX_LINE: Final = 1024
 SERIAL_NUMBER: Final = "20235300001"  # e-Series serials start with the year and are digits alone; ur_rtde checks that
 SUPPORT_FILE: Final = f"ur_{SERIAL_NUMBER}_2022-04-01_00-00-00.zip"  # a name alone: nothing is written
-MODEL: Final = "UR3"  # the answer of a UR3e
 TOO_SOON: Final = (
     "Cannot unlock protective stop until 5s after occurrence. Always inspect cause of protective stop before unlocking"
 )
@@ -49,12 +49,16 @@ class Dashboard:
         controller: the controller that the commands act on.
         version: the PolyScope version; commands younger than it are not understood.
         shutdown: called after the answer to `shutdown` has been sent.
+        kind: of the arm.
     """
 
-    def __init__(self, controller: Controller, version: ControlVersion, shutdown: Callable[[], None]) -> None:
+    def __init__(
+        self, controller: Controller, version: ControlVersion, shutdown: Callable[[], None], kind: ArmKind
+    ) -> None:
         self._controller = controller
         self._version = version
         self._shutdown = shutdown
+        self._kind = kind
         self._role = "programmer"
         self._reports = 0
         self._rows = [
@@ -129,7 +133,7 @@ class Dashboard:
             (1, "restart safety", self._remotely(self._restart_safety)),
             (6, "is in remote control", lambda: _flag(self._controller.obeys)),
             (6, "get serial number", say(SERIAL_NUMBER)),
-            (6, "get robot model", say(MODEL)),
+            (6, "get robot model", say(self._kind.said)),
             (0, f"{QUESTION} ([0-9a-f]{{32}})", lambda nonce: f"{ANSWER}{nonce}"),  # no robot says this
         ]
 

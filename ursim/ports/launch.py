@@ -49,6 +49,7 @@ class SimulatedController:
         gripper_object_m: float | None = None,
         tcp_m: Sequence[float] | None = None,
         payload: Sequence[float] | None = None,
+        robot: str | None = None,
     ) -> SimulatedController:
         """A controller that is ready to be connected to.
 
@@ -60,6 +61,7 @@ class SimulatedController:
             gripper_object_m: width of the object between the gripper's fingers.
             tcp_m: tool centre point of the installation, in the flange frame.
             payload: of the installation: kg, and its centre [m] in the flange frame.
+            robot: name of the arm, for example "ur5e".
 
         Raises:
             LaunchError: it ended, or was not ready within `START_DEADLINE_S`.
@@ -67,6 +69,8 @@ class SimulatedController:
         options = [f"--stop-deceleration={stop_deceleration_rad_s2}", "--commands"]
         if joints is not None:
             options.append("--joints=" + ",".join(repr(float(angle)) for angle in joints))
+        if robot is not None:
+            options.append(f"--robot={robot}")
         if version is not None:
             options.append(f"--polyscope={version}")
         if gripper_object_m is not None:

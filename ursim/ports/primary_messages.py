@@ -16,11 +16,12 @@ from ursim.motion.spatial import to_pose
 if TYPE_CHECKING:
     from pep.rtde.wire.messages import ControlVersion
     from ursim.motion.robot import Robot
+    from ursim.ports.arm_kinds import ArmKind
 
 SOURCE: Final = -2  # of messages: the controller
 BUILT: Final = "01-04-2022, 00:00:00\0"
 _DEFAULTS: Final = (1.05, 1.4, 0.25, 1.2, 0.1)  # joint v, a; tool v, a; equivalent radius: UR's own defaults
-_UR3_TYPE, _E_SERIES = 4, 1
+_E_SERIES = 1
 _EMERGENCY: Final = frozenset([SafetyMode.ROBOT_EMERGENCY_STOP, SafetyMode.SYSTEM_EMERGENCY_STOP])
 _NONE: Final = (0.0, 0.0, 0.0)
 
@@ -49,7 +50,7 @@ def error_message(code: int, argument: int = 0) -> bytes:
     return _message(f.ErrorCode(code, argument, 1, 0, 0, ""))
 
 
-def state_message(robot: Robot) -> bytes:
+def state_message(robot: Robot, kind: ArmKind) -> bytes:
     """The robot state of 30001 and 30002, ten times a second."""
     now, read = robot.drive.now, robot.joint_mode
     a, d, alpha = robot.arm.dh
@@ -113,7 +114,7 @@ def state_message(robot: Robot) -> bytes:
             ZERO,
             0,
             0,
-            _UR3_TYPE,
+            kind.number,
             _E_SERIES,
         ),
         state.Force(robot.tool_force(), 0.0),

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
     from pep.rtde.wire.messages import ControlVersion
     from ursim.motion.robot import OperationalMode
+    from ursim.ports.arm_kinds import ArmKind
     from ursim.ports.controller import Controller, Event
     from ursim.ports.sockets import Connection, Port
     from ursim.script.compiler import Compiled
@@ -56,11 +57,13 @@ class ScriptServer:
     Args:
         controller: the controller that programs run on.
         version: told in the greeting.
+        kind: of the arm.
     """
 
-    def __init__(self, controller: Controller, version: ControlVersion) -> None:
+    def __init__(self, controller: Controller, version: ControlVersion, kind: ArmKind) -> None:
         self._controller = controller
         self._version = version
+        self._kind = kind
         self.telling: list[Port] = []  # primary: state and the programs' events
         self.stating: list[Port] = []  # secondary: state alone
         self.realtime: list[Port] = []
@@ -113,7 +116,7 @@ class ScriptServer:
         if robot.step % STATE_EVERY == 0:
             watching = [c for port in (*self.telling, *self.stating) for c in port.connections()]
             if watching:
-                frame = state_message(robot)
+                frame = state_message(robot, self._kind)
                 for connection in watching:
                     connection.send(frame)
         frame = b""
@@ -151,7 +154,7 @@ class ScriptServer:
 
     def _greet(self, connection: Connection) -> None:
         connection.send(version_message(self._version))
-        connection.send(self._controller.ask(lambda: state_message(self._controller.robot)))
+        connection.send(self._controller.ask(lambda: state_message(self._controller.robot, self._kind)))
 
     def _event(self, event: Event, name: str) -> None:
         self._tell(key_message(event.value, name))

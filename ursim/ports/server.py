@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 from pep.rtde.wire.messages import ControlVersion
-from ursim.motion.arm import Arm
+from ursim.motion.arm import ROBOTS, Arm
 from ursim.motion.robot import TICK_S, Robot
+from ursim.ports.arm_kinds import KINDS
 from ursim.ports.controller import Controller
 from ursim.ports.dashboard import Dashboard
 from ursim.ports.gripper import ACKNOWLEDGED, MAX_LINE, Gripper
@@ -48,6 +49,7 @@ class Settings:
         object_width_m: width of the object between the gripper's fingers, if any.
         tcp_m: tool centre point of the installation, in the flange frame, not turned against it.
         payload: of the installation: mass [kg], and its centre in the flange frame [m].
+        robot: name of the simulated arm, one of `KINDS`.
     """
 
     host: str
@@ -57,6 +59,7 @@ class Settings:
     object_width_m: float | None = None
     tcp_m: Triple = (0.0, 0.0, 0.0)
     payload: tuple[float, Triple] = (0.0, (0.0, 0.0, 0.0))
+    robot: str = "ur3e"
 
 
 class Simulator:
@@ -68,11 +71,14 @@ class Simulator:
 
     Raises:
         OSError: a port is taken; `filename` names it.
-        ValueError: joints outside the limits, a deceleration that is not positive, or a version not simulated.
+        ValueError: joints outside the limits, a deceleration that is not positive, or an arm or version not simulated.
     """
 
     def __init__(self, settings: Settings, shutdown: Callable[[], None]) -> None:
-        arm = Arm.load()
+        kind = KINDS.get(settings.robot)
+        if kind is None:
+            raise ValueError(f"{settings.robot} is not simulated; {', '.join(KINDS)} are")
+        arm = Arm.load(ROBOTS / f"{settings.robot}.toml")
         if not arm.inside(settings.joints):
             raise ValueError("the joints to start at lie outside the limits")
         if not 0.0 < settings.stop_deceleration_rad_s2 <= arm.acceleration_limit_rad_s2:
@@ -85,8 +91,8 @@ class Simulator:
         robot.set_payload(*settings.payload)
         gripper = Gripper(object_width_m=settings.object_width_m)
         self.controller = controller = Controller(robot, gripper)
-        dashboard = Dashboard(controller, version, shutdown)
-        scripts = ScriptServer(controller, version)
+        dashboard = Dashboard(controller, version, shutdown, kind)
+        scripts = ScriptServer(controller, version, kind)
         self.rtde = rtde = RtdeServer(controller, version)
         controller.listeners += [rtde.publish, scripts.publish, self._deliver]
         self._host = settings.host

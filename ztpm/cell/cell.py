@@ -42,6 +42,7 @@ class Cell:
         joints: the simulated arm's first configuration, 6 angles in rad.
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         begin_child: begins a child; `Child.begin` unless a test breaks one.
+        arm: as the gateway's configuration states it: a shipped model's name, or a model file.
         idp, robot, sensor, gateway, tools: its processes, once started; `sensor` is all sensors of the cell.
     """
 
@@ -51,6 +52,7 @@ class Cell:
     joints: tuple[float, ...]
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     begin_child: Callable[..., Child] = Child.begin
+    arm: str = "ur3e"
     idp: Child = field(init=False)
     robot: Child = field(init=False)
     sensor: Child = field(init=False)
@@ -82,8 +84,8 @@ class Cell:
         """
         from ztpm.point.gateway_config import read_gateway_config
 
-        stop_deceleration = read_gateway_config(layout.gateway_config).cell.stop_deceleration_rad_s2
-        cell = cls(layout, addresses, passphrase, joints, stop_deceleration, begin)
+        config = read_gateway_config(layout.gateway_config)
+        cell = cls(layout, addresses, passphrase, joints, config.cell.stop_deceleration_rad_s2, begin, config.robot)
         try:
             with cell.beside():
                 cell.start_idp()
@@ -143,20 +145,22 @@ class Cell:
 
         Connections to an earlier controller are lost.
         """
+        from ztpm.point.cell_config import read_model
+
         pose = ",".join(repr(angle) for angle in self.joints)
         self._start(
             "robot", "ursim.__main__", "--commands", "--host", self.addresses.host, f"--joints={pose}",
-            f"--stop-deceleration={self.stop_deceleration_rad_s2!r}", *self._installed(), environment={},
+            f"--robot={read_model(self.arm).name}", f"--stop-deceleration={self.stop_deceleration_rad_s2!r}",
+            *self._installed(), environment={},
         )  # fmt: skip
 
-    @staticmethod
-    def _installed() -> tuple[str, str]:
+    def _installed(self) -> tuple[str, str]:
         """Installation of the controller: the gripper's tool point and weight, as a person would set them up."""
         from pep.pit import Robot
         from pep.rtde.robot.gripper import DRIVEN
-        from ztpm.point.cell_config import ROBOT_MODEL
+        from ztpm.point.cell_config import read_model
 
-        tool = Robot.load(ROBOT_MODEL, tool=DRIVEN).tool
+        tool = Robot.from_model(read_model(self.arm), tool=DRIVEN).tool
         numbers = (tool.tcp_m, (tool.mass_kg, *tool.com_m))
         tcp, payload = (",".join(map(repr, each)) for each in numbers)
         return f"--tcp={tcp}", f"--payload={payload}"

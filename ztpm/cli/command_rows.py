@@ -90,6 +90,7 @@ ROWS: Final = (
         "The robot: its gateway, a simulated one, and programs under a lease.",
         (("run", "ztpm.cli.rtde_run:run"), ("connect", "ztpm.cli.rtde_run:connect")),
     ),
+    CommandRow("robot", START, "ztpm.cli.robot:app", "Robots: a model of an arm out of its URDF and meshes."),
     CommandRow(
         "login",
         PEOPLE,

@@ -17,6 +17,7 @@ EXAMPLES: Final = {
     "init": "--data .ztpm --host 127.0.0.9",
     "version": "--json",
     "explain": "NOT_NARROWER",
+    "robot fit": "arm.urdf --outfit outfit.toml --tool-file gripper.toml --out arm.toml --picture arm.png",
     "revoke": "agent mover --reason 'no longer needed' --as alice",
     "approvals list": "--state open --as bob",
     "approvals watch": "--as bob",

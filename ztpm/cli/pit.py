@@ -33,6 +33,10 @@ RobotName = Annotated[str, typer.Option("--robot", help="A shipped model's name,
 OutfitFile = Annotated[
     Path | None, typer.Option("--outfit", help="With a .urdf: what it leaves open.", exists=True, dir_okay=False)
 ]
+ToolFiles = Annotated[
+    list[Path] | None,
+    typer.Option("--tool-file", help="With a .urdf: tools; again for more.", exists=True, dir_okay=False),
+]
 CalibrationFile = Annotated[
     Path | None, typer.Option("--calibration", help="The arm's own kinematics, YAML.", exists=True, dir_okay=False)
 ]
@@ -46,6 +50,7 @@ def pit(
     motion: MotionFile = None,
     robot: RobotName = "ur3e",
     outfit: OutfitFile = None,
+    tool_file: ToolFiles = None,
     calibration: CalibrationFile = None,
     picture: Annotated[Path | None, typer.Option("--picture", help="A .png (three views) or .html (turn it).")] = None,
     proof: Annotated[Path | None, typer.Option("--proof", help="Where to write the proof document.")] = None,
@@ -70,7 +75,7 @@ def pit(
         from policies.evidence.evidence import ImpactFault
         from ztpm.pit import Arm, to_plain
 
-        question = _asked(scene, motion, Arm(robot, outfit, calibration))
+        question = _asked(scene, motion, Arm(robot, outfit, calibration, tuple(tool_file or ())))
     prepare_physics()
     said = question.answer()
     if isinstance(said, ImpactFault):
@@ -102,6 +107,7 @@ def verify(
     motion: MotionFile = None,
     robot: RobotName = "ur3e",
     outfit: OutfitFile = None,
+    tool_file: ToolFiles = None,
     calibration: CalibrationFile = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object.")] = False,
 ) -> None:
@@ -123,7 +129,7 @@ def verify(
     if isinstance(verdict, Unverified):
         fail(str(verdict.code), verdict.place)
     if scene is not None and motion is not None:
-        question = _asked(scene, motion, Arm(robot, outfit, calibration))
+        question = _asked(scene, motion, Arm(robot, outfit, calibration, tuple(tool_file or ())))
         try:
             same = question.digest == verdict.question
         except PitError as error:

@@ -81,6 +81,7 @@ def sim(
     host: Annotated[str, typer.Option(help="Loopback address to listen on.")] = "127.0.0.1",
     joints: Annotated[str, typer.Option(help="First configuration: six angles in rad, comma separated.")] = "",
     polyscope: Annotated[str, typer.Option(help="PolyScope version to be, 5.11 to 5.22.")] = "",
+    robot: Annotated[str, typer.Option(help="Arm to be: ur3e, ur5e, ur10e or ur16e.")] = "ur3e",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -92,7 +93,8 @@ def sim(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Run a simulated UR3e controller that real clients can talk to."""
-    options = [f"--{name}={value}" for name, value in (("joints", joints), ("polyscope", polyscope)) if value]
+    """Run a simulated controller of a UR arm that real clients can talk to."""
+    settings = (("robot", robot), ("joints", joints), ("polyscope", polyscope))
+    options = [f"--{name}={value}" for name, value in settings if value]
     options += [f"--fault={each}" for each in fault or ()]
     become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))

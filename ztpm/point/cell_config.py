@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Self
+from pathlib import Path
+from typing import Final, Self
 
 from capabilities.keys import keys
 from capabilities.statements import cell
@@ -21,13 +22,13 @@ from pep.pit import (
     numbers_only,
     surveyed,
 )
+from pep.pit.robot.calibration import calibrated, nominal_error_m
+from pep.pit.robot.model import Model
+from pep.pit.scene.cell import TRACKING_M
 from pep.point.config_text import check_url, is_loopback, read_key, read_policies, read_text, read_trust, spelled
 from pep.rtde.command.stop_rules import JOINT_DECELERATION_LIMIT_RAD_S2
 from pep.rtde.robot.gripper import DRIVEN
 from ztpm.point.point_config import PointConfig, check_port
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 __all__ = [
     "ROBOT_MODEL",
@@ -46,7 +47,11 @@ __all__ = [
 ROBOT_MODEL: Final = "ur3e"
 CALIBRATION_BYTES: Final = 65_536
 """Largest calibration file that is read at all; the vendor's tool writes about 1000."""
-OPTIONAL: Final = frozenset({"calibration_file"})
+MODEL_BYTES: Final = 1_048_576
+"""Largest model file that is read at all; the shipped ones have about 12 000."""
+MODEL_FILE: Final = ".toml"
+STOP: Final = "stop_deceleration_rad_s2"
+OPTIONAL: Final = frozenset({"calibration_file", "robot"})
 """Settings that may be left out."""
 
 
@@ -63,6 +68,8 @@ class CellConfig(PointConfig):
         cell: numbers of the physics engine; what stands in the cell is not among them.
         calibration_file: the arm's own kinematics, as its vendor's tool exports them (PHY-41); None for an arm that is
             reckoned with at its nominal ones, and with more uncertainty.
+        robot: name of a shipped model, or the path of a model file (`ztpm robot fit`); the controller has to say the
+            same of its arm.
     """
 
     robot_host: str
@@ -72,10 +79,11 @@ class CellConfig(PointConfig):
     cell_signer_key: str
     cell: CellParameters
     calibration_file: Path | None = None
+    robot: str = ROBOT_MODEL
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """The configuration that a TOML text spells: every key given but `calibration_file`, none unknown.
+        """The configuration that a TOML text spells: every key given but `calibration_file` and `robot`, none unknown.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
@@ -83,6 +91,8 @@ class CellConfig(PointConfig):
         given = spelled(cls, text, optional=OPTIONAL)
         if "calibration_file" in given:
             given["cell"] = {"robot_uncertainty_m": CALIBRATED_UNCERTAINTY_M, **given["cell"]}
+        if given.get("robot", ROBOT_MODEL) != ROBOT_MODEL:
+            given["cell"] = _of_another_arm(given["robot"], given["cell"])
         try:
             given["cell"] = numbers_only(given["cell"])
         except CellError as error:
@@ -124,16 +134,50 @@ def read_robot(config: CellConfig, *, tool: str) -> Robot:
         own = None if config.calibration_file is None else _calibration(config.calibration_file)
     except (ModelError, OSError, UnicodeDecodeError) as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+    model = read_model(config.robot)
     try:
-        nominal = Robot.load(ROBOT_MODEL, tool=tool)
+        nominal = Robot.from_model(model, tool=tool)
     except ModelError as error:
-        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}") from error
+        known = ", ".join(each.name for each in model.tools)
+        raise ConfigError(PepFault.CONFIG_INVALID, f"cell_file: {error}; {model.name} has {known}") from error
     if own is None:
         return nominal
     try:
-        return Robot.load(ROBOT_MODEL, tool=tool, calibration=own)
+        return Robot.from_model(calibrated(model, own), tool=tool)
     except ModelError as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"calibration_file: {_said(error)}") from error
+
+
+def read_model(stated: str) -> Model:
+    """Model of this name, or in this file.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: no such model, or a file that is refused.
+    """
+    try:
+        if not stated.endswith(MODEL_FILE):
+            return Model.shipped(stated)
+        with Path(stated).open("rb") as opened:
+            raw = opened.read(MODEL_BYTES + 1)
+        if len(raw) > MODEL_BYTES:
+            raise ConfigError(PepFault.CONFIG_INVALID, f"robot: a file of more than {MODEL_BYTES} bytes")
+        return Model.from_toml(raw.decode("utf-8"))
+    except (ModelError, OSError, UnicodeDecodeError) as error:
+        raise ConfigError(PepFault.CONFIG_INVALID, f"robot: {_said(error)}") from error
+
+
+def _of_another_arm(stated: str, cell: dict[str, object]) -> dict[str, object]:
+    """Numbers of a cell whose arm is not the default one.
+
+    Its stop has to be stated: the default was chosen for the UR3e, and a heavier arm with its full load may not stop as
+    hard.
+    """
+    if STOP not in cell:
+        raise ConfigError(
+            PepFault.CONFIG_INVALID,
+            f"cell: state {STOP} of a {Path(stated).stem}: what its joints can do with its load",
+        )
+    return {"robot_uncertainty_m": nominal_error_m(read_model(stated)) + TRACKING_M, **cell}
 
 
 def _calibration(path: Path) -> Calibration:

@@ -44,7 +44,7 @@ from pep.rtde.line.gateway import Gateway
 from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
-from pep.rtde.robot.dashboard import RemoteControl
+from pep.rtde.robot.dashboard import RemoteControl, confirm_model
 from pep.rtde.robot.gripper import RobotiqGripper
 from pep.rtde.script.control_script import allow_list, installed_body
 from pep.watch.watch import Watch, WatchAges
@@ -225,11 +225,14 @@ class GatewayServer(RobotPoint):
         self._notes: set[asyncio.Task[None]] = set()
 
     async def begin(self) -> None:
-        """Opens the controller's ports.
+        """Opens the controller's ports, once it has said that its arm is the model's.
 
         Raises:
+            ConfigError: `CONFIG_INVALID`: its arm is another one.
+            RobotError: `ROBOT_UNREACHABLE`: it does not say.
             UnavailableError: `PORT_UNUSABLE`: an address or a port of them cannot be had.
         """
+        await asyncio.to_thread(confirm_model, self.config.robot_host, self.robot.model.name)
         await self.ports.begin()
         try:
             await self.arrivals.listen(self.config.host, self._carriage_port)

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.values.units import Unit
 from pep.base.errors import ConfigError, PepFault, RobotError
-from pep.pit import NOMINAL_ERROR_M
-from pep.pit.robot.calibration import own_kinematics
+from pep.pit.robot.calibration import nominal_error_m, own_kinematics
 from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness
 from pep.world.world import tool_position
 
@@ -67,7 +66,7 @@ def readiness(
         commanding=commanding,
         tool_position=partial(tool_position, robot),
         tcp_m=robot.tool.tcp_m,
-        pose_m=NOMINAL_ERROR_M if own_kinematics(robot.model) is None else OWN_POSE_M,
+        pose_m=nominal_error_m(robot.model) if own_kinematics(robot.model) is None else OWN_POSE_M,
         expected_payload_g=lambda: round(holding.carried_kg * Unit.GRAM.per_si),
     )
 

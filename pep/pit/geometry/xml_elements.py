@@ -23,6 +23,7 @@ DEPTH: Final = 16  # ours: robot, link, collision, geometry, shape are five
 ELEMENTS: Final = 20_000  # ours
 LARGEST: Final = 1e6  # ours: no length, angle, mass, torque or inertia of an arm is larger, in SI units
 NUMBER: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+MACROS: Final = "xacro"  # prefix of macros: what they would make is not in the file
 SHOWN: Final = 64  # characters of a refused text that a message repeats
 NAME: Final = re.compile(r"[A-Za-z_][A-Za-z0-9_.-]{0,63}")  # ours: names go into records and tables
 
@@ -103,6 +104,40 @@ def members(
             refuse(f"<{element.tag}>: <{child.tag[:SHOWN]}> is not read here")
     if element.text:
         refuse(f"<{element.tag}>: text")
+
+
+def without_vocabularies(element: Element, left_out: Collection[str]) -> Element:
+    """The element without declarations of namespaces, and without what belongs to those with these prefixes.
+
+    Declarations may stay behind from macros that were expanded; they point nowhere.
+    """
+    attributes = {}
+    for name, value in element.attributes.items():
+        if name.startswith("xmlns:") or _prefix(name) in left_out:
+            continue
+        if _prefix(name):
+            _foreign(element, name)
+        attributes[name] = value
+    children = [child for child in element.children if _prefix(child.tag) not in left_out]
+    for child in children:
+        if _prefix(child.tag):
+            _foreign(element, child.tag)
+    return Element(
+        element.tag, attributes, [without_vocabularies(child, left_out) for child in children], text=element.text
+    )
+
+
+def _prefix(name: str) -> str:
+    return name.partition(":")[0] if ":" in name else ""
+
+
+def _foreign(element: Element, name: str) -> NoReturn:
+    if _prefix(name) == MACROS:
+        refuse(f"<{element.tag[:SHOWN]}>: {name[:SHOWN]} is a macro; expand all of them, by `xacro X.xacro > X.urdf`")
+    refuse(
+        f"<{element.tag[:SHOWN]}>: {name[:SHOWN]} is of another namespace; if it says nothing of the arm's geometry, "
+        "name its prefix in the outfit's vocabularies_left_out"
+    )
 
 
 def only(element: Element, tag: str) -> Element | None:

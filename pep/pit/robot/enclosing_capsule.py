@@ -55,10 +55,10 @@ def capsule_around_points(points: Floats) -> tuple[Floats, Floats, float]:
     one, other = np.unravel_index(int(apart.argmax()), apart.shape)
     _, _, principal = np.linalg.svd(points - points.mean(axis=0))
     ways = [(points[other] - points[one]) / apart[one, other], *principal]
-    return min((_along(points, way) for way in ways), key=_volume_m3)
+    return min((capsule_along(points, way) for way in ways), key=volume_m3)
 
 
-def _along(points: Floats, way: Floats) -> tuple[Floats, Floats, float]:
+def capsule_along(points: Floats, way: Floats) -> tuple[Floats, Floats, float]:
     """The smallest capsule about these points in this direction, its axis through the middle of their ranges."""
     _, _, frame = np.linalg.svd(way[None])
     frame[0] = way
@@ -70,7 +70,8 @@ def _along(points: Floats, way: Floats) -> tuple[Floats, Floats, float]:
     return center - half * way, center + half * way, radius + ROUNDING_M
 
 
-def _volume_m3(capsule: tuple[Floats, Floats, float]) -> float:
+def volume_m3(capsule: tuple[Floats, Floats, float]) -> float:
+    """Volume of a capsule, cubic metre."""
     a, b, radius = capsule
     return math.pi * radius**2 * (float(np.linalg.norm(b - a)) + 4 / 3 * radius)
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, fields
+from importlib import resources
 from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 
 import numpy as np
 
 from pep.pit.base.errors import ModelError
-from pep.pit.base.strict import STRICT
+from pep.pit.base.strict import STRICT, FormError, read_table, read_toml
 
 if TYPE_CHECKING:
     from pydantic import ConfigDict
@@ -157,6 +158,39 @@ class Model:
     self_pairs: dict[str, tuple[str, ...]]
     tools: tuple[RobotTool, ...]
     derived_from: tuple[SourceFile, ...] = ()
+
+    @staticmethod
+    def from_toml(text: str) -> Model:
+        """Model that a file spells.
+
+        Raises:
+            ModelError: a file that is not strictly of the declared form, or whose geometry or dynamics cannot be.
+        """
+        try:
+            model = read_table(Model, read_toml(text))
+        except FormError as error:
+            raise ModelError("PHYSICS_FAULT", str(error)) from error
+        if model.derived_from:
+            raise ModelError("PHYSICS_FAULT", "a model file is derived from no other")
+        return validated(model)
+
+    @staticmethod
+    def shipped(name: str) -> Model:
+        """Model shipped under this name.
+
+        Raises:
+            ModelError: there is none.
+        """
+        if not name.isidentifier():
+            raise ModelError("PHYSICS_FAULT", "a model's name is an identifier")
+        folder = resources.files("pep.pit") / "robots"
+        source = folder / f"{name}.toml"
+        if not source.is_file():
+            known = ", ".join(
+                sorted(each.name.removesuffix(".toml") for each in folder.iterdir() if ".toml" in each.name)
+            )
+            raise ModelError("PHYSICS_FAULT", f"no model named {name}; shipped are {known}")
+        return Model.from_toml(source.read_text(encoding="utf-8"))
 
 
 def validated(model: Model) -> Model:

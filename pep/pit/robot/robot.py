@@ -10,16 +10,14 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from importlib import resources
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pinocchio
 
 from pep.pit.base.errors import ModelError
-from pep.pit.base.strict import FormError, read_table, read_toml
 from pep.pit.robot.calibration import calibrated
-from pep.pit.robot.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, RobotTool, Vector, read_back, validated
+from pep.pit.robot.model import JOINTS, PAYLOAD, TOOL_PAIR, LinkCapsule, Model, RobotTool, Vector, read_back
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -98,13 +96,7 @@ class Robot:
         Raises:
             ModelError: a file that is not strictly of the declared form, or whose geometry or dynamics cannot be.
         """
-        try:
-            model = read_table(Model, read_toml(text))
-        except FormError as error:
-            raise ModelError("PHYSICS_FAULT", str(error)) from error
-        if model.derived_from:
-            raise ModelError("PHYSICS_FAULT", "a model file is derived from no other")
-        return _assemble(validated(model), tool)
+        return _assemble(Model.from_toml(text), tool)
 
     @staticmethod
     def from_model(model: Model, *, tool: str) -> Robot:
@@ -185,12 +177,7 @@ def _fixed(numbers: Sequence[object]) -> NDArray[np.float64]:
 def _load(name: str, tool: str, calibration: Calibration | None) -> Robot:
     if calibration is not None:
         return _assemble(calibrated(_load(name, tool, None).model, calibration), tool)
-    if not name.isidentifier():
-        raise ModelError("PHYSICS_FAULT", "a model's name is an identifier")
-    source = resources.files("pep.pit") / "robots" / f"{name}.toml"
-    if not source.is_file():
-        raise ModelError("PHYSICS_FAULT", f"no model named {name}")
-    return Robot.from_toml(source.read_text(encoding="utf-8"), tool=tool)
+    return _assemble(Model.shipped(name), tool)
 
 
 @lru_cache(maxsize=64)  # the objects that one cell holds in a day; a robot takes a millisecond to build

@@ -2,12 +2,15 @@
 
 All capsules of links that are no neighbours are watched, those of the tool too. A person may name a pair that never
 meets, or one that always overlaps because both reach over a short link between them; random configurations must bear
-that out. A pair that never comes apart is refused unless it is named, for with it every motion would be one into
-itself.
+that out. Links with one link between them cannot meet where both joints between them turn all the way round, as the
+arm's file states: one of them would stop the joint. Capsules around them pretend that they do. A pair that never comes
+apart is refused unless it is named, for with it every motion would be one into itself.
 """
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -30,6 +33,7 @@ SAMPLES: Final = 4000  # ours: configurations, over the whole range of every joi
 NEVER_M: Final = (
     0.003  # ours: what pairs that never meet keep in each; ten times the samples found 0.4 mm less on the UR3e
 )
+TURN_RAD: Final = 2.5 * math.pi  # ours: all the way round and on; half a turn either way ends at a stop
 SEED: Final = 20230  # ours: the same answer on every start
 
 
@@ -60,6 +64,7 @@ def checked(robot: Robot, outfit: Outfit) -> Robot:
             does not, or one that always overlaps and is not named.
     """
     why = {(apart.inner, apart.outer): apart.why for apart in outfit.apart}
+    link = {capsule.name: capsule.link for capsule in robot.capsules}
     for pair, (nearest, farthest) in _gaps_m(robot).items():
         told = ", ".join(pair)
         match why.get(pair):
@@ -67,6 +72,8 @@ def checked(robot: Robot, outfit: Outfit) -> Robot:
                 raise ModelError("PHYSICS_FAULT", f"{told}: they come near each other")
             case "always" if not farthest < 0:
                 raise ModelError("PHYSICS_FAULT", f"{told}: they do not always overlap")
+            case "turns" if not _turns(robot, *(link[name] for name in pair)):
+                raise ModelError("PHYSICS_FAULT", f"{told}: no two joints between them that turn all the way round")
             case None if farthest < 0:
                 raise ModelError("PHYSICS_FAULT", f"{told}: they never come apart")
             case _:
@@ -74,10 +81,28 @@ def checked(robot: Robot, outfit: Outfit) -> Robot:
     return robot
 
 
-def proposed(robot: Robot) -> tuple[Apart, ...]:
+def spelled(outfit: Outfit, capsules: Sequence[LinkCapsule]) -> Outfit:
+    """The outfit with the capsules' names in place of those of links that have several."""
+    names = [capsule.name for capsule in capsules]
+
+    def of(name: str) -> list[str]:
+        return [name] if name in names else [each for each in names if each.rpartition(".")[0] == name] or [name]
+
+    apart = [Apart(i, o, each.why) for each in outfit.apart for i in of(each.inner) for o in of(each.outer)]
+    return replace(outfit, apart=tuple(apart))
+
+
+def _turns(robot: Robot, inner: int, outer: int) -> bool:
+    """True where two joints are between the links, and each turns through every angle and on."""
+    low, high = robot.position_ranges_rad
+    between = slice(inner, outer)
+    return outer - inner == NEIGHBOURS + 1 and bool((high[between] - low[between] >= TURN_RAD).all())
+
+
+def proposed(robot: Robot, *, samples: int = SAMPLES) -> tuple[Apart, ...]:
     """Pairs of this arm that sampling would leave out, for a person to look through."""
     found = []
-    for (inner, outer), (nearest, farthest) in _gaps_m(robot).items():
+    for (inner, outer), (nearest, farthest) in _gaps_m(robot, samples).items():
         if nearest >= NEVER_M:
             found.append(Apart(inner, outer, "never"))
         elif farthest < 0:
@@ -85,10 +110,10 @@ def proposed(robot: Robot) -> tuple[Apart, ...]:
     return tuple(found)
 
 
-def _gaps_m(robot: Robot) -> dict[tuple[str, str], tuple[float, float]]:
+def _gaps_m(robot: Robot, samples: int = SAMPLES) -> dict[tuple[str, str], tuple[float, float]]:
     """Least and largest gap over the samples of each pair of capsules of links that are no neighbours."""
     low, high = robot.position_ranges_rad
-    rotation, origin = link_frames(robot, np.random.default_rng(SEED).uniform(low, high, (SAMPLES, JOINTS)))
+    rotation, origin = link_frames(robot, np.random.default_rng(SEED).uniform(low, high, (samples, JOINTS)))
 
     def ends(capsule: LinkCapsule) -> list[Floats]:
         link = capsule.link

@@ -1,10 +1,11 @@
 """URDF, read strictly: links, joints and the shapes that enclose the links, and no other file.
 
 A misread file would move another robot than the real one, so every element that could change its geometry and is not
-read here is refused by name: meshes, unexpanded macros, quaternions, mimicked joints. No other file is opened, ever;
-meshes that are only pictures are skipped unread. The usual reader takes a file more lightly: it drops a `<capsule>`
-with a line on the standard error unless the file says that it is of version 1.1, and a robot without shapes is "all
-clear" everywhere.
+read here is refused by name: meshes, unexpanded macros, quaternions, mimicked joints. An outfit may name joints, such
+as a gripper's, that are left out with all that hangs on them. No other file is opened, ever; a mesh of a link's surface
+is named for who encloses it in capsules, those that are only pictures are skipped unread. The usual reader takes a file
+more lightly: it drops a `<capsule>` with a line on the standard error unless the file says that it is of version 1.1,
+and a robot without shapes is "all clear" everywhere.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from __future__ import annotations
 import hashlib
 import math
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Final, TypeAlias
 
 from pep.pit.base.errors import ModelError
@@ -27,16 +29,19 @@ from pep.pit.geometry.xml_elements import (
     refuse,
     tree,
     vector,
+    without_vocabularies,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from pep.pit.robot.model import Vector
+    from pep.pit.robot.outfit import Outfit
 
 VERSIONS: Final = ("1.0", "1.1", "1.2")  # A9: versions that urdfdom 6 reads; no version is 1.0
 CAPSULES_FROM: Final = "1.1"  # A9: before, its reader drops them
 AXIS_LENGTHS: Final = (1e-3, 1e3)  # ours: the format asks for 1; the direction of a much shorter one is noise
+LISTED: Final = 400  # characters of names that a message repeats
 UNREAD: Final = ("material", "transmission", "gazebo", "ros2_control")  # say nothing of kinematics or collisions
 
 
@@ -74,6 +79,14 @@ class UrdfBox:
     size_m: Vector
 
 
+@dataclass(frozen=True, slots=True)
+class UrdfMesh:
+    """A mesh in a file of its own, and metres per unit along its axes."""
+
+    file: str
+    scale: Vector
+
+
 Shape: TypeAlias = UrdfSphere | UrdfCylinder | UrdfBox
 
 
@@ -95,18 +108,23 @@ class Link:
     """One link: its shapes in its own frame, and its mass where the file states one."""
 
     name: str
-    shapes: tuple[tuple[Pose, Shape], ...]
+    shapes: tuple[tuple[Pose, Shape | UrdfMesh], ...]
     inertial: Inertial | None
 
 
 @dataclass(frozen=True, slots=True)
 class UrdfLimits:
-    """Limits of a revolute joint: rad, rad/s, Nm."""
+    """Limits of a turning joint: rad, rad/s, Nm.
+
+    Attributes:
+        stated: a person states the range.
+    """
 
     low_rad: float
     high_rad: float
     speed_rad_s: float
     torque_nm: float
+    stated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -136,8 +154,13 @@ class Description:
     sha256: str
 
 
-def described(text: str) -> Description:
+def described(text: str, outfit: Outfit | None = None, *, meshes: bool = False) -> Description:
     """The robot that a URDF spells.
+
+    Args:
+        text: of the file.
+        outfit: says what is left out, and the ranges that the file leaves open.
+        meshes: links may have meshes, which the caller encloses.
 
     Raises:
         ModelError: not XML, too large, a document type, or anything that this module does not read and that could
@@ -150,19 +173,58 @@ def described(text: str) -> Description:
     root = tree(content)
     if root.tag != "robot":
         refuse("a URDF that describes no robot")
-    # Names of vocabularies may stay behind from macros that were expanded; they point nowhere.
-    stated = {name: value for name, value in root.attributes.items() if not name.startswith("xmlns:")}
-    root = Element("robot", stated, root.children)
+    root = without_vocabularies(root, () if outfit is None else outfit.vocabularies_left_out)
+    if outfit is not None:
+        root = _without(root, outfit.left_out)
+    _none_follows(root)
     members(root, attributes={"name"}, optional={"version"}, children=("link", "joint", *UNREAD))
     version = root.attributes.get("version", VERSIONS[0])
     if version not in VERSIONS:
         refuse("a URDF of another version")
-    links = [_link(e, capsules=version >= CAPSULES_FROM) for e in root.children if e.tag == "link"]
-    joints = [_joint(e) for e in root.children if e.tag == "joint"]
+    read = partial(_link, capsules=version >= CAPSULES_FROM, meshes=meshes)
+    links = [read(e) for e in root.children if e.tag == "link"]
+    joints = [_joint(e, outfit) for e in root.children if e.tag == "joint"]
     by_name = {link.name: link for link in links}, {joint.name: joint for joint in joints}
     if (len(by_name[0]), len(by_name[1])) != (len(links), len(joints)):
         refuse("a URDF with a name twice")
     return Description(name_of(root), *by_name, hashlib.sha256(content).hexdigest())
+
+
+def _without(root: Element, left_out: Sequence[str]) -> Element:
+    """The file without these joints and all that hangs on them."""
+    joints = {e.attributes.get("name", ""): e for e in root.children if e.tag == "joint"}
+    ends = {name: tuple(_end(e, tag) for tag in ("parent", "child")) for name, e in joints.items()}
+    gone: set[str] = set()
+    links: set[str] = set()
+    for name in left_out:
+        if name not in joints:
+            refuse(f"left_out: {name[:SHOWN]} is no joint of the file; it has {', '.join(sorted(joints))[:LISTED]}")
+        gone.add(name)
+        links.add(ends[name][1])
+    while more := {name for name, (parent, _) in ends.items() if parent in links} - gone:
+        gone |= more
+        links |= {ends[name][1] for name in more}
+    kept = [
+        e
+        for e in root.children
+        if not (e.tag == "joint" and e.attributes.get("name") in gone)
+        and not (e.tag == "link" and e.attributes.get("name") in links)
+    ]
+    return Element(root.tag, root.attributes, kept)
+
+
+def _end(joint: Element, tag: str) -> str:
+    return needed(joint, tag).attributes.get("link", "")
+
+
+def _none_follows(root: Element) -> None:
+    """Refuses joints that mimic others, all by name."""
+    names = [e.attributes.get("name", "") for e in root.children if e.tag == "joint" and only(e, "mimic") is not None]
+    if names:
+        refuse(
+            f"{', '.join(names)[:LISTED]}: joints that mimic others; if they are a gripper's, name the joint at which "
+            "it begins in the outfit's left_out, and state it as a tool"
+        )
 
 
 def _pose(element: Element) -> Pose:
@@ -174,18 +236,18 @@ def _pose(element: Element) -> Pose:
     return Pose(xyz, rpy)
 
 
-def _link(element: Element, *, capsules: bool) -> Link:
+def _link(element: Element, *, capsules: bool, meshes: bool) -> Link:
     members(element, attributes={"name"}, children=("inertial", "visual", "collision"))
     name = name_of(element)
     shapes = []
     for collision in (child for child in element.children if child.tag == "collision"):
         members(collision, optional={"name"}, children=("origin", "geometry"))
-        shapes.append((_pose(collision), _shape(needed(collision, "geometry"), name, capsules=capsules)))
+        shapes.append((_pose(collision), _shape(needed(collision, "geometry"), name, capsules=capsules, meshes=meshes)))
     inertial = only(element, "inertial")
     return Link(name, tuple(shapes), None if inertial is None else _inertial(inertial))
 
 
-def _shape(geometry: Element, link: str, *, capsules: bool) -> Shape:
+def _shape(geometry: Element, link: str, *, capsules: bool, meshes: bool) -> Shape | UrdfMesh:
     members(geometry, children=("box", "sphere", "cylinder", "capsule", "mesh"))
     if len(geometry.children) != 1:
         refuse(f"{link}: exactly one shape in each <geometry>")
@@ -207,8 +269,13 @@ def _shape(geometry: Element, link: str, *, capsules: bool) -> Shape:
             members(shape, attributes={"radius", "length"})
             return UrdfCylinder(positive(shape, "radius"), positive(shape, "length"), rounded)
         case _:
-            what = f"{link}: a mesh; enclose it in capsules, cylinders, spheres or boxes"
-            raise ModelError("PHYSICS_FAULT", what)
+            if not meshes:
+                refuse(f"{link}: a mesh; enclose it in capsules with `ztpm robot fit`")
+            members(shape, attributes={"filename"}, optional={"scale"})
+            scale = vector(shape, "scale") if "scale" in shape.attributes else (1.0, 1.0, 1.0)
+            if not min(scale) > 0:
+                refuse(f"{link}: a mesh turned inside out by its scale")
+            return UrdfMesh(shape.attributes["filename"], scale)
 
 
 def _inertial(element: Element) -> Inertial:
@@ -223,12 +290,17 @@ def _inertial(element: Element) -> Inertial:
     return Inertial(_pose(element), mass_kg, (xx, xy, xz, yy, yz, zz))
 
 
-def _joint(element: Element) -> UrdfJoint:
+def _joint(element: Element, outfit: Outfit | None) -> UrdfJoint:
     read, unread = ("origin", "parent", "child", "axis", "limit"), ("dynamics", "calibration", "safety_controller")
     members(element, attributes={"name", "type"}, children=(*read, *unread))
     name, kind = name_of(element), element.attributes["type"]
-    if kind not in ("revolute", "fixed"):
-        refuse(f"{name}: a joint that is neither revolute, with limits, nor fixed")
+    if kind not in ("revolute", "continuous", "fixed"):
+        refuse(
+            f"{name}: a joint that neither turns nor is fixed; if it is a gripper's, name it in the outfit's left_out"
+        )
+    stated = None if outfit is None else outfit.range_of(name)
+    if kind == "continuous" and stated is None:
+        refuse(f"{name}: it turns without end; state its range in the outfit's ranges (joint, low_rad, high_rad)")
     ends = []
     for tag in ("parent", "child"):
         end = needed(element, tag)
@@ -239,11 +311,21 @@ def _joint(element: Element) -> UrdfJoint:
     if kind == "fixed":
         return UrdfJoint(name, parent, child, pose, axis, None)
     limit = needed(element, "limit")
-    members(limit, attributes={"lower", "upper", "velocity", "effort"})
-    low, high = number(limit, "lower"), number(limit, "upper")
-    return UrdfJoint(
-        name, parent, child, pose, axis, UrdfLimits(low, high, positive(limit, "velocity"), positive(limit, "effort"))
-    )
+    ends_of_range = {"lower", "upper"}
+    if kind == "continuous":  # the format says that a range there means nothing
+        members(limit, attributes={"velocity", "effort"}, optional=ends_of_range)
+    else:
+        members(limit, attributes={*ends_of_range, "velocity", "effort"})
+    speed, torque = positive(limit, "velocity"), positive(limit, "effort")
+    if stated is None:
+        limits = UrdfLimits(number(limit, "lower"), number(limit, "upper"), speed, torque)
+    else:
+        limits = UrdfLimits(stated.low_rad, stated.high_rad, speed, torque, stated=True)
+        if kind == "revolute" and not number(limit, "lower") <= limits.low_rad <= limits.high_rad <= number(
+            limit, "upper"
+        ):
+            refuse(f"{name}: the outfit's range is wider than the file's")
+    return UrdfJoint(name, parent, child, pose, axis, limits)
 
 
 def _axis(element: Element) -> Vector:

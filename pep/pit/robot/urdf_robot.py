@@ -19,18 +19,20 @@ from pep.pit.robot.enclosing_capsule import capsule_around
 from pep.pit.robot.frames import angles_of, frame_on, inverse, matrix_of, upright, vector_of
 from pep.pit.robot.model import JOINTS, SCHEMA, LinkCapsule, Model, RobotJoint, SourceFile, validated
 from pep.pit.robot.robot import Robot
-from pep.pit.robot.self_clearance import checked, watched
-from pep.pit.robot.urdf import described
+from pep.pit.robot.self_clearance import checked, spelled, watched
+from pep.pit.robot.urdf import UrdfMesh, described
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from pep.pit.base.motion import Floats
+    from pep.pit.robot.mesh_cover import Line
     from pep.pit.robot.outfit import Outfit
     from pep.pit.robot.urdf import Description, Inertial, Link, UrdfJoint, UrdfLimits
 
 CAPSULES: Final = 64  # ours: of the arm; the UR3e has 11
 TURN_LIMIT_RAD: Final = 4 * math.pi  # ours: two turns either way; a larger number is in degrees
+STATED_LIMIT_RAD: Final = 32 * math.pi  # ours: sixteen turns either way, where a person states them
 FLANGE_TOLERANCE_RAD: Final = 1e-5  # ours: angles written with six digits
 FLANGE_TOLERANCE_M: Final = 1e-5  # ours: with a tool of 0.3 m both together are 13 um at its end
 LEAST_MASS_KG: Final = 1e-3  # ours: a link of an arm that weighs less is in another unit
@@ -48,11 +50,21 @@ def robot_of(urdf: str, outfit: Outfit, *, tool: str) -> Robot:
     Raises:
         ModelError: anything that PHY-42 or PHY-43 refuses; the detail names it.
     """
-    return checked(Robot.from_model(model_of(described(urdf), outfit), tool=tool), outfit)
+    model = model_of(described(urdf, outfit), outfit)
+    return checked(Robot.from_model(model, tool=tool), spelled(outfit, model.capsules))
 
 
-def model_of(description: Description, outfit: Outfit) -> Model:
+Fitter: TypeAlias = "Callable[[str, UrdfMesh, Floats], Iterable[Line]]"
+"""Capsules around the mesh of a link, given the mesh's frame in which they are wanted, 4 x 4."""
+
+
+def model_of(description: Description, outfit: Outfit, fitter: Fitter | None = None) -> Model:
     """Model of the described arm, with all pairs but those that the outfit names.
+
+    Args:
+        description: of the arm.
+        outfit: the person's outfit of it.
+        fitter: encloses meshes; without it there are none.
 
     Raises:
         ModelError: as above, as far as no sampling is needed.
@@ -60,7 +72,7 @@ def model_of(description: Description, outfit: Outfit) -> Model:
     fixed, groups = _chain(description, outfit.base)
     frames = [np.eye(4), *(upright(np.array(group.joint.axis)) for group in groups[:-1])]
     frames.append(_flange(groups[-1], outfit.flange))
-    capsules = _capsules([fixed, *(group.links for group in groups)], frames)
+    capsules = _capsules([fixed, *(group.links for group in groups)], frames, fitter)
     joints = [
         _joint(group, inverse(before) @ group.stands @ frame, inverse(frame))
         for group, (before, frame) in zip(groups, pairwise(frames), strict=True)
@@ -73,7 +85,7 @@ def model_of(description: Description, outfit: Outfit) -> Model:
             acceleration_limit_rad_s2=outfit.acceleration_limit_rad_s2,
             joints=tuple(joints),
             capsules=tuple(capsules),
-            self_pairs=watched(capsules, outfit),
+            self_pairs=watched(capsules, spelled(outfit, capsules)),
             tools=outfit.tools,
             derived_from=(SourceFile("urdf", description.sha256),),
         )
@@ -167,26 +179,41 @@ def _flange(group: _Group, name: str) -> Floats:
     return frame_on(axis, frame[:3, 0], on_axis)
 
 
-def _capsules(groups: list[_Placed], frames: list[Floats]) -> list[LinkCapsule]:
+def _capsules(groups: list[_Placed], frames: list[Floats], fitter: Fitter | None) -> list[LinkCapsule]:
     """All shapes of all links as capsules, each in the frame of its group's link."""
     found = []
     for k, (placed, frame) in enumerate(zip(groups, frames, strict=True)):
         for link, at in placed:
             into = inverse(frame) @ at
-            for number, (pose, shape) in enumerate(link.shapes, start=1):
+            lines: list[Line] = []
+            for pose, shape in link.shapes:
+                if isinstance(shape, UrdfMesh):
+                    lines += _fitted(link.name, shape, into @ matrix_of(pose), fitter)
+                    continue
                 a, b, radius_m = capsule_around(pose, shape)
-                ends = [vector_of(into[:3, :3] @ end + into[:3, 3]) for end in (a, b)]
-                name = link.name if len(link.shapes) == 1 else f"{link.name}.{number}"
-                found.append(LinkCapsule(name, k, ends[0], ends[1], radius_m))
+                lines.append((*(into[:3, :3] @ end + into[:3, 3] for end in (a, b)), radius_m))  # type: ignore[arg-type]
+            for number, (a, b, radius_m) in enumerate(lines, start=1):
+                name = link.name if len(lines) == 1 else f"{link.name}.{number}"
+                found.append(LinkCapsule(name, k, vector_of(a), vector_of(b), radius_m))
     if len(found) > CAPSULES:
         raise ModelError("PHYSICS_FAULT", f"more than {CAPSULES} shapes")
     return found
 
 
+def _fitted(link: str, mesh: UrdfMesh, frame: Floats, fitter: Fitter | None) -> Iterable[Line]:
+    if fitter is None:
+        raise ModelError("PHYSICS_FAULT", f"{link}: a mesh; enclose it in capsules with `ztpm robot fit`")
+    return fitter(link, mesh, frame)
+
+
 def _joint(group: _Group, stands: Floats, back: Floats) -> RobotJoint:
     limits = group.limits
-    if not max(-limits.low_rad, limits.high_rad) <= TURN_LIMIT_RAD:
-        raise ModelError("PHYSICS_FAULT", f"{group.joint.name}: position limits")
+    most = STATED_LIMIT_RAD if limits.stated else TURN_LIMIT_RAD
+    if not max(-limits.low_rad, limits.high_rad) <= most:
+        told = f"{group.joint.name}: position limits beyond {most / (2 * math.pi):.0f} turns"
+        raise ModelError(
+            "PHYSICS_FAULT", f"{told}; are they in degrees? Several turns are stated in the outfit's ranges"
+        )
     mass, com, tensor = _mass_of(group, back)
     return RobotJoint(
         name=group.joint.name,

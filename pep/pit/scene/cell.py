@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final, Literal
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 from pep.pit.base.errors import CellError
 from pep.pit.base.strict import STRICT, FormError, read_table, read_toml
+from pep.pit.robot.calibration import NOMINAL_ERROR_M
 from pep.pit.scene.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Thing, Vector, Workspace, Zone
 
 if TYPE_CHECKING:
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
 TRACKING_M: Final = 0.003  # PHY-11: distance of a moving arm from its command
 CALIBRATED_ERROR_M: Final = 0.002  # PHY-11: error of the arm's own kinematics at the tool
-NOMINAL_ERROR_M: Final = 0.0045  # CAL: error of nominal ones: 4.2 mm on the farthest of four UR3e, rounded up
 CALIBRATED_UNCERTAINTY_M: Final = CALIBRATED_ERROR_M + TRACKING_M
 NOMINAL_UNCERTAINTY_M: Final = NOMINAL_ERROR_M + TRACKING_M
 HIGHEST_PIN: Final = 17  # U12: 8 standard, 8 configurable and 2 tool outputs

@@ -6,7 +6,7 @@ import socket
 import time
 from typing import TYPE_CHECKING, Final
 
-from pep.base.errors import PepFault, RobotError
+from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.rtde.robot.listener import Listener
 
 if TYPE_CHECKING:
@@ -16,6 +16,8 @@ PORT: Final = 29999  # UR dashboard server
 TIMEOUT_S: Final = 2.0
 SAID_S: Final = 1.0
 """Age of a question beyond which its answer does not count."""
+SHOWN: Final = 32
+"""Characters of a strange answer that a message repeats."""
 PERIOD_S: Final = 0.3
 """Pause between two questions: an answer that is late by half a second is still in time."""
 
@@ -39,6 +41,45 @@ def stop_program(host: str) -> None:
         raise RobotError(PepFault.ROBOT_UNREACHABLE, type(error).__name__) from error
     if not answer.lower().startswith((b"stopped", b"failed to execute: stop")):
         raise RobotError(PepFault.ROBOT_UNREACHABLE, "another answer than to stop")
+
+
+SAID_OF: Final = {"ur3e": b"UR3", "ur5e": b"UR5", "ur10e": b"UR10", "ur16e": b"UR16"}
+"""Answers of the dashboard to `get robot model`, by the name of the model that is reckoned with."""
+
+
+def confirm_model(host: str, name: str) -> None:
+    """Checks that the controller's arm is of the model.
+
+    Args:
+        host: of the controller.
+        name: of the model.
+
+    Raises:
+        ConfigError: `CONFIG_INVALID`: the controller says that its arm is another one, or no controller says anything
+            of an arm of this name.
+        RobotError: `ROBOT_UNREACHABLE` when the dashboard does not answer.
+    """
+    wanted = SAID_OF.get(name)
+    if wanted is None:
+        known = ", ".join(SAID_OF)
+        raise ConfigError(
+            PepFault.CONFIG_INVALID, f"robot: no controller is known of an arm named {name}; there are {known}"
+        )
+    try:
+        with socket.create_connection((host, PORT), timeout=TIMEOUT_S) as link, link.makefile("rwb") as lines:
+            _line(lines)
+            lines.write(b"get robot model\n")
+            lines.flush()
+            said = _line(lines)
+    except OSError as error:
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, type(error).__name__) from error
+    if said != wanted:
+        told = said.decode("ascii", "replace")[:SHOWN]
+        raise ConfigError(
+            PepFault.CONFIG_INVALID,
+            f"robot: the controller says {told!r} of its arm, and {name} would be {wanted.decode()!r}; "
+            "set robot to the arm that is there",
+        )
 
 
 class RemoteControl:

@@ -46,8 +46,9 @@ def test_a_literal_without_a_source_is_seen():
     assert bare("limit = 0.25\nrow = table[7]\nreach = 1.3  # m, UR3e\n") == [(1, 0.25)]
 
 
-def test_every_number_of_the_model_has_a_source():
-    for line in (ROOM / "robots" / "ur3e.toml").read_text().splitlines():
+@pytest.mark.parametrize("model", sorted((ROOM / "robots").glob("*.toml")), ids=lambda file: file.stem)
+def test_every_number_of_a_model_has_a_source(model):
+    for line in model.read_text().splitlines():
         if (
             any(c.isdigit() for c in line.split("#")[0].split("=")[-1])
             and "=" in line
