@@ -31,7 +31,7 @@ imports:  ## who may import whom (one direction)
 	$(RUN) lint-imports
 
 test:
-	$(RUN) pytest -q -n 3 --dist loadgroup $(TESTS)
+	$(RUN) pytest -q -n 4 --dist loadgroup $(TESTS)
 
 docs:  ## regenerate the generated pages; a test fails while they differ
 	$(RUN) python -m docs.generate

@@ -130,7 +130,7 @@ httpcore2.default_ssl_context = trusted
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config, items):
-    """Tests in which real time passes run on two workers, with `--dist loadgroup`; a third has the rest.
+    """Tests in which real time passes run on two workers, with `--dist loadgroup`; the others have the rest.
 
     Those of single lines mostly wait, the others start whole cells: together they fit on two processors. Three at once
     changed what steps of the demo saw.
