@@ -77,6 +77,12 @@ def pytest_make_parametrize_id(config, val, argname):  # noqa: ARG001 - pytest's
     return None
 
 
+WAITING = (
+    "tests/pep", "tests/ursim/ports", "tests/ztpm/cli", "tests/e2e/conformance", "tests/e2e/test_tool_gateway.py",
+)  # fmt: skip
+"""Places of tests in real time that start no whole cell."""
+
+
 def in_real_time(item):
     """True where an arm moves, or a short limit runs, on the machine's own clock."""
     return any(item.get_closest_marker(name) is not None for name in ("e2e", "real_time"))
@@ -147,9 +153,7 @@ def pytest_collection_modifyitems(config, items):
         config.hook.pytest_deselected(items=later)
     for item in items:
         if in_real_time(item):
-            waits = any(
-                item.path.is_relative_to(config.rootpath / folder) for folder in ("tests/pep", "tests/ursim/ports")
-            )
+            waits = any(item.path.is_relative_to(config.rootpath / place) for place in WAITING)
             item.add_marker(pytest.mark.xdist_group("lines" if waits else "cells"))
             if config.pluginmanager.hasplugin("rerunfailures"):  # not with `-p no:rerunfailures`
                 item.add_marker(pytest.mark.flaky(reruns=1))

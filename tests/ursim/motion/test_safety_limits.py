@@ -11,6 +11,7 @@ from tests.ursim.cell import HOME, TICK_S, Bench
 from ursim.motion.arm import Arm
 from ursim.motion.robot import RobotMode, RuntimeState, SafetyMode
 from ursim.motion.spatial import to_frame
+from ursim.ports.arm_kinds import KINDS
 from ursim.ports.primary_messages import state_message
 
 from ursim.motion import safety
@@ -178,10 +179,10 @@ def test_the_primary_interface_says_which_mode(reduced):
     bench = Bench(STRETCHED)
     bench.controller.reduced_mode(on=reduced)
     at = 8 + 2 + 16 + 2 + 16 + 16
-    assert tuple(part(state_message(bench.robot), 3)[at : at + 2]) == ((2, 1) if reduced else (1, 0))
+    assert tuple(part(state_message(bench.robot, KINDS["ur3e"]), 3)[at : at + 2]) == ((2, 1) if reduced else (1, 0))
     bench.load(f"def t():\n{LONG_TOOL}speedj([2.5, 0, 0, 0, 0, 0], a=8)\nsleep(5)\nend\n")
     bench.until(lambda: bench.robot.mode is RobotMode.POWER_OFF)
-    assert part(state_message(bench.robot), 3)[at] == 8
+    assert part(state_message(bench.robot, KINDS["ur3e"]), 3)[at] == 8
 
 
 def test_reduced_mode_leaves_time_to_slow_down_and_comes_through_every_stop():

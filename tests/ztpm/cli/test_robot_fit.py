@@ -65,6 +65,7 @@ def made(folder):
 
 
 def test_a_model_its_picture_and_its_excess(fit, folder, run):
+    pytest.importorskip("matplotlib")
     ended = fit("--picture", folder / "arm.png", "--json")
     assert ended.status == 0, ended.err
     told = json.loads(ended.out)
