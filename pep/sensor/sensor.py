@@ -133,6 +133,7 @@ class Sensor:
             SensorError: with the reason, the place and the next step.
         """
         with self._lock:
+            lines = self._open()  # before the time is taken: a first connection may be waited for
             now_s = time.time()
             at_s = now_s if captured_s is None else number(captured_s, "captured_s")
             self._in_time(at_s, now_s)
@@ -151,7 +152,7 @@ class Sensor:
                     "Mend the member that is named; docs/sensors.md has them.",
                 ) from error
             self._people, self._captured_s = followed, at_s
-            gateways = self._open().send(text.encode() + b"\n")
+            gateways = lines.send(text.encode() + b"\n")
             self._sent_s.append(time.monotonic())
         return SentFrame(
             sequence=self._writer.sequence,

@@ -122,6 +122,9 @@ def test_without_a_gateway_nothing_is_sent_and_it_is_connected_to_when_it_comes(
             pass
         async with made(place) as sensor:
             assert sensor.see().gateways == 0
+            late = made(place)
+            assert (await asyncio.to_thread(late.see)).age_ms < 1000, "the wait for a connection is no age"
+            await asyncio.to_thread(late.close)
             point = Hearing()
             await point.receiver.listen(*place.rpartition(":")[::2])
             async with asyncio.timeout(10):
