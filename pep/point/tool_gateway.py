@@ -66,7 +66,9 @@ class ToolGateway(GuardedServer):
     def __init__(self, config: ToolGatewayConfig, *, ready: Callable[[ToolGateway], None] = lambda _: None) -> None:
         self._ready = ready
         self._upstreams = {each.name: ToolUpstream(each, partial(self._state, each.name)) for each in config.upstreams}
-        self._relay = UpstreamRelay(tuple(self._upstreams.values()), Lock.read(config.lock), admitted=self._admit)
+        self._relay = UpstreamRelay(
+            tuple(self._upstreams.values()), Lock.read(config.lock), admitted=self._admit, approved=self._is_approved
+        )
         self._digests: dict[str, str] = {}
         self._faults: dict[str, str] = {}
         super().__init__(self._relay.server, config)
@@ -112,6 +114,10 @@ class ToolGateway(GuardedServer):
         waiting = dict.fromkeys(self._configured, "its server has no such tool, or is not there")
         known = {name: self._registered_fault(name) for name in self._digests}
         return {name: fault for name, fault in {**waiting, **known, **self._faults}.items() if fault}
+
+    def _is_approved(self, tool: ServedTool) -> bool:
+        registered = self.follower.tool(tool.name)
+        return registered is not None and registered.definition_digest == definition_digest(tool)
 
     def _registered_fault(self, name: str) -> str:
         try:

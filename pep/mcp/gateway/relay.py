@@ -86,17 +86,24 @@ class UpstreamRelay:
         upstreams: the servers.
         lock: reviewed definitions; None where the servers guard themselves, and all they say goes on.
         admitted: whether a tool, as it is now, may be listed and called.
+        approved: whether it is as it was approved; by any other's schema no header is checked.
 
     Attributes:
         server: the SDK's server in front of them.
     """
 
     def __init__(
-        self, upstreams: Sequence[ToolUpstream], lock: Lock | None, *, admitted: Callable[[Tool], bool]
+        self,
+        upstreams: Sequence[ToolUpstream],
+        lock: Lock | None,
+        *,
+        admitted: Callable[[Tool], bool],
+        approved: Callable[[Tool], bool] = lambda _: True,
     ) -> None:
         self._upstreams = upstreams
         self._lock = lock
         self._admitted = admitted
+        self._approved = approved
         self._listed: dict[str, list[Tool]] = {}
         self.server: Server[Any] = _TellingServer(
             SERVER,
@@ -172,7 +179,7 @@ class UpstreamRelay:
 
     def _schema(self, name: str) -> Mapping[str, Any] | None:
         """Schema of a tool's arguments, as its server listed it last."""
-        return next((each.input_schema for each in self.listed(name)), None)
+        return next((each.input_schema for each in self.listed(name) if self._approved(each)), None)
 
     def listed(self, name: str) -> list[Tool]:
         """Definitions of the tools of that name, as a server that is connected listed them last."""

@@ -55,7 +55,7 @@ if TYPE_CHECKING:
 
 TOP = Path(__file__).parents[4]
 TOOL = "open_valve"
-LEAST = 400
+LEAST = 300
 """Trials of the whole campaign, at least; their number is that of the await points."""
 DEFINITION = {
     "name": TOOL,
