@@ -112,16 +112,15 @@ class ToolGateway(GuardedServer):
     def faults(self) -> dict[str, str]:
         """Reasons why mapped tools cannot be called, by the tool's name, as of the latest look."""
         waiting = dict.fromkeys(self._configured, "its server has no such tool, or is not there")
-        known = {name: self._registered_fault(name) for name in self._digests}
+        known = {name: self._registered_fault(name, digest) for name, digest in self._digests.items()}
         return {name: fault for name, fault in {**waiting, **known, **self._faults}.items() if fault}
 
     def _is_approved(self, tool: ServedTool) -> bool:
-        registered = self.follower.tool(tool.name)
-        return registered is not None and registered.definition_digest == definition_digest(tool)
+        return not self._registered_fault(tool.name, definition_digest(tool))
 
-    def _registered_fault(self, name: str) -> str:
+    def _registered_fault(self, name: str, digest: str) -> str:
         try:
-            self.check_registered(name, self._digests[name])
+            self.check_registered(name, digest)
         except DeclarationError as error:
             return str(error.code)
         return ""

@@ -84,9 +84,9 @@ class Front(Plant):
         self.slow = subprocess.Popen(command, cwd=TOP, env=self.environment)
         assert self.answers(f"http://127.0.0.1:{self.slow_port}/mcp", self.slow) in {400, 405, 406}
 
-    def write(self):
+    def configure(self, servers):
+        """Writes the configuration of a gateway before these servers, in TOML, and registers it."""
         key = self.write_secrets()
-        (self.folder / "notes.toml").write_text(MAPPING)
         self.config.write_text(f"""
             audience = "{self.audience}"
             pep_id = "gateway"
@@ -94,6 +94,17 @@ class Front(Plant):
             trust_file = "trust.json"
             pep_key_file = "pep.key"
             folder = "state"
+            {servers}
+        """)
+        with self.provider.operator() as alice:
+            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
+        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
+        self.person.chmod(0o600)
+        self.rows = ToolGatewayConfig.read(self.config).rows()
+
+    def write(self):
+        (self.folder / "notes.toml").write_text(MAPPING)
+        self.configure(f"""
             [upstream.notes]
             command = [{json.dumps(sys.executable)}, "-m", "tests.e2e.foreign_server", "notes"]
             folder = {json.dumps(str(TOP))}
@@ -120,11 +131,6 @@ class Front(Plant):
             object = "slow"
             base_tier = 1
         """)
-        with self.provider.operator() as alice:
-            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
-        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
-        self.person.chmod(0o600)
-        self.rows = ToolGatewayConfig.read(self.config).rows()
 
     def pinned(self, timeout_s=DEADLINE_S):
         """Lines for the person, once the tools are registered and the lock file is written."""

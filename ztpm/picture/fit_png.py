@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from ztpm.picture.png import INK, PAPER, SOFT, NoMatplotlibError
+from ztpm.picture.png import INK, PAPER, SOFT, plots_in_space
 from ztpm.picture.surface import capsule, normals_of
 
 if TYPE_CHECKING:
@@ -35,13 +35,7 @@ def draw_fit(found: RobotFit, file: Path) -> None:
         NoMatplotlibError: without matplotlib.
         OSError: the file cannot be written.
     """
-    try:
-        matplotlib: Any = importlib.import_module("matplotlib")
-        matplotlib.use("Agg")
-        plots: Any = importlib.import_module("matplotlib.pyplot")
-        importlib.import_module("mpl_toolkits.mplot3d")
-    except ImportError as error:
-        raise NoMatplotlibError("a PNG needs matplotlib: pip install 'ztpm[viz]'") from error
+    plots = plots_in_space()
     rows = max(1, math.ceil(len(found.meshes) / COLUMNS))
     figure = plots.figure(figsize=(COLUMNS * CELL_INCH, rows * CELL_INCH), facecolor=PAPER)
     for number, mesh in enumerate(found.meshes, start=1):

@@ -48,6 +48,22 @@ class View:
         return np.array([math.cos(e) * math.cos(a), math.cos(e) * math.sin(a), math.sin(e)])
 
 
+def plots_in_space() -> Any:
+    """Plots of matplotlib into files, in three dimensions.
+
+    Raises:
+        NoMatplotlibError: without matplotlib.
+    """
+    try:
+        matplotlib: Any = importlib.import_module("matplotlib")
+        matplotlib.use("Agg")
+        plots = importlib.import_module("matplotlib.pyplot")
+        importlib.import_module("mpl_toolkits.mplot3d")
+    except ImportError as error:
+        raise NoMatplotlibError("a PNG needs matplotlib: pip install 'ztpm[viz]'") from error
+    return plots
+
+
 def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
     """Draws the picture and writes it to `file`.
 
@@ -55,13 +71,7 @@ def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
         NoMatplotlibError: without matplotlib.
         OSError: the file cannot be written.
     """
-    try:
-        matplotlib: Any = importlib.import_module("matplotlib")
-        matplotlib.use("Agg")
-        plots: Any = importlib.import_module("matplotlib.pyplot")
-        importlib.import_module("mpl_toolkits.mplot3d")
-    except ImportError as error:
-        raise NoMatplotlibError("a PNG needs matplotlib: pip install 'ztpm[viz]'") from error
+    plots = plots_in_space()
     figure = plots.figure(figsize=SIZE_INCH, facecolor=PAPER)
     bodies = list(bodies_of(shown))
     level = level_azimuth(shown)

@@ -6,13 +6,11 @@ import json
 import subprocess
 import sys
 
-from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.conformance.everything import SCHEMAS
 from tests.e2e.test_any_tool import TOP
 from tests.e2e.test_tool_gateway import Front
-from tests.ztpm_idp.test_process import PASSPHRASE, free_port
+from tests.ztpm_idp.test_process import free_port
 
-from capabilities.keys import keys
 from pep import grant
 
 DESK_TOOLS = ("test_sampling", "test_touch_resource", "test_trigger_tool_change")
@@ -44,14 +42,7 @@ class Everything(Front):
         assert self.answers(self.bare, self.slow) in {400, 405, 406}
 
     def write(self):
-        key = self.write_secrets()
-        self.config.write_text(f"""
-            audience = "{self.audience}"
-            pep_id = "gateway"
-            issuer = "{self.provider.issuer}"
-            trust_file = "trust.json"
-            pep_key_file = "pep.key"
-            folder = "state"
+        self.configure(f"""
             [upstream.all]
             url = "{self.bare}"
             resources = true
@@ -65,11 +56,6 @@ class Everything(Front):
             {"".join(declared("all", name) for name in SCHEMAS)}
             {"".join(declared("desk", name) for name in DESK_TOOLS)}
         """)
-        with self.provider.operator() as alice:
-            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
-        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
-        self.person.chmod(0o600)
-        self.rows = ToolGatewayConfig.read(self.config).rows()
 
     def holder(self, name):
         """An agent, and a token of its own for every tool."""

@@ -7,30 +7,26 @@ connection of this program's: before and after each call, and for a second after
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import sys
-import tempfile
 import time
 from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values.scope import Budget, Range, Tier, Words
 from rtde_receive import RTDEReceiveInterface
 from tests.e2e.public.site import (
-    DONE, INSTALLED, LIMITED, Package, Site, approved_once, expect, judged, report, text_of,
+    DONE, LIMITED, Package, Site, approved_once, expect, judged, run, text_of,
 )  # fmt: skip
 from tests.e2e.test_tool_gateway import in_time
-from tests.progress import telling
 from ursim.ports.launch import SimulatedController
 
 from pep import grant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from pathlib import Path
 
 START = (0.0, -1.5708, 1.5708, -1.5708, -1.5708, 0.0)
 REACH_URAD = 300_000
@@ -192,30 +188,19 @@ async def tried(site: Site, server: ArmServer) -> list[str]:
     return ["moved when permitted", "stood when refused", "moved once when approved"]
 
 
+@contextlib.contextmanager
+def world_in(folder: Path, _: object) -> Iterator[World]:
+    """The controllers, as long as the block."""
+    world = World(folder)
+    with world.stack:
+        yield world
+
+
 def main() -> int:
     """Runs it; the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("names", nargs="*", help="servers (default: both)")
-    parser.add_argument("--folder", type=Path, default=INSTALLED, help="where they are installed, and found again")
-    stated = parser.parse_args()
-    chosen = [each for each in SERVERS if not stated.names or each.name in stated.names]
-    stage = [""]
-    with tempfile.TemporaryDirectory() as folder, telling(lambda: stage[0]):
-        programs = {}
-        for each in chosen:
-            stage[0] = f"installing {each.package}"
-            programs[each] = each.install(stated.folder.resolve())
-        stage[0] = "the servers are reviewed, begun and tried"
-        world = World(Path(folder) / "world")
-        site = Site(Path(folder) / "site", world, programs)
-        with world.stack:
-            try:
-                site.open()
-                wrong = report(chosen, partial(tried, site))
-            finally:
-                site.end()
-    sys.stdout.write(f"{len(chosen) - wrong} of {len(chosen)} servers move the arm by the token, and never beyond it\n")
-    return 1 if wrong or not chosen else 0
+    count, wrong = run(SERVERS, __doc__, tried, world_in)
+    sys.stdout.write(f"{count - wrong} of {count} servers move the arm by the token, and never beyond it\n")
+    return 1 if wrong or not count else 0
 
 
 if __name__ == "__main__":

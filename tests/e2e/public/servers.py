@@ -10,7 +10,6 @@ it can be, off the world: files, a repository, a database, requests at a web ser
 
 from __future__ import annotations
 
-import argparse
 import asyncio
 import contextlib
 import json
@@ -18,28 +17,25 @@ import re
 import sqlite3
 import subprocess
 import sys
-import tempfile
 import threading
 import time
 import zipfile
 from dataclasses import dataclass
-from functools import partial
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capabilities.values.scope import Each, Range, Stems, Tier, Words
 from tests.e2e.public.site import (
-    DEADLINE_S, DONE, INSTALLED, LIMITED, START_S, Package, Site, Wrong, approved_once, expect, judged, report, text_of,
+    DEADLINE_S, DONE, LIMITED, START_S, Package, Site, Wrong, approved_once, expect, judged, run, text_of,
 )  # fmt: skip
 from tests.e2e.test_any_tool import TOP, told
 from tests.e2e.test_tool_gateway import in_time
-from tests.progress import telling
 
 from pep import grant
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterator, Mapping
 
 
 def under(folder: Path) -> Stems:
@@ -295,34 +291,25 @@ async def tried(site: Site, server: PublicServer) -> list[str]:
     return ["permitted", f"refused by {server.parameter}", "deferred", "approved once"]
 
 
+@contextlib.contextmanager
+def world_in(folder: Path, programs: Mapping[PublicServer, Path]) -> Iterator[World]:
+    """All that the servers act on, as long as the block."""
+    world = World(folder)
+    for each, program in programs.items():
+        if each.prepare is not None:
+            each.prepare(world, program.with_name("python"))
+    try:
+        yield world
+    finally:
+        world.web.end()
+
+
 def main() -> int:
     """Runs it; the exit status."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("names", nargs="*", help="servers (default: all ten)")
-    parser.add_argument("--folder", type=Path, default=INSTALLED, help="where they are installed, and found again")
-    stated = parser.parse_args()
-    chosen = [each for each in SERVERS if not stated.names or each.name in stated.names]
-    stage = [""]
-    with tempfile.TemporaryDirectory() as folder, telling(lambda: stage[0]):
-        programs = {}
-        for each in chosen:
-            stage[0] = f"installing {each.package}"
-            programs[each] = each.install(stated.folder.resolve())
-        stage[0] = "the servers are reviewed, begun and tried"
-        world = World(Path(folder) / "world")
-        for each, program in programs.items():
-            if each.prepare is not None:
-                each.prepare(world, program.with_name("python"))
-        site = Site(Path(folder) / "site", world, programs)
-        try:
-            site.open()
-            wrong = report(chosen, partial(tried, site))
-        finally:
-            site.end()
-            world.web.end()
-    whole = f"{len(chosen) - wrong} of {len(chosen)} public servers behind the gateway"
+    count, wrong = run(SERVERS, __doc__, tried, world_in)
+    whole = f"{count - wrong} of {count} public servers behind the gateway"
     sys.stdout.write(f"{whole}: permitted, refused by limit, deferred and approved once each\n")
-    return 1 if wrong or not chosen else 0
+    return 1 if wrong or not count else 0
 
 
 if __name__ == "__main__":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import asyncio
 import json
 import re
@@ -9,9 +10,11 @@ import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 import tomllib
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,14 +22,15 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 from tests.e2e.test_any_tool import TOP, approve, told
 from tests.e2e.test_tool_gateway import Front, in_time
+from tests.progress import telling
 from tests.ztpm_idp.test_process import PASSPHRASE
 from ztpm.base.layout import Layout
-from pep.point.tool_gateway_config import ToolGatewayConfig
 
 from capabilities.keys import keys
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping, Sequence
+    from contextlib import AbstractContextManager
 
 INSTALLED = TOP / ".public-servers"
 """Place where the servers are installed, and found again."""
@@ -116,11 +120,7 @@ class Site(Front):
         return super().environment | self.own
 
     def write(self) -> None:
-        key = self.write_secrets()
-        lines = [
-            f'audience = "{self.audience}"', 'pep_id = "gateway"', f'issuer = "{self.provider.issuer}"',
-            'trust_file = "trust.json"', 'pep_key_file = "pep.key"', 'folder = "state"',
-        ]  # fmt: skip
+        lines = []
         for each, program in self.programs.items():
             lines += [
                 f"[upstream.{each.name}]",
@@ -129,12 +129,7 @@ class Site(Front):
                 f"mapping = {json.dumps(str(MAPPINGS / f'{each.name}.toml'))}",
                 f"environment = {json.dumps(sorted(each.environment(self.world)))}",
             ]
-        self.config.write_text("\n".join(lines) + "\n")
-        with self.provider.operator() as alice:
-            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
-        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
-        self.person.chmod(0o600)
-        self.rows = ToolGatewayConfig.read(self.config).rows()
+        self.configure("\n".join(lines))
 
     def open(self) -> None:
         """Has the servers reviewed by a person, and serves them."""
@@ -204,7 +199,7 @@ async def approved_once(
     answer = await in_time(client, *call)
     expect("deferred", judged(answer), ASKED)
     expect("state while people are asked", state(), before)
-    await asyncio.to_thread(approve, site, answer.structured_content["approval_id"])
+    await asyncio.to_thread(approve, site, told(answer)["approval_id"])
     until = time.monotonic() + DEADLINE_S
     while judged(answer := await in_time(client, *call)) != DONE:
         if time.monotonic() > until:
@@ -219,6 +214,44 @@ async def approved_once(
 
 def text_of(answer: Any) -> str:
     return "\n".join(getattr(each, "text", "") for each in answer.content)
+
+
+def run(
+    servers: Sequence[Package],
+    about: str,
+    tried: Callable[[Site, Any], Any],
+    world_in: Callable[[Path, Mapping[Any, Path]], AbstractContextManager[Any]],
+) -> tuple[int, int]:
+    """Installs the servers that the command line names, and tries them behind one gateway.
+
+    Args:
+        servers: that there are.
+        about: description of the command.
+        tried: tries one of them at the site.
+        world_in: makes all that the servers act on in a folder, given their programs; it ends with the block.
+
+    Returns:
+        The numbers of servers that were tried and with which something is wrong.
+    """
+    parser = argparse.ArgumentParser(description=about.partition("\n")[0])
+    parser.add_argument("names", nargs="*", help="servers (default: all)")
+    parser.add_argument("--folder", type=Path, default=INSTALLED, help="where they are installed, and found again")
+    stated = parser.parse_args()
+    chosen = [each for each in servers if not stated.names or each.name in stated.names]
+    stage = [""]
+    with tempfile.TemporaryDirectory() as folder, telling(lambda: stage[0]):
+        programs = {}
+        for each in chosen:
+            stage[0] = f"installing {each.package}"
+            programs[each] = each.install(stated.folder.resolve())
+        stage[0] = "the servers are reviewed, begun and tried"
+        with world_in(Path(folder) / "world", programs) as world:
+            site = Site(Path(folder) / "site", world, programs)
+            try:
+                site.open()
+                return len(chosen), report(chosen, partial(tried, site))
+            finally:
+                site.end()
 
 
 def report(chosen: Iterable[Package], tried: Callable[[Any], Any]) -> int:

@@ -9,14 +9,11 @@ import time
 
 import httpx2
 from capabilities.values.scope import Tier
-from pep.point.tool_gateway_config import ToolGatewayConfig
 from tests.e2e.test_any_tool import DEADLINE_S, TOP
 from tests.e2e.test_tool_gateway import Front
 from tests.pep.mcp.campaign.evidence_changes import ENVELOPE, told_in
 from tests.pep.mcp.campaign.raw_upstream import CALLS, SAYS
-from tests.ztpm_idp.test_process import PASSPHRASE
 
-from capabilities.keys import keys
 from capabilities.proof.proof import prove
 from pep import grant
 
@@ -107,16 +104,9 @@ class Stand(Front):
         return self
 
     def write(self):
-        key = self.write_secrets()
         (self.folder / "act.toml").write_text(MAPPING)
         command = [sys.executable, "-m", "tests.pep.mcp.campaign.raw_upstream"]
-        self.config.write_text(f"""
-            audience = "{self.audience}"
-            pep_id = "gateway"
-            issuer = "{self.provider.issuer}"
-            trust_file = "trust.json"
-            pep_key_file = "pep.key"
-            folder = "state"
+        self.configure(f"""
             [upstream.raw]
             command = {json.dumps([*command, str(self.raw)])}
             folder = {json.dumps(str(TOP))}
@@ -131,11 +121,6 @@ class Stand(Front):
             prefix = "twin_"
             timeout_s = 5
         """)
-        with self.provider.operator() as alice:
-            alice.register_pep("gateway", keys.public_raw(key), [self.audience])
-        self.person.write_bytes(keys.to_pem(self.provider.private["alice"], PASSPHRASE.encode()))
-        self.person.chmod(0o600)
-        self.rows = ToolGatewayConfig.read(self.config).rows()
 
     def says(self, listed=None, *, folder=None, done=None, **more):
         """The server behind says this from now on.
