@@ -46,6 +46,8 @@ def pytest_configure(config):
     A worker has a session of its own: the system gives each session an equal share of the processor, and regards the
     scheduling of a thread only within its session.
     """
+    if config.pluginmanager.hasplugin("rerunfailures"):
+        config.option.rerun_show_tracebacks = True  # the first failure says more than the second
     if config.getoption("campaign"):
         settings.load_profile("campaign")
     if config.getoption("postgres"):

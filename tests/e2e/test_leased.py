@@ -212,14 +212,14 @@ class Lending:
 
     def __init__(self, house):
         self.alice, stage = house.stage.person("alice"), house.stage
-        self.foreman, self.turner = (
-            stage.new_agent(name, sponsor="alice", role="mover") for name in ("foreman", "turner")
-        )
+        known = len(stage.agents)  # so that names are new in each test, and each try of one
+        names = [f"{name}-{known}" for name in ("foreman", "turner")]
+        self.foreman, self.turner = (stage.new_agent(name, sponsor="alice", role="mover") for name in names)
         for agent in (self.foreman, self.turner):
             agent.attest()
         audience = house.cell.addresses.audience
-        scope = sweep_scope(audience, delegates=frozenset({"turner"}), now=int(time.time()), lifetime_s=800)
-        self.mandate = self.alice.sign_mandate("foreman", scope, purpose="turn for longer than a token")
+        scope = sweep_scope(audience, delegates=frozenset(names[1:]), now=int(time.time()), lifetime_s=800)
+        self.mandate = self.alice.sign_mandate(names[0], scope, purpose="turn for longer than a token")
         self.drawn = []
 
     def draw(self):
@@ -250,12 +250,12 @@ def test_a_move_goes_on_across_a_renewal_and_a_narrower_scope_counts_from_then_o
 
     def worked():
         text = RTDE_HEAD + textwrap.dedent("""
-            there = [0.6 if q[0] < 0 else -0.6, *q[1:]]
+            there = [q[0] + (1.2 if q[0] < 0 else -1.2), *q[1:]]
             say("begins")
             say(control.moveJ(there, 0.4, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
-            back = [there[0] + (0.4 if there[0] < 0 else -0.4), *q[1:]]
+            back = [there[0] + (2.0 if there[0] < 0 else -2.0), *q[1:]]
             say("back")
-            say(control.moveJ(back, 0.4, 1.4))
+            say(control.moveJ(back, 0.4, 1.4))  # it lasts 5 s, and what stops it takes a part of one
             say(control.reuploadScript())  # a move is stopped by ending its script
             settled()
             say(control.moveJ(back, 0.4, 1.4))
