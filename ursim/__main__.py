@@ -17,6 +17,7 @@ import threading
 import time
 import traceback
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pep.base.stop_model import STOP_DECELERATION_RAD_S2
@@ -49,6 +50,7 @@ def main(arguments: list[str] | None = None) -> int:
         tcp_m=options.tcp,
         payload=(options.payload[0], options.payload[1:]),
         robot=options.robot,
+        programs=options.programs,
     )
     try:
         simulator = Simulator(settings, over.set)
@@ -102,6 +104,7 @@ def _parser() -> argparse.ArgumentParser:
         "--payload", type=_numbers(4), default=(0.0,) * 4, help="kg,x,y,z [m] of the installation's payload"
     )
     parser.add_argument("--robot", choices=sorted(KINDS), default="ur3e", help="arm of the controller")
+    parser.add_argument("--programs", type=Path, help="folder of saved programs: NAME.urp with NAME.script beside it")
     parser.add_argument("--words", action="store_true", help="say it in words instead of JSON")
     parser.add_argument("--gripper-object", type=float, default=None, help="width between the gripper's fingers [m]")
     parser.add_argument(

@@ -120,6 +120,8 @@ class Robot:
         self.gravity: Triple = (0.0, 0.0, GRAVITY_M_S2)
         self.digital_out = 0
         self.analog_domain = 3  # a bit for each analog output: 1 volts, 0 amperes
+        self.input_domain = 0  # of the analog inputs, likewise
+        self.tool_input_domain = 0
         self._analog_level = [0.0, 0.0]  # of full scale
         self.slowed_for = Cause.NOT_SLOWED
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
@@ -261,7 +263,8 @@ class Robot:
             "actual_configurable_digital_output_bits": lambda: self.digital_out >> 8 & 0xFF,
             "standard_analog_output0": lambda: self.analog_out(0),
             "standard_analog_output1": lambda: self.analog_out(1),
-            "analog_io_types": lambda: self.analog_domain << 2,
+            "analog_io_types": lambda: self.analog_domain << 2 | self.input_domain,
+            "tool_analog_input_types": lambda: self.tool_input_domain,
             "actual_main_voltage": lambda: MAIN_VOLTAGE_V,
             "actual_robot_voltage": lambda: MAIN_VOLTAGE_V,
             "actual_joint_voltage": lambda: (MAIN_VOLTAGE_V,) * AXES,

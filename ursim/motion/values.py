@@ -197,3 +197,10 @@ def norm(value: Value) -> float:
     if isinstance(value, list):
         return math.hypot(*value)
     return abs(number(value, "norm"))
+
+
+def as_text(value: Value) -> str:
+    """The text of a value, as the controller writes it to its log."""
+    if isinstance(value, list):
+        return ("p" if type(value) is Pose else "") + "[" + ", ".join(map(as_text, value)) + "]"
+    return str(value)

@@ -71,6 +71,7 @@ class Controller:
         self.on_exception: Callable[[int, str], object] = _unheard
         self.on_operational_mode: Callable[[OperationalMode], object] = _unheard
         self.program_name = ""
+        self.loaded: Compiled | None = None  # what `play` begins where no program waits
         self.remote = True
         self._limits = SafetyLimits(robot)
         self._reduced = False
@@ -208,8 +209,10 @@ class Controller:
         return True
 
     def play(self) -> bool:
-        """A paused program goes on; whether there was one and it may."""
+        """A paused program goes on, or the loaded one begins; whether there was one and it may."""
         robot = self.robot
+        if robot.runtime is RuntimeState.STOPPED and self.loaded is not None:
+            return self.load(self.loaded) is None
         if not self.obeys or robot.runtime is not RuntimeState.PAUSED or robot.safety not in UNSTOPPED:
             return False
         robot.drive.resume()

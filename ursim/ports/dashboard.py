@@ -3,12 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
+from pep.rtde.script.urscript import ScriptError
 from ursim.motion.robot import OperationalMode, RuntimeState
+from ursim.ports.script_ports import MAX_PROGRAM, compile_text
+from ursim.script.compiler import CompileError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from pep.rtde.wire.messages import ControlVersion
     from ursim.ports.arm_kinds import ArmKind
@@ -50,12 +55,21 @@ class Dashboard:
         version: the PolyScope version; commands younger than it are not understood.
         shutdown: called after the answer to `shutdown` has been sent.
         kind: of the arm.
+        programs: folder of saved programs, as PolyScope saves them: `NAME.urp`, with `NAME.script` beside it. What runs
+            is the script.
     """
 
     def __init__(
-        self, controller: Controller, version: ControlVersion, shutdown: Callable[[], None], kind: ArmKind
+        self,
+        controller: Controller,
+        version: ControlVersion,
+        shutdown: Callable[[], None],
+        kind: ArmKind,
+        programs: Path | None = None,
     ) -> None:
         self._controller = controller
+        self._programs = None if programs is None else programs.resolve()
+        self._loaded = ""
         self._version = version
         self._shutdown = shutdown
         self._kind = kind
@@ -105,9 +119,9 @@ class Dashboard:
             (0, "shutdown", self._turn_off),
             (0, "running", lambda: f"Program running: {_flag(self._runtime is RuntimeState.PLAYING)}"),
             (0, "robotmode", lambda: f"Robotmode: {self._controller.robot.mode.name}"),
-            (0, f"load {file}", self._remotely(_no_file)),
+            (0, f"load {file}", self._remotely(self._load)),
             (0, f"load installation {file}", self._remotely(_no_file)),
-            (0, "get loaded program", say("No program loaded")),
+            (0, "get loaded program", self._loaded_program),
             (0, r"popup (.{0,500})", lambda _text: "showing popup"),
             (0, "close popup", say("closing popup")),
             (0, r"addToLog (.{0,500})", lambda _text: "Added log message"),
@@ -172,6 +186,35 @@ class Dashboard:
 
     def _play(self) -> str:
         return "Starting program" if self._controller.ask(self._controller.play) else "Failed to execute: play"
+
+    def _load(self, name: str) -> str:
+        """Loads the script that was saved with a program; one that runs is stopped first."""
+        if self._programs is None or (path := self._saved_at(self._programs, name)) is None:
+            return f"File not found: {name}"
+        script = path.with_suffix(".script")
+        try:
+            if script.stat().st_size > MAX_PROGRAM:
+                return f"Error while loading program: {name}"
+            compiled = compile_text(script.read_text(encoding="utf-8"))
+        except (OSError, UnicodeDecodeError, ScriptError, CompileError):
+            return f"Error while loading program: {name}"
+
+        def take() -> None:
+            self._controller.stop()
+            self._controller.loaded, self._controller.program_name = replace(compiled, name=path.name), path.name
+
+        self._controller.ask(take)
+        self._loaded = f"/programs/{path.relative_to(self._programs)}"
+        return f"Loading program: {self._loaded}"
+
+    @staticmethod
+    def _saved_at(folder: Path, name: str) -> Path | None:
+        """Path of a saved program by its name, or by the path that a controller has it at; none outside the folder."""
+        path = (folder / name.removeprefix("/programs/")).resolve()
+        return path if path.is_relative_to(folder) and path.suffix == ".urp" and path.is_file() else None
+
+    def _loaded_program(self) -> str:
+        return f"Loaded program: {self._loaded}" if self._loaded else "No program loaded"
 
     def _pause(self) -> str:
         return "Pausing program" if self._controller.ask(self._controller.pause) else "Failed to execute: pause"

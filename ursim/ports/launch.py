@@ -14,6 +14,7 @@ from pep.base.stop_model import STOP_DECELERATION_RAD_S2
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
     from types import TracebackType
 
 START_DEADLINE_S: Final = 20.0  # a loaded host may take seconds to import; an idle one takes a third of one
@@ -50,6 +51,7 @@ class SimulatedController:
         tcp_m: Sequence[float] | None = None,
         payload: Sequence[float] | None = None,
         robot: str | None = None,
+        programs: Path | None = None,
     ) -> SimulatedController:
         """A controller that is ready to be connected to.
 
@@ -62,6 +64,7 @@ class SimulatedController:
             tcp_m: tool centre point of the installation, in the flange frame.
             payload: of the installation: kg, and its centre [m] in the flange frame.
             robot: name of the arm, for example "ur5e".
+            programs: folder of saved programs.
 
         Raises:
             LaunchError: it ended, or was not ready within `START_DEADLINE_S`.
@@ -69,6 +72,8 @@ class SimulatedController:
         options = [f"--stop-deceleration={stop_deceleration_rad_s2}", "--commands"]
         if joints is not None:
             options.append("--joints=" + ",".join(repr(float(angle)) for angle in joints))
+        if programs is not None:
+            options.append(f"--programs={programs}")
         if robot is not None:
             options.append(f"--robot={robot}")
         if version is not None:

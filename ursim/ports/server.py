@@ -24,6 +24,7 @@ from ursim.ports.sockets import Connection, Delivery, Port
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from ursim.motion.arm import Joints
     from ursim.motion.spatial import Triple
@@ -50,6 +51,7 @@ class Settings:
         tcp_m: tool centre point of the installation, in the flange frame, not turned against it.
         payload: of the installation: mass [kg], and its centre in the flange frame [m].
         robot: name of the simulated arm, one of `KINDS`.
+        programs: folder of saved programs that the dashboard server loads from.
     """
 
     host: str
@@ -60,6 +62,7 @@ class Settings:
     tcp_m: Triple = (0.0, 0.0, 0.0)
     payload: tuple[float, Triple] = (0.0, (0.0, 0.0, 0.0))
     robot: str = "ur3e"
+    programs: Path | None = None
 
 
 class Simulator:
@@ -91,7 +94,7 @@ class Simulator:
         robot.set_payload(*settings.payload)
         gripper = Gripper(object_width_m=settings.object_width_m)
         self.controller = controller = Controller(robot, gripper)
-        dashboard = Dashboard(controller, version, shutdown, kind)
+        dashboard = Dashboard(controller, version, shutdown, kind, settings.programs)
         scripts = ScriptServer(controller, version, kind)
         self.rtde = rtde = RtdeServer(controller, version)
         controller.listeners += [rtde.publish, scripts.publish, self._deliver]

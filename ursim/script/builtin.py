@@ -29,6 +29,16 @@ class Function:
     takes_time: bool
 
 
+def plain(call: Callable[..., Any]) -> Callable[..., Any]:
+    """A function of its arguments alone, in the form of a built-in's."""
+
+    def wrapped(run: object, *arguments: Any) -> Any:
+        del run
+        return call(*arguments)
+
+    return wrapped
+
+
 def row(name: str, parameters: str, call: Callable[..., Any]) -> Function:
     """A row from URScript's own signature; a parameter in brackets may be left out."""
     words = parameters.split()

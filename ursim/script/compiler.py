@@ -229,10 +229,10 @@ class _Writer:
                 raise AssertionError(statement)
             case t.KeywordStatement("halt"):
                 self.put(level, "R.halt()")
-            case t.KeywordStatement("enter_critical"):
-                self.put(level, "R.enter()")
-            case t.KeywordStatement("exit_critical"):
-                self.put(level, "R.leave()")
+            case t.KeywordStatement("enter_critical" | "exit_critical"):
+                # A thread gives way only where it takes time, and there it does inside a section, too (UR's script
+                # manual, Threads). So every stretch of a program without such a call is one section anyway.
+                self.put(level, "pass")
             case t.KeywordStatement(word):
                 self.put(level, word)
             case _:

@@ -26,6 +26,7 @@ from ursim.motion.values import (
     ScriptRuntimeError,
     Value,
     Vector,
+    as_text,
     interpolate_pose,
     logarithm,
     norm,
@@ -42,8 +43,8 @@ from ursim.motion.values import (
     six,
     three,
 )
-from ursim.script import io_functions, motion_functions
-from ursim.script.builtin import Function, row
+from ursim.script import io_functions, motion_functions, socket_functions, text_functions
+from ursim.script.builtin import Function, plain, row
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -145,6 +146,13 @@ def _set_tcp(run: Execution, pose: Value, tcp_name: Value = "") -> None:
 
 def _set_gravity(run: Execution, d: Value) -> None:
     run.robot.set_gravity(three(d, "d"))
+
+
+def _transition_hardness(run: Execution, type_: Value) -> None:
+    """Kind of the torques after a change of the safety mode, which make no difference here."""
+    del run
+    if isinstance(type_, bool) or type_ not in (0, 1):
+        raise ScriptRuntimeError("a transition is soft (0) or hard (1)")
 
 
 def _force_mode(
@@ -258,33 +266,10 @@ def _watchdog(run: Execution, variable_name: Value, min_frequency: Value, action
 # ------------------------------------------------------------------------------------------------------------ the rest
 
 
-def _text(value: Value) -> str:
-    if isinstance(value, list):
-        return ("p" if type(value) is Pose else "") + "[" + ", ".join(map(_text, value)) + "]"
-    return str(value)
-
-
 def _textmsg(run: Execution, s1: Value, s2: Value = "") -> None:
     """Goes to the pendant's log, which nobody reads here; it is still computed, as its arguments may fail."""
     del run
-    _text(s1) + _text(s2)
-
-
-def _length(run: Execution, v: Value) -> int:
-    del run
-    if not isinstance(v, list | str):
-        raise ScriptRuntimeError("only lists and strings have a length")
-    return len(v)
-
-
-def _plain(call: Callable[..., Value]) -> Callable[..., Value]:
-    """A function of its arguments alone."""
-
-    def wrapped(run: Execution, *arguments: Value) -> Value:
-        del run
-        return call(*arguments)
-
-    return wrapped
+    as_text(s1) + as_text(s2)
 
 
 def _nothing(run: Execution, *arguments: Value, **named: Value) -> None:
@@ -299,6 +284,8 @@ FUNCTIONS: Final[dict[str, Function]] = {
     each.name: each
     for each in (
         *io_functions.ROWS,
+        *socket_functions.ROWS,
+        *text_functions.ROWS,
         # motion
         row("movej", "q [a] [v] [t] [r]", motion_functions.movej),
         row("movel", "pose [a] [v] [t] [r]", motion_functions.movel),
@@ -317,6 +304,7 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("is_steady", "", lambda run: not run.robot.drive.moving),
         row("get_steptime", "", lambda run: TICK_S),  # noqa: ARG005
         row("get_actual_joint_positions", "", lambda run: Vector(_now(run).q)),
+        row("get_joint_positions", "", lambda run: Vector(_now(run).q)),
         row("get_target_joint_positions", "", lambda run: Vector(_now(run).q)),
         row("get_actual_joint_speeds", "", lambda run: Vector(_now(run).qd)),
         row("get_target_joint_speeds", "", lambda run: Vector(_now(run).qd)),
@@ -349,6 +337,7 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("get_target_payload", "", lambda run: run.robot.payload_kg),
         row("get_target_payload_cog", "", lambda run: Vector(run.robot.payload_cog_m)),
         row("get_target_payload_inertia", "", lambda run: Vector(run.robot.payload_inertia)),
+        row("set_safety_mode_transition_hardness", "type", _transition_hardness),
         row("set_gravity", "d", _set_gravity),
         row("zero_ftsensor", "", _nothing),
         row("force_mode", "task_frame selection_vector wrench type limits", _force_mode),
@@ -373,32 +362,29 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("write_output_boolean_register", "address value", _write_bit),
         row("rtde_set_watchdog", "variable_name min_frequency [action]", _watchdog),
         # arithmetic
-        row("pose_trans", "p_from p_from_to", _plain(pose_trans)),
-        row("pose_inv", "p_from", _plain(pose_inv)),
-        row("pose_add", "p_1 p_2", _plain(pose_add)),
-        row("pose_sub", "p_to p_from", _plain(pose_sub)),
-        row("point_dist", "p_from p_to", _plain(point_dist)),
-        row("interpolate_pose", "p_from p_to alpha", _plain(interpolate_pose)),
-        row("rotvec2rpy", "rotation_vector", _plain(rotvec2rpy)),
-        row("rpy2rotvec", "rpy_vector", _plain(rpy2rotvec)),
-        row("norm", "a", _plain(norm)),
-        row("sin", "f", _plain(math.sin)),
-        row("cos", "f", _plain(math.cos)),
-        row("tan", "f", _plain(math.tan)),
-        row("asin", "f", _plain(math.asin)),
-        row("acos", "f", _plain(math.acos)),
-        row("atan", "f", _plain(math.atan)),
-        row("pow", "base exponent", _plain(power)),
-        row("log", "b f", _plain(logarithm)),
-        row("atan2", "x y", _plain(math.atan2)),
-        row("sqrt", "f", _plain(math.sqrt)),
-        row("floor", "f", _plain(math.floor)),
-        row("ceil", "f", _plain(math.ceil)),
-        row("d2r", "d", _plain(math.radians)),
-        row("r2d", "r", _plain(math.degrees)),
-        row("length", "v", _length),
-        row("to_str", "val", _plain(_text)),
-        row("str_cat", "op1 op2", _plain(lambda a, b: _text(a) + _text(b))),
+        row("pose_trans", "p_from p_from_to", plain(pose_trans)),
+        row("pose_inv", "p_from", plain(pose_inv)),
+        row("pose_add", "p_1 p_2", plain(pose_add)),
+        row("pose_sub", "p_to p_from", plain(pose_sub)),
+        row("point_dist", "p_from p_to", plain(point_dist)),
+        row("interpolate_pose", "p_from p_to alpha", plain(interpolate_pose)),
+        row("rotvec2rpy", "rotation_vector", plain(rotvec2rpy)),
+        row("rpy2rotvec", "rpy_vector", plain(rpy2rotvec)),
+        row("norm", "a", plain(norm)),
+        row("sin", "f", plain(math.sin)),
+        row("cos", "f", plain(math.cos)),
+        row("tan", "f", plain(math.tan)),
+        row("asin", "f", plain(math.asin)),
+        row("acos", "f", plain(math.acos)),
+        row("atan", "f", plain(math.atan)),
+        row("pow", "base exponent", plain(power)),
+        row("log", "b f", plain(logarithm)),
+        row("atan2", "x y", plain(math.atan2)),
+        row("sqrt", "f", plain(math.sqrt)),
+        row("floor", "f", plain(math.floor)),
+        row("ceil", "f", plain(math.ceil)),
+        row("d2r", "d", plain(math.radians)),
+        row("r2d", "r", plain(math.degrees)),
         row("popup", "s [title] [warning] [error] [blocking]", motion_functions.popup),
         row("textmsg", "s1 [s2]", _textmsg),
     )

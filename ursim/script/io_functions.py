@@ -69,6 +69,52 @@ def _set_domain(run: Execution, port: Value, domain: Value) -> None:
     run.robot.set_analog_domain(_index(port, 2), _index(domain, 2))
 
 
+def _set_input_domain(run: Execution, port: Value, domain: Value) -> None:
+    run.robot.input_domain = _with_bit(run.robot.input_domain, port, domain)
+
+
+def _set_tool_input_domain(run: Execution, port: Value, domain: Value) -> None:
+    run.robot.tool_input_domain = _with_bit(run.robot.tool_input_domain, port, domain)
+
+
+def _with_bit(domains: int, port: Value, domain: Value) -> int:
+    channel, voltage = _index(port, 2), _index(domain, 2)
+    return domains & ~(1 << channel) | voltage << channel
+
+
+def _input_action(count: int) -> Callable[..., None]:
+    """A function that takes the one action which exports of PolyScope name: nothing happens by the input."""
+
+    def call(run: Execution, port: Value, action: Value) -> None:
+        del run
+        _index(port, count)
+        if action != "default":
+            raise ScriptRuntimeError("the inputs of this controller act on nothing")
+
+    return call
+
+
+def _output_mode(run: Execution, mode: Value) -> None:
+    """The tool's outputs are outputs; its two power modes are not told apart."""
+    del run
+    _index(mode, 2)
+
+
+def _tool_output(run: Execution, port: Value, mode: Value) -> None:
+    """Mode of one of them: sinking, sourcing or both."""
+    del run
+    _index(port, len(TOOL))
+    if isinstance(mode, bool) or mode not in (1, 2, 3):
+        raise ScriptRuntimeError("a tool's output is sinking (1), sourcing (2) or both (3)")
+
+
+def _tool_communication(run: Execution, *settings: Value) -> None:
+    """The tool's serial line, on which nothing is: whether it is on, and five numbers."""
+    del run
+    for value in settings[1:]:
+        number(value, "tool communication")
+
+
 def _set_tool_voltage(run: Execution, voltage: Value) -> None:
     if isinstance(voltage, bool) or voltage not in TOOL_VOLTAGES_V:
         raise ScriptRuntimeError("the tool has 0, 12 or 24 V")
@@ -96,5 +142,18 @@ ROWS: Final[tuple[Function, ...]] = (
     row("get_standard_analog_in", "n", _input(2, at_rest=0.0)),
     row("get_tool_analog_in", "n", _input(2, at_rest=0.0)),
     row("set_analog_outputdomain", "port domain", _set_domain),
+    row("set_standard_analog_input_domain", "port domain", _set_input_domain),
+    row("set_tool_analog_input_domain", "port domain", _set_tool_input_domain),
+    row("set_standard_digital_input_action", "port action", _input_action(8)),
+    row("set_configurable_digital_input_action", "port action", _input_action(8)),
+    row("set_tool_digital_input_action", "port action", _input_action(2)),
+    row("set_gp_boolean_input_action", "port action", _input_action(64)),
+    row("set_input_actions_to_default", "", lambda run: None),  # noqa: ARG005  nothing else was ever set
+    row("set_tool_output_mode", "mode", _output_mode),
+    row("set_tool_digital_output_mode", "port mode", _tool_output),
+    row(
+        *("set_tool_communication", "enabled baud_rate parity stop_bits rx_idle_chars tx_idle_chars"),
+        _tool_communication,
+    ),
     row("set_tool_voltage", "voltage", _set_tool_voltage),
 )

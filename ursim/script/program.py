@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ursim.motion.motion import Motion
     from ursim.motion.robot import Robot
     from ursim.script.compiler import Compiled
+    from ursim.script.program_sockets import ProgramSocket
 
 STEPS_PER_TICK: Final = 20_000  # loop turns and calls in one tick; the controller calls more an infinite loop
 MAX_THREADS: Final = 50
@@ -80,6 +81,9 @@ class Execution:
     Args:
         compiled: the program.
         robot: the robot that it acts on.
+
+    Attributes:
+        sockets: those that it has opened, by name.
     """
 
     def __init__(self, compiled: Compiled, robot: Robot) -> None:
@@ -88,7 +92,7 @@ class Execution:
         self.current: Thread
         self._steps = 0
         self._begun: list[Thread] = []
-        self._critical: Thread | None = None
+        self.sockets: dict[str, ProgramSocket] = {}
         self._watchdog: _Watchdog | None = None
         space: dict[str, Any] = {"R": self, "G": {}, "V": Vector, "P": Pose, "C": copied, "W": power}
         space |= {f"b_{name}": partial(function.call, self) for name, function in compiled.functions.items()}
@@ -104,7 +108,7 @@ class Execution:
         waiting = list(self._threads)
         self._begun = []  # threads begun in this tick run in it too, after the others
         for thread in chain(waiting, self._begun):
-            if thread.done or (self._critical is not None and self._critical is not thread):
+            if thread.done:
                 continue
             self.current = thread
             try:
@@ -129,6 +133,9 @@ class Execution:
         for thread in self._threads:
             thread.done = True
         self._threads.clear()
+        for opened in self.sockets.values():
+            opened.close()
+        self.sockets.clear()
 
     def run_through(self) -> Ending:
         """A secondary program: all of it within one tick."""
@@ -170,14 +177,6 @@ class Execution:
     def halt(self) -> None:
         """`halt`."""
         raise _Halt
-
-    def enter(self) -> None:
-        """`enter_critical`: no other thread runs, even while this one takes time."""
-        self._critical = self.current
-
-    def leave(self) -> None:
-        """`exit_critical`."""
-        self._critical = None
 
     # -- calls of built-ins
 
@@ -235,8 +234,6 @@ class Execution:
         thread.done = True
         if thread in self._threads:
             self._threads.remove(thread)
-        if self._critical is thread:
-            self._critical = None
         self.robot.drive.release(thread)
 
     def _line(self, error: BaseException) -> int:

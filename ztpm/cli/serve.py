@@ -82,6 +82,9 @@ def sim(
     joints: Annotated[str, typer.Option(help="First configuration: six angles in rad, comma separated.")] = "",
     polyscope: Annotated[str, typer.Option(help="PolyScope version to be, 5.11 to 5.22.")] = "",
     robot: Annotated[str, typer.Option(help="Arm to be: ur3e, ur5e, ur10e or ur16e.")] = "ur3e",
+    programs: Annotated[
+        str, typer.Option(help="Folder of saved programs for the dashboard's `load`: NAME.urp, NAME.script beside it.")
+    ] = "",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -94,7 +97,7 @@ def sim(
     as_json: Json = False,
 ) -> None:
     """Run a simulated controller of a UR arm that real clients can talk to."""
-    settings = (("robot", robot), ("joints", joints), ("polyscope", polyscope))
+    settings = (("robot", robot), ("joints", joints), ("polyscope", polyscope), ("programs", programs))
     options = [f"--{name}={value}" for name, value in settings if value]
     options += [f"--fault={each}" for each in fault or ()]
     become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))

@@ -92,6 +92,7 @@ class _Token(NamedTuple):
 
 _TOKEN: Final = re.compile(
     r"""(?P<space>[ \t\r]+) | (?P<newline>\n) | (?P<comment>\#[^\n]*)
+      | (?P<label>\$[ \t]*[0-9]+(?:[ \t]+"[^"\n]*")+[ \t\r]*(?=\n|\Z))
       | (?P<number>0[xX][0-9a-fA-F]+ | (?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)
       | (?P<text>"[^"\n]*"|'[^'\n]*') | (?P<name>[A-Za-z_][A-Za-z0-9_]*)
       | (?P<sign>==|!=|<=|>=|[-+*/%^<>=():,\[\]])""",
@@ -110,6 +111,9 @@ def _tokens(source: str) -> list[_Token]:
         kind = token.lastgroup or ""
         if kind == "newline":
             line += 1
+        elif kind == "label":
+            if found and found[-1].line == line:
+                raise ScriptError(ScriptFault.CHARACTER, line, "a label stands on a line of its own")
         elif kind not in ("space", "comment"):
             found.append(_Token(kind, token.group(), line))
     found.append(_Token("eof", "", line))
@@ -398,7 +402,7 @@ def parse(source: str) -> Program:
 
 # --------------------------------------------------------------------------------------------------- from a byte stream
 
-_WORD: Final = re.compile(r"#[^\n]*|\"[^\"\n]*\"|'[^'\n]*'|[A-Za-z_][A-Za-z0-9_]*")
+_WORD: Final = re.compile(r"[#$][^\n]*|\"[^\"\n]*\"|'[^'\n]*'|[A-Za-z_][A-Za-z0-9_]*")
 
 
 class ProgramStream:
@@ -419,7 +423,7 @@ class ProgramStream:
         self._depth = 0
 
     def feed(self, text: str) -> list[str]:
-        """Programs completed by `text`, in order; empty lines and lines of comment alone are dropped.
+        """Programs completed by `text`, in order; empty lines, labels and lines of comment alone are dropped.
 
         Raises:
             ScriptError: more than the limit is held without a program in it. The stream is of no use afterwards.
@@ -434,7 +438,7 @@ class ProgramStream:
                 raise ScriptError(ScriptFault.SIZE, len(self._open), f"a program of more than {self._limit} characters")
             if self._depth == 0:
                 program = "\n".join(self._open) + "\n"
-                if any(not word.startswith("#") for word in _WORD.findall(program)):
+                if any(not word.startswith(("#", "$")) for word in _WORD.findall(program)):
                     found.append(program)
                 self._open, self._size = [], 0
         if self._size + len(self._line) > self._limit:
