@@ -209,7 +209,7 @@ class Dashboard:
 
     @staticmethod
     def _saved_at(folder: Path, name: str) -> Path | None:
-        """Path of a saved program by its name, or by the path that a controller has it at; none outside the folder."""
+        """Path of a saved program by its name, or by its path on a controller; none outside the folder."""
         path = (folder / name.removeprefix("/programs/")).resolve()
         return path if path.is_relative_to(folder) and path.suffix == ".urp" and path.is_file() else None
 

@@ -1,4 +1,4 @@
-"""Sockets that a program opens, as the controller keeps them: by name, read and written in the tick, never waited for.
+"""Sockets that a program opens, read and written in the tick, never waited for.
 
 A read that is not complete asks again in the next tick. All sockets of a program are closed with it.
 """

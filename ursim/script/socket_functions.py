@@ -68,7 +68,7 @@ def _close(run: Execution, socket_name: Value = "socket_0") -> None:
 def _read(
     run: Execution, socket_name: Value, timeout: Value, take: Callable[[ProgramSocket], bytes | None]
 ) -> Generator[None, None, bytes | None]:
-    """What `take` gives once it gives something; None when the time is over, or the connection."""
+    """Bytes of `take`, once it gives some; None when the time is over, or the connection."""
     seconds = number(timeout, "timeout")
     left = round(seconds / TICK_S) if seconds > 0.0 else None
     while (opened := run.sockets.get(_name(socket_name))) is not None:
