@@ -39,6 +39,12 @@ docs:  ## regenerate the generated pages; a test fails while they differ
 demo:
 	$(RUN) ztpm demo
 
+site:  ## the documentation site in build/site/html, from the pages and the code
+	rm -rf build/site && mkdir -p build/site
+	$(RUN) python -m docs.site build/site/pages
+	cp docs/zensical.toml build/site/
+	cd build/site && uv tool run -q --from zensical==0.0.73 --with mkdocstrings-python==2.0.11 zensical build --strict
+
 bench:  ## capability tokens beside their peers, in one run; the ratios last
 	uv run --extra all --extra bench --group dev ztpm eval bench capabilities
 
@@ -61,6 +67,12 @@ coverage:  ## each cell of the paper's coverage table by taking primitives out o
 
 soundness:  ## 20,000 motions, half of them lines, paths and streams, against MuJoCo, their certificates and corrupted ones; goes on where it was ended
 	uv run --extra all --extra bench --group dev python -m tests.pep.pit.campaign --ledger .soundness
+
+trajectories:  ## 10,000 timed trajectories alone, as `soundness` does; how far the index is above the samples and the figure last; goes on where it was ended
+	uv run --extra all --extra bench --group dev python -m tests.pep.pit.campaign --trajectories --count 10000 --ledger .soundness
+motions:  ## 10,000 paths with cut corners and 10,000 contacts and poses of streams against an arm of their own, every millisecond; the figures last (MINUTES ends it earlier)
+	$(RUN) python -m tests.pep.pit.campaign.blends $(if $(MINUTES),--minutes $(MINUTES))
+	$(RUN) python -m tests.pep.pit.campaign.contacts $(if $(MINUTES),--minutes $(MINUTES))
 
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
@@ -103,6 +115,9 @@ store-rollback:  ## 50 restores of an old copy beside points that are old, wiped
 	@for kind in "" --postgres; do $(RUN) pytest -q -s --campaign $$kind tests/pep/provider/test_restore_drill.py; done | awk \
 	  '/restores:/ { sub(/^[.]+/, ""); restores += $$1; lost += $$3; known += $$5 } /passed|failed|^FAILED/ { print; fflush() } \
 	  END { print restores " restores: " lost " of " known " known revocations lost"; exit !(restores >= 100 && lost == 0) }'
+
+programs:  ## thirty small ur_rtde programs under `ztpm rtde run`, in ten minutes; how many ran, were refused clearly and failed, last
+	$(RUN) ztpm eval programs
 
 paper:  ## the paper's 60 traces, with no gate and before one, in a quarter of an hour; how many kept within their bound, last
 	$(RUN) ztpm eval paper --out evaluation/results

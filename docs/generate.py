@@ -1,7 +1,7 @@
-"""Writes the generated pages and docs/schemas: `python -m docs.generate`.
+"""Writes the generated pages, docs/schemas and files of deploy: `python -m docs.generate`.
 
 The catalog gives docs/primitives.md, the command line docs/cli.md, the lists of docs/standards their page, and the
-forms of files the schemas.
+forms of files the schemas, and the services of a cell (ztpm/cell/service_files.py) the units and a compose file.
 
 With `--check` nothing is written, and a difference fails.
 """
@@ -30,6 +30,7 @@ PAGE: Final = Path(__file__).with_name("primitives.md")
 COMMANDS: Final = Path(__file__).with_name("cli.md")
 STANDARDS: Final = Path(__file__).with_name("standards.md")
 SCHEMAS: Final = Path(__file__).with_name("schemas")
+DEPLOY: Final = Path(__file__).parents[1] / "deploy"
 
 OPENING: Final = """# The 25 primitives
 
@@ -202,13 +203,21 @@ def generated() -> dict[Path, str]:
     """Every generated file and its whole text."""
     from docs import command_page, standards_page
     from pep.pit.files import schemas
+    from ztpm.cell.service_files import shipped
     from ztpm.cli import app
 
-    files = {"scene": schemas.scene_schema(), "motion": schemas.motion_schema()}
-    pages = {PAGE: page(), COMMANDS: command_page.page(app), STANDARDS: standards_page.page(standards_page.standards())}
-    return pages | {
-        SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()
+    files = {
+        "world": schemas.world_schema(),
+        "motion": schemas.motion_schema(),
+        "trajectory": schemas.trajectory_schema(),
     }
+    pages = {PAGE: page(), COMMANDS: command_page.page(app), STANDARDS: standards_page.page(standards_page.standards())}
+    services = {DEPLOY / name: text for name, text in shipped().items()}
+    return (
+        pages
+        | services
+        | {SCHEMAS / f"{name}.schema.json": json.dumps(schema, indent=2) + "\n" for name, schema in files.items()}
+    )
 
 
 def main(arguments: list[str]) -> int:

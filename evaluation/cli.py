@@ -113,6 +113,39 @@ def paper(
     raise typer.Exit(0 if result.ok else FAILURE)
 
 
+@app.command(epilog="Example: ztpm eval programs pick_and_place policy_rollout")
+def programs(
+    names: Annotated[
+        list[str] | None, typer.Argument(metavar="[NAME]...", help="Of programs (default: all thirty).")
+    ] = None,
+    *,
+    out: Annotated[Path | None, typer.Option(help="File for the JSON object.", dir_okay=False)] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Thirty small programs in plain ur_rtde, each under a lease as it is (ten minutes).
+
+    Questions to people are answered by a person in the run, and counted. The exit status is not 0 when a program
+    failed.
+    """
+    from evaluation.programs.catalog import CatalogError
+    from evaluation.programs.result import last_line, tables
+    from evaluation.programs.run import run
+    from ztpm.base.processes import ChildError
+    from ztpm.stage.stage import StageError
+
+    if out is not None:
+        place(out)
+    try:
+        with telling() as told:
+            result = run(names or (), told=told)
+    except (CatalogError, ChildError, StageError) as error:
+        fail("NOT_MEASURED", str(error))
+    if out is not None:
+        out.write_text(json.dumps(result.to_json(), indent=1), encoding="utf-8")
+    say(result, tables, last_line, as_json=as_json)
+    raise typer.Exit(0 if result.ok else FAILURE)
+
+
 @app.command(epilog="Example: ztpm eval dojo --tasks 1")
 def dojo(
     *,

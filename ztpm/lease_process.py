@@ -36,6 +36,7 @@ from ztpm.base.layout import Layout
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
 from ztpm.program.refusal_lines import NAME, RefusalLines, on_standard_error
+from ztpm.program.startup.patient_calls import make_patient_when_imported
 from ztpm_idp.client import Agent
 
 if TYPE_CHECKING:
@@ -66,7 +67,8 @@ def leased(
     """A block in which the agent has the robot's motion lease; the value is the robot's address for ur_rtde.
 
     The lease ends with the block. It ends earlier when its token does, when the program closes its control connection,
-    or when the gateway says so; then every connection is closed, and `told` is given `LEASE_OVER` and why.
+    or when the gateway says so; then commands go nowhere, and `told` is given `LEASE_OVER` and why. Connections that
+    only show the robot's state stay until the program closes them, with the last one.
 
     Args:
         agent: the token's holder, or its name: then its key is read from the cell's directory, with the passphrase in
@@ -85,6 +87,7 @@ def leased(
         ConfigError: `CONFIG_INVALID`: the key of a named agent cannot be read.
         OSError: no address is free.
     """
+    make_patient_when_imported()
     layout = Layout(Path(data).resolve())
     key = agent.key if isinstance(agent, Agent) else read_key(layout.agent_key(agent), name=agent)
     place = place_of(layout, key, door=gateway, audience=audience, pep=pep)
@@ -112,14 +115,14 @@ def leased(
     finally:
         with contextlib.suppress(BrokenPipeError):
             child.stdin.close()
-        try:
-            child.wait(ENDS_S)
-        except subprocess.TimeoutExpired:
-            child.kill()
-            child.wait()
         if hearing.ident is not None:
-            hearing.join(ENDS_S)
+            hearing.join(ENDS_S)  # until the lease is given back
+            if hearing.is_alive():
+                child.kill()
+                hearing.join()
         child.stdout.close()
+        # It stays while the program has connections of ur_rtde's: these do not survive its end.
+        threading.Thread(target=child.wait, name="leased", daemon=True).start()
 
 
 def _begun(said: IO[bytes]) -> None:
@@ -154,6 +157,13 @@ def _say(**members: object) -> None:
     sys.stdout.flush()
 
 
+def _say_no_more() -> None:
+    """Ends the output: the lease is given back."""
+    sys.stdout.flush()
+    with Path(os.devnull).open("wb") as nowhere:
+        os.dup2(nowhere.fileno(), sys.stdout.fileno())
+
+
 def _end_with_input() -> None:
     """Ends the process when its parent closes the input: the lease is given up, or the parent is gone.
 
@@ -173,12 +183,15 @@ def main() -> None:
     try:
         lease = open_lease(asked["door"], asked["token"], PendingSession(**pending))
         threading.Thread(target=_end_with_input, name="input", daemon=True).start()
-        with RefusalLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
-            ended = asyncio.run(
-                lend(lease, asked["host"], [], begun=lambda: _say(ready=True), told=lines.tell),
-            )
-            if ended.cut_short:
-                lines.tell(f"{LEASE_OVER}: {ended.early}")
+        with asyncio.Runner() as runner:
+            with RefusalLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
+                ended = runner.run(
+                    lend(lease, asked["host"], [], begun=lambda: _say(ready=True), told=lines.tell),
+                )
+                if ended.cut_short:
+                    lines.tell(f"{LEASE_OVER}: {ended.early}")
+            _say_no_more()
+            runner.run(ended.ports.all_left())
     except LeaseError as error:
         _say(code=error.code, detail=error.detail, refused=error.refused)
         sys.exit(1)

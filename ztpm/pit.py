@@ -13,11 +13,24 @@ from pep.pit.assessment.assess import assess
 from pep.pit.assessment.assessment import RowsCertificate
 from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import PitError
-from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
+from pep.pit.base.motion import (
+    BlendedPath,
+    GripperMove,
+    JointPath,
+    JointTrajectory,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+)
 from pep.pit.checker import Unverified, Verified, verify
 from pep.pit.files.motion_file import motion_of, seed_of, word_of
 from pep.pit.files.plain_file import FILE_LIMIT_BYTES, value_of
 from pep.pit.files.scene_file import situation_of
+from pep.pit.files.trajectory_file import CSV, is_trajectory, trajectory_of, trajectory_of_csv
 from pep.pit.proof.proof_document import document, question_digest
 from pep.pit.robot.calibration import Calibration, calibrated, nominal_error_m
 from pep.pit.robot.outfit import Outfit, ToolFile
@@ -35,6 +48,8 @@ if TYPE_CHECKING:
     from policies.evidence.evidence import Contribution, ImpactFault
 
 URDF: Final = ".urdf"
+DEFAULT_ROBOT: Final = "ur3e"
+"""Robot of a question that names none."""
 UNCERTAINTY: Final = "robot_uncertainty_m"
 PATIENCE_S: Final = 600.0
 """Longest time for an answer out of files without a limit of their own.
@@ -121,7 +136,7 @@ class Arm:
     """Robot of a question.
 
     Attributes:
-        stated: a shipped model's name, a model file (`.toml`) or a URDF (`.urdf`).
+        stated: a shipped model's name, a model file (`.toml`) or a URDF (`.urdf`); "" for the one that the scene names.
         outfit: with a URDF: the person's outfit of it.
         tools: with a URDF: files of tools beside the outfit's own.
         calibration: the arm's own kinematics, as its maker's tool wrote them.
@@ -192,7 +207,7 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
     Args:
         scene: a scene file. What its cell does not state is as in a running one, but for the time an answer may take,
             and for the uncertainty of an arm with a calibration.
-        motion: a motion file.
+        motion: a motion file, or a trajectory as `motion_in` reads it.
         arm: the robot; its tool is the one that the scene's cell names.
 
     Raises:
@@ -207,12 +222,32 @@ def asked(scene: Path, motion: Path, arm: Arm) -> Asked:
         if arm.calibration is not None:
             stated["cell"].setdefault(UNCERTAINTY, CALIBRATED_UNCERTAINTY_M)
     situation = situation_of(stated)
-    what = motion_of(value_of(text_of(motion).encode(), motion))
-    robot = arm.robot(situation.cell.tool)
+    named = arm if arm.stated else replace(arm, stated=situation.robot or DEFAULT_ROBOT)
+    robot = named.robot(situation.cell.tool)
+    what = motion_in(motion, robot)
     if arm.calibration is None and not known:
         uncertainty = nominal_error_m(robot.model) + TRACKING_M
         situation = replace(situation, cell=replace(situation.cell, robot_uncertainty_m=uncertainty))
     return Asked(robot.holding(situation.held), situation, what)
+
+
+def motion_in(file: Path, robot: Robot) -> Motion:
+    """The motion that a file states: a motion file, or a trajectory as others write it.
+
+    Args:
+        file: JSON, TOML, YAML or CSV, by its ending.
+        robot: whose joints a trajectory names.
+
+    Raises:
+        PitError: a file that is refused, with its reason and place.
+        OSError: a file that cannot be read.
+    """
+    joints = [joint.name for joint in robot.model.joints]
+    text = text_of(file)
+    if file.suffix == CSV:
+        return trajectory_of_csv(text, file, joints)
+    value = value_of(text.encode(), file)
+    return trajectory_of(value, joints) if is_trajectory(value) else motion_of(value)
 
 
 def effect(said: Assessment) -> TierRule:
@@ -247,8 +282,10 @@ class SpeedUnit:
 def unit_of(motion: Motion) -> SpeedUnit:
     """Unit in which the speed of a motion is told."""
     match motion:
-        case MoveJ() | SpeedJ() | ServoJ() | JointPath():
+        case MoveJ() | SpeedJ() | ServoJ() | JointPath() | JointTrajectory():
             return SpeedUnit("rad/s", "the leading joint")
+        case BlendedPath():
+            return SpeedUnit("rad/s or m/s", "the leading joint or the tool point")
         case MoveL() | SpeedL() | LinePath():
             return SpeedUnit("m/s", "the tool point")
         case GripperMove():
@@ -257,6 +294,25 @@ def unit_of(motion: Motion) -> SpeedUnit:
             return SpeedUnit("", "nothing")
         case _:
             assert_never(motion)
+
+
+def carriage(motion: Motion) -> dict[str, Any] | None:
+    """Arguments with which a gateway carries a trajectory out, or the obstacle; None for any other motion."""
+    if not isinstance(motion, JointTrajectory):
+        return None
+    # Of trajectories alone, and it loads slowly.
+    from pep.base.operations import FOLLOW_TRAJECTORY
+    from pep.mcp.mapping import Misfit, to_request
+    from pep.world.timed_request import arguments_of
+
+    arguments = arguments_of(motion)
+    request = to_request(FOLLOW_TRAJECTORY, arguments, request_id="", audience="", at=0.0)
+    if isinstance(request, Misfit):
+        return {"carries": False, "why": f"{request.argument}: {request.detail}"}
+    refusal = FOLLOW_TRAJECTORY.refuse(request)
+    if refusal is not None:
+        return {"carries": False, "why": f"{refusal.parameter} is beyond the operation's own limit"}
+    return {"carries": True, "operation": FOLLOW_TRAJECTORY.name, "arguments": arguments}
 
 
 def _what(told: Contribution) -> str:
@@ -297,7 +353,7 @@ def to_plain(question: Asked, said: Assessment, proof: bytes | PitError) -> dict
         "engine": said.engine,
         "scene": said.scene_digest,
         "question": question.said,
-    }
+    } | ({} if (carried := carriage(question.motion)) is None else {"gateway": carried})
 
 
 def contribution_to_plain(told: Contribution) -> dict[str, Any]:

@@ -139,6 +139,7 @@ def run(
         config.cell.stop_deceleration_rad_s2,
         begin_child=partial(Child.begin, ended=ended.is_set),
         arm=config.robot,
+        simulated=not layout.controller.exists(),
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())
@@ -146,7 +147,7 @@ def run(
     status: StatusServer | None = None
     try:
         _await_addresses(addresses, ended)
-        status = StatusServer(camera.picture, host=addresses.host, port=addresses.status_port)
+        status = StatusServer(camera.picture, host=addresses.status_host, port=addresses.status_port)
         cell.start_idp()
         log.note("started", f"the identity provider runs: {addresses.issuer}")
         differing = _enrol(cell, trust)
@@ -210,7 +211,12 @@ def _await_addresses(addresses: Addresses, ended: threading.Event) -> None:
 def _enrol(cell: Cell, trust: TrustBundle) -> tuple[Differing, ...]:
     from ztpm_idp.client import ClientError, Operator
 
-    name = OPERATORS[-1]
+    known = operators_of(cell.layout)
+    if not known and not cell.layout.enrolled.exists():
+        raise UpError("OPERATOR_UNKNOWN", f"{cell.layout.operator_key('any').parent}: no key of an administrator")
+    if not known:
+        return ()
+    name = OPERATORS[-1] if OPERATORS[-1] in known else known[0]
     admin = Operator(name, read_key(cell.layout.operator_key(name), cell.passphrase), cell.addresses.issuer)
     try:
         with admin:
@@ -223,6 +229,12 @@ def _enrol(cell: Cell, trust: TrustBundle) -> tuple[Differing, ...]:
         raise UpError("KEYS_UNREADABLE", str(error)) from error
 
 
+def operators_of(layout: Layout) -> list[str]:
+    """People whose keys are in the directory; the embedded cell's in their order."""
+    found = sorted(path.stem for path in layout.operator_key("any").parent.glob("*.key"))
+    return sorted(found, key=lambda name: (OPERATORS.index(name) if name in OPERATORS else len(OPERATORS), name))
+
+
 def as_json(up: Up, layout: Layout, *, pid: int) -> dict[str, Any]:
     """Message for machines when the cell is ready."""
     return {
@@ -231,12 +243,12 @@ def as_json(up: Up, layout: Layout, *, pid: int) -> dict[str, Any]:
         "data": str(layout.root),
         "issuer": up.addresses.issuer,
         "audience": up.addresses.audience,
-        "robot": up.addresses.gateway_host,
-        "controller": up.addresses.host,
+        "robot": up.addresses.face_host,
+        "controller": up.addresses.controller_host,
         "leases": up.addresses.door,
         "perception": f"{up.addresses.gateway_host}:{up.addresses.perception_port}",
         "status": up.status,
-        "operators": list(OPERATORS),
+        "operators": operators_of(layout),
         "processes": up.pids,
         "differing": [{"kind": str(d.kind), "name": d.name, "how": str(d.how)} for d in up.differing],
     }

@@ -58,9 +58,23 @@ def check_tls_files(settings: Stated, folder: Path, *, at: float) -> None:
         SettingsError: `tls_certificate_file` or `tls_key_file`.
     """
     if settings.tls_certificate_file is not None and settings.tls_key_file is not None:
-        check_modes("tls_certificate_file", folder / settings.tls_certificate_file, OTHERS_WRITE)
-        check_modes("tls_key_file", folder / settings.tls_key_file, STRANGERS_READ | OTHERS_WRITE)
-        check_tls(folder / settings.tls_certificate_file, folder / settings.tls_key_file, at=at)
+        check_tls_pair(folder / settings.tls_certificate_file, folder / settings.tls_key_file, at=at)
+
+
+def check_tls_pair(certificate: Path, key: Path, *, at: float) -> None:
+    """Certificate and key are safe and usable: their rights, and all that `check_tls` looks at.
+
+    Args:
+        certificate: PEM file of the chain.
+        key: PEM file of its key.
+        at: seconds since the epoch.
+
+    Raises:
+        SettingsError: `tls_certificate_file` or `tls_key_file`.
+    """
+    check_modes("tls_certificate_file", certificate, OTHERS_WRITE)
+    check_modes("tls_key_file", key, STRANGERS_READ | OTHERS_WRITE)
+    check_tls(certificate, key, at=at)
 
 
 def _check_store(database_url: str) -> None:

@@ -223,7 +223,16 @@ def load_settings(path: Path) -> FileSettings:
         raise SettingsError("config", "the file cannot be read") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError):
         raise SettingsError("config", "the file is not TOML") from None
+    if isinstance(named := stated.get("database_url"), str):
+        stated["database_url"] = _in_folder(named, path.absolute().parent)
     return _validated(FileSettings, stated)
+
+
+def _in_folder(database_url: str, folder: Path) -> str:
+    """The database URL; a relative file of SQLite begins in the folder."""
+    scheme, mark, file = database_url.partition(f"{_SQLITE}:///")
+    plain = not scheme and mark and file and not file.startswith(("/", ":", "file:")) and "?" not in file
+    return f"{mark}{folder / file}" if plain else database_url
 
 
 def check_settings(stated: dict[str, object]) -> Settings:

@@ -22,7 +22,7 @@ from capabilities.statements import (
     trust as trust_bundle,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, envelope, mandate, opening, vote
+from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, vote
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -59,9 +59,11 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         attestation.KIND: Signer.AGENT,
         cell.KIND: Signer.SURVEYOR,
         checkpoint.KIND: Signer.LEDGER,
+        clearing.KIND: Signer.APPROVER,
         conduct.KIND: Signer.FEED,
         envelope.KIND: Signer.APPROVER,
         intent.KIND: Signer.APPROVER,
+        latch.KIND: Signer.PEP,
         mandate.KIND: Signer.SPONSOR,
         manifest.KIND: Signer.CURATOR,
         mark.KIND: Signer.PEP,

@@ -9,8 +9,10 @@ import numpy as np
 
 from evaluation.harness.absent import package
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
     JointPath,
+    JointTrajectory,
     LinePath,
     MoveJ,
     MoveL,
@@ -70,7 +72,7 @@ def _instants(robot: Robot, motion: Motion) -> Iterator[tuple[Floats, Floats]]:
             start, qd = np.array(motion.start), np.array(motion.qd_rad_s)
             for t in (0.0, motion.period_s):
                 yield start + t * qd, qd
-        case SpeedJ() | SpeedL() | LinePath() | GripperMove() | OutputSet():
+        case SpeedJ() | SpeedL() | LinePath() | JointTrajectory() | GripperMove() | OutputSet() | BlendedPath():
             raise ValueError("nothing of this is measured")
         case _:
             assert_never(motion)

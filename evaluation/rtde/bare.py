@@ -33,6 +33,10 @@ class Unjudged:
         """No impact."""
         return NOTHING
 
+    def strays(self, *_: Any) -> str:
+        """Nothing is above a bound."""
+        return ""
+
 
 def main() -> None:
     """Command line of the gateway that judges nothing."""

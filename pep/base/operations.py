@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Final, TypeVar
 
-from capabilities.values.errors import QuantityError
-from capabilities.values.scope import Range, Tier
-from capabilities.values.units import Parameter, Quantity, Unit, parse
+from capabilities.values.scope import Each, Range, Tier
+from capabilities.values.units import DeclaredUnit, ListOf, Parameter, Unit
+from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.operation_row import (
     ArgumentForm,
     BoundedParameter,
@@ -18,7 +18,6 @@ from pep.base.operation_row import (
     ToolArgument,
 )
 from pep.base.stop_model import STREAM_SPEED_RAD_S
-from policies.evidence.model import Request
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,14 +32,24 @@ ARM: Final = frozenset(
     {
         Moves.TO_JOINTS,
         Moves.THROUGH_JOINTS,
+        Moves.ALONG_TRAJECTORY,
+        Moves.THROUGH_WAYPOINTS,
         Moves.TO_POSE,
         Moves.AT_JOINT_SPEEDS,
         Moves.AT_TOOL_SPEED,
+        Moves.UNTIL_CONTACT,
         Moves.AFTER_JOINTS,
+        Moves.AFTER_POSES,
+        Moves.BY_FORCE,
+        Moves.BY_HAND,
     }
 )
 """Courses after which the arm stands elsewhere."""
 JOINTS: Final = 6
+MILLION: Final = 1_000_000
+"""Parts of a second, a radian and its rates, in the lists of a trajectory."""
+WAYPOINTS_MOST: Final = 256
+"""Waypoints of a leased program's path, each of its own kind; as many as a list of a request holds."""
 WAYPOINTS: Final = 4
 """Waypoints of a path.
 
@@ -72,13 +81,31 @@ SERVO_PERIOD_MS: Final = (1, 100)  # ours: from the controller's 2 ms, rounded d
 LOOKAHEAD_MS: Final = (30, 200)  # U12: 0.03 to 0.2 s
 GAIN: Final = (100, 2_000)  # U12
 PAYLOAD_G: Final = 3_000  # U2: 3 kg
+CONTACT_WAY_UM: Final = (1_000, 300_000)  # ours: a third of the reach in search of a contact
+BLEND_UM: Final = 200_000  # ours: a fifth of the reach; U12 would send 2 m
 STREAM_SPEED_URAD_S: Final = round(STREAM_SPEED_RAD_S * Unit.MICRORADIAN_PER_SECOND.per_si)
 STREAM_MS: Final = (50, 2_000)  # ours: longer than a call takes on its way; short enough to wait for
+TRAJECTORY_US: Final = 120_000_000  # ours: two minutes; a longer trajectory is several
 OUTPUTS: Final = 8  # U12: standard digital outputs
+FORCE_MN: Final = 100_000  # ours: above what a UR3e holds when its payload of 3 kg is pushed at thrice its weight
+TORQUE_MN_M: Final = 10_000  # ours: below the 12 Nm of a UR3e's wrists (U2)
+YIELD_SPEED_UM_S: Final = 250_000  # U5: 250 mm/s, as for all that people approve
+YIELD_TURN_URAD_S: Final = 1_000_000  # ours: as `STREAM_SPEED_URAD_S`
+YIELD_MS: Final = (100, 300_000)  # ours: shorter is no use; longer is asked anew, as a stream is
+YIELD_UM: Final = (1_000, REACH_UM)  # ours: from a millimetre to anywhere that the workspace lets the tool go
+HAND_SPEED_UM_S: Final = (10_000, YIELD_SPEED_UM_S)  # ours: a hand cannot lead an arm more slowly than 1 cm/s
+HAND_TURN_URAD_S: Final = (20_000, STREAM_SPEED_URAD_S)  # ours: likewise
+DAMPING_PERMILLE: Final = 1_000  # URScript manual, force_mode_set_damping
+FORCE_GAIN_PERMILLE: Final = 2_000  # URScript manual, force_mode_set_gain_scaling
 
 
 def _limit(name: str, unit: Unit, low: int, high: int) -> BoundedParameter:
     return BoundedParameter(Parameter(name, unit), Range(low, high))
+
+
+def _listed(name: str, unit: Unit, low: int, high: int) -> BoundedParameter:
+    """One value for each waypoint of some kind."""
+    return BoundedParameter(Parameter(name, ListOf(unit)), Each(Range(low, high), 0, WAYPOINTS_MOST))
 
 
 def _angles(*names: str) -> tuple[BoundedParameter, ...]:
@@ -87,6 +114,11 @@ def _angles(*names: str) -> tuple[BoundedParameter, ...]:
 
 def _lengths(*names: str) -> tuple[BoundedParameter, ...]:
     return tuple(_limit(name, Unit.MICROMETRE, -REACH_UM, REACH_UM) for name in names)
+
+
+def _timed(name: str, unit: Unit | DeclaredUnit, each: Range, *, least: int) -> BoundedParameter:
+    """List of as many numbers as a request may have, each rounded to the grid of its unit."""
+    return BoundedParameter(Parameter(name, ListOf(unit)), Each(each, least, LIST_LENGTH), scale=MILLION, exact=False)
 
 
 _JOINT_ANGLES: Final = _angles(*(f"q{i}" for i in range(JOINTS)))
@@ -99,6 +131,10 @@ _LEADING_AXIS: Final = (
 )
 _TOOL_ACCELERATION: Final = _limit(
     "acceleration", Unit.MICROMETRE_PER_SECOND2, LEAST_TOOL_ACCELERATION_UM_S2, TOOL_ACCELERATION_UM_S2
+)
+_TOOL_SPEED: Final = (
+    *(_limit(f"v{axis}", Unit.MICROMETRE_PER_SECOND, -TOOL_SPEED_UM_S, TOOL_SPEED_UM_S) for axis in "xyz"),
+    *(_limit(f"w{axis}", Unit.MICRORADIAN_PER_SECOND, -JOINT_SPEED_URAD_S, JOINT_SPEED_URAD_S) for axis in "xyz"),
 )
 _DURATION: Final = _limit("duration", Unit.MILLISECOND, *STREAM_MS)
 _POSE: Final = (*_lengths(*"xyz"), *_angles("rx", "ry", "rz"))
@@ -125,6 +161,50 @@ MOVE_PATH: Final = Operation(
     Tier.REVERSIBLE,
     RobotPart(Moves.THROUGH_JOINTS, Sent.ONCE),
     (ToolArgument("waypoints_rad", ArgumentForm.WAYPOINTS, WAYPOINTS * JOINTS), *_LEADING_ARGUMENTS),
+)
+FOLLOW_TRAJECTORY: Final = Operation(
+    ROBOT,
+    "follow_trajectory",
+    (
+        _timed("t", DeclaredUnit("x-us", MILLION), Range(0, TRAJECTORY_US), least=2),
+        *(_timed(f"q{i}", Unit.MICRORADIAN, Range(-FULL_TURN_URAD, FULL_TURN_URAD), least=2) for i in range(JOINTS)),
+        *(
+            _timed(f"qd{i}", Unit.MICRORADIAN_PER_SECOND, Range(-JOINT_SPEED_URAD_S, JOINT_SPEED_URAD_S), least=0)
+            for i in range(JOINTS)
+        ),
+        *_LEADING_AXIS,
+    ),
+    OperationKind.MOTION,
+    Tier.REVERSIBLE,
+    RobotPart(Moves.ALONG_TRAJECTORY, Sent.STREAM_OF_OURS),
+    (
+        ToolArgument("times_s", ArgumentForm.NUMBERS),
+        ToolArgument("positions_rad", ArgumentForm.POINTS, JOINTS),
+        ToolArgument("velocities_rad_s", ArgumentForm.POINTS, JOINTS, default="[]"),
+        *_LEADING_ARGUMENTS,
+    ),
+)
+MOVE_WAYPOINTS: Final = Operation(
+    ROBOT,
+    "move_waypoints",
+    (
+        *(_listed(f"q{i}", Unit.MICRORADIAN, -FULL_TURN_URAD, FULL_TURN_URAD) for i in range(JOINTS)),
+        _listed("joint_speed", Unit.MICRORADIAN_PER_SECOND, LEAST_SPEED_URAD_S, JOINT_SPEED_URAD_S),
+        _listed(
+            "joint_acceleration", Unit.MICRORADIAN_PER_SECOND2, LEAST_ACCELERATION_URAD_S2, JOINT_ACCELERATION_URAD_S2
+        ),
+        *(_listed(axis, Unit.MICROMETRE, -REACH_UM, REACH_UM) for axis in "xyz"),
+        *(_listed(axis, Unit.MICRORADIAN, -FULL_TURN_URAD, FULL_TURN_URAD) for axis in ("rx", "ry", "rz")),
+        _listed("speed", Unit.MICROMETRE_PER_SECOND, LEAST_TOOL_SPEED_UM_S, TOOL_SPEED_UM_S),
+        _listed("acceleration", Unit.MICROMETRE_PER_SECOND2, LEAST_TOOL_ACCELERATION_UM_S2, TOOL_ACCELERATION_UM_S2),
+        _listed("blend", Unit.MICROMETRE, 0, BLEND_UM),
+        _listed("line", Unit.COUNT, 0, 1),
+    ),
+    OperationKind.MOTION,
+    Tier.REVERSIBLE,
+    # Each list in the waypoints' order: angles, speed and acceleration of the joint moves, pose, speed and acceleration
+    # of the lines, blend and kind of all.
+    RobotPart(Moves.THROUGH_WAYPOINTS, Sent.ONCE),
 )
 STOP: Final = Operation(ROBOT, "stop", (), OperationKind.STOP, Tier.NO_EFFECT, RobotPart(Moves.NOTHING, Sent.NEVER), ())
 GRIPPER_MOVE: Final = Operation(
@@ -201,8 +281,7 @@ SPEED_LINEAR: Final = Operation(
     ROBOT,
     "speed_linear",
     (
-        *(_limit(f"v{axis}", Unit.MICROMETRE_PER_SECOND, -TOOL_SPEED_UM_S, TOOL_SPEED_UM_S) for axis in "xyz"),
-        *(_limit(f"w{axis}", Unit.MICRORADIAN_PER_SECOND, -JOINT_SPEED_URAD_S, JOINT_SPEED_URAD_S) for axis in "xyz"),
+        *_TOOL_SPEED,
         _TOOL_ACCELERATION,
         _DURATION,
     ),
@@ -210,20 +289,36 @@ SPEED_LINEAR: Final = Operation(
     Tier.REVERSIBLE,
     RobotPart(Moves.AT_TOOL_SPEED, Sent.ONCE),  # the joints of a changing tool speed have no bound: one at a time
 )
+_SERVO: Final = (
+    _limit("period", Unit.MILLISECOND, *SERVO_PERIOD_MS),
+    _limit("lookahead", Unit.MILLISECOND, *LOOKAHEAD_MS),
+    _limit("gain", Unit.COUNT, *GAIN),
+)
+MOVE_UNTIL_CONTACT: Final = Operation(
+    ROBOT,
+    "move_until_contact",
+    (*_TOOL_SPEED, _TOOL_ACCELERATION, _limit("distance", Unit.MICROMETRE, *CONTACT_WAY_UM)),
+    OperationKind.MOTION,
+    Tier.REVERSIBLE,
+    RobotPart(Moves.UNTIL_CONTACT, Sent.ONCE),  # a program does not say how far: it is as far as its token lets it
+)
 SERVO_JOINT: Final = Operation(
     ROBOT,
     "servo_joint",
-    (
-        *_JOINT_ANGLES,
-        _limit("period", Unit.MILLISECOND, *SERVO_PERIOD_MS),
-        _limit("lookahead", Unit.MILLISECOND, *LOOKAHEAD_MS),
-        _limit("gain", Unit.COUNT, *GAIN),
-    ),
+    (*_JOINT_ANGLES, *_SERVO),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
     RobotPart(
         Moves.AFTER_JOINTS, Sent.STREAM
     ),  # the limits of a token hold for each of the angles, not for the first alone
+)
+SERVO_LINEAR: Final = Operation(
+    ROBOT,
+    "servo_linear",
+    (*_POSE, *_SERVO),
+    OperationKind.MOTION,
+    Tier.REVERSIBLE,
+    RobotPart(Moves.AFTER_POSES, Sent.STREAM),  # likewise, for each of the poses
 )
 SET_SPEED_SLIDER: Final = Operation(
     ROBOT,
@@ -249,9 +344,73 @@ SET_TCP: Final = Operation(
     Tier.CONSEQUENTIAL,  # likewise
     RobotPart(Moves.STANDS, Sent.ONCE),
 )
+ZERO_FORCE_SENSOR: Final = Operation(
+    ROBOT,
+    "zero_force_sensor",
+    (),
+    OperationKind.SWITCH,
+    Tier.REVERSIBLE,  # what the sensor feels now counts as nothing from now on; no motion of ours depends on it
+    RobotPart(Moves.STANDS, Sent.ONCE),
+)
+_UNTIL: Final = (_limit("duration", Unit.MILLISECOND, *YIELD_MS), _limit("distance", Unit.MICROMETRE, *YIELD_UM))
+"""Ends of a motion that no target ends: its time, and the tool's distance from where it began."""
+FORCE_MODE: Final = Operation(
+    ROBOT,
+    "force_mode",
+    (
+        *_POSE,
+        *(_limit(f"f{axis}", Unit.MILLINEWTON, -FORCE_MN, FORCE_MN) for axis in "xyz"),
+        *(_limit(f"t{axis}", Unit.MILLINEWTON_METRE, -TORQUE_MN_M, TORQUE_MN_M) for axis in "xyz"),
+        *(_limit(f"v{axis}", Unit.MICROMETRE_PER_SECOND, 0, YIELD_SPEED_UM_S) for axis in "xyz"),
+        *(_limit(f"w{axis}", Unit.MICRORADIAN_PER_SECOND, 0, YIELD_TURN_URAD_S) for axis in "xyz"),
+        *_UNTIL,
+    ),
+    OperationKind.MOTION,
+    Tier.HIGH_CONSEQUENCE,  # DESIGN section 8: forces and hands say where the arm goes
+    RobotPart(Moves.BY_FORCE, Sent.STREAM),
+)
+"""Force mode: the task frame, and along and about each of its axes the force and the highest speed.
+
+An axis is compliant where its speed is more than 0; where it is held, its force is 0 too.
+"""
+FREEDRIVE: Final = Operation(
+    ROBOT,
+    "freedrive",
+    (
+        *(_limit(f"free_{axis}", Unit.COUNT, 0, 1) for axis in ("x", "y", "z", "rx", "ry", "rz")),
+        _limit("tool_speed", Unit.MICROMETRE_PER_SECOND, *HAND_SPEED_UM_S),
+        _limit("joint_speed", Unit.MICRORADIAN_PER_SECOND, *HAND_TURN_URAD_S),
+        *_UNTIL,
+    ),
+    OperationKind.MOTION,
+    Tier.HIGH_CONSEQUENCE,  # likewise
+    RobotPart(Moves.BY_HAND, Sent.STREAM),
+)
+"""Leading by hand along the free axes of the base.
+
+The arm is stopped where it is faster, farther or longer at it.
+"""
+SET_FORCE_DAMPING: Final = Operation(
+    ROBOT,
+    "set_force_damping",
+    (_limit("damping", Unit.PERMILLE, 0, DAMPING_PERMILLE),),
+    OperationKind.SWITCH,
+    Tier.CONSEQUENTIAL,  # it changes what a force that is asked for later does
+    RobotPart(Moves.STANDS, Sent.ONCE),
+)
+SET_FORCE_GAIN: Final = Operation(
+    ROBOT,
+    "set_force_gain",
+    (_limit("gain", Unit.PERMILLE, 0, FORCE_GAIN_PERMILLE),),
+    OperationKind.SWITCH,
+    Tier.CONSEQUENTIAL,  # likewise
+    RobotPart(Moves.STANDS, Sent.ONCE),
+)
 OPERATIONS: Final = (
     MOVE_JOINT,
     MOVE_PATH,
+    FOLLOW_TRAJECTORY,
+    MOVE_WAYPOINTS,
     STOP,
     GRIPPER_MOVE,
     GRIPPER_ACTIVATE,
@@ -260,10 +419,17 @@ OPERATIONS: Final = (
     READ_STATE,
     MOVE_LINEAR,
     SPEED_LINEAR,
+    MOVE_UNTIL_CONTACT,
     SERVO_JOINT,
+    SERVO_LINEAR,
     SET_SPEED_SLIDER,
     SET_PAYLOAD,
     SET_TCP,
+    ZERO_FORCE_SENSOR,
+    FORCE_MODE,
+    FREEDRIVE,
+    SET_FORCE_DAMPING,
+    SET_FORCE_GAIN,
 )
 """Every operation of the robot."""
 _BY_NAME: Final[Mapping[tuple[str, str], Operation]] = {(each.object, each.name): each for each in OPERATIONS}
@@ -284,13 +450,13 @@ def targets_of(operation: Operation | None, numbers: Sequence[T]) -> tuple[tuple
 
     Args:
         operation: of the request; None where the robot has none.
-        numbers: values of its parameters in order.
+        numbers: values of its parameters in order; of a trajectory its last point first (`pep.world.motion_history`).
 
     Returns:
         () where the operation names no such place.
     """
     match operation.moves if operation is not None else Moves.NOTHING:
-        case Moves.TO_JOINTS:
+        case Moves.TO_JOINTS | Moves.ALONG_TRAJECTORY:
             return (tuple(numbers[:JOINTS]),)
         case Moves.THROUGH_JOINTS:
             every = [tuple(numbers[first : first + JOINTS]) for first in range(0, WAYPOINTS * JOINTS, JOINTS)]
@@ -314,23 +480,3 @@ def padded(waypoints: Sequence[T]) -> tuple[T, ...]:
     if not 1 <= len(waypoints) <= WAYPOINTS:
         raise ValueError(f"a path has 1 to {WAYPOINTS} waypoints")
     return (*waypoints, *(waypoints[-1] for _ in range(WAYPOINTS - len(waypoints))))
-
-
-def digest_of(operation: Operation, numbers: Sequence[float], *, audience: str) -> str:
-    """Digest of the request that sends these numbers; "" when they are no request.
-
-    Args:
-        operation: that is about to be sent.
-        numbers: its parameters in order, in SI units: the very values that go to the device.
-        audience: canonical URL of the server that decided.
-    """
-    if len(numbers) != len(operation.parameters):
-        return ""
-    try:
-        values = tuple(
-            Quantity(parameter.name, parameter.unit, parse(number, parameter.unit))
-            for parameter, number in zip(operation.parameters, numbers, strict=True)
-        )
-    except QuantityError:
-        return ""
-    return Request("", frozenset(), audience, operation.object, operation.name, values, 0.0).digest

@@ -230,6 +230,11 @@ class Gate(Edge):
         """
         evidence = self._cheap(call)
         ports = robot_of(call, self._robot)
+        if ports is not None and call.operation.kind is not OperationKind.READ and not first_fault(evidence):
+            latch_id = ports.latched()
+            if latch_id is not None:  # [LSD-21] after authority: no stranger is told of it
+                decided_ms, decision = self._clock.monotonic_ms(), decide(call.request, evidence, self._policies)
+                return evidence, _denied(decision, Reason.ROBOT_LATCHED, STATE, latch_id=latch_id), decided_ms
         if ports is not None and call.readiness is not None and physical and not first_fault(evidence):
             robot = call.readiness.reading()
             evidence = replace(evidence, robot=robot)
@@ -343,6 +348,7 @@ class Gate(Edge):
             sighted=isinstance(evidence.impact, ImpactReading) and evidence.impact.perception == FRESH,
             touch=touch,
             agent=_agent(call),
+            tier=decision.tier,
             again=None if call.operation.robot else self._last_look(call, decision),
         )
 
@@ -480,9 +486,9 @@ class Gate(Edge):
         self._budgets.close()
 
 
-def _denied(decided: Decision, reason: Reason) -> Decision:
+def _denied(decided: Decision, reason: Reason, primitive: str = SEQUENCE, **detail: object) -> Decision:
     """Denial of the gate itself, over the digests of the decision."""
-    return replace(denial(decided, reason, SEQUENCE), findings=(Finding(SEQUENCE, reason),))
+    return replace(denial(decided, reason, primitive), findings=(Finding(primitive, reason, detail),))
 
 
 def _agent(call: Call) -> str:

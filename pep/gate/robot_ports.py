@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING
 from capabilities.values.chain import Chain
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from pep.base.ports import MotionSlot, Physics
     from pep.request.call import Call
     from pep.world.sequence import Sequence
@@ -22,11 +24,13 @@ class RobotPorts:
         slot: one motion at a time.
         sequence: its recent acts.
         physics: runtime impact.
+        latched: id of the latch in force; None while there is none.
     """
 
     slot: MotionSlot
     sequence: Sequence
     physics: Physics
+    latched: Callable[[], str | None] = lambda: None
 
 
 def robot_of(call: Call, ports: RobotPorts | None) -> RobotPorts | None:

@@ -127,7 +127,8 @@ class FileJournal:
 
         Args:
             kind: "advice", "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired",
-                "incident", "lease", "lease-ended", "lease-renewed", "stream", "stream-values" or "ticket".
+                "incident", "latched", "latch-retreat", "latch-cleared", "lease", "lease-ended",
+                "lease-renewed", "stream", "stream-values" or "ticket".
             body: plain JSON values, finite numbers.
 
         Raises:

@@ -13,6 +13,7 @@ from mcp.server.mcpserver.exceptions import ToolError
 from pydantic import Field
 from typing_extensions import TypedDict
 
+from capabilities.values.well_formed import LIST_LENGTH
 from pep.base import operations as ops
 from pep.base.errors import ActuationRefusedError, RobotError
 from pep.base.operations import JOINTS, WAYPOINTS
@@ -36,6 +37,21 @@ Waypoint = Annotated[list[float], Field(min_length=JOINTS, max_length=JOINTS)]
 Waypoints = Annotated[
     list[Waypoint],
     Field(min_length=1, max_length=WAYPOINTS, description="Waypoints in order, each of six joint angles in rad."),
+]
+Times = Annotated[
+    list[float], Field(min_length=2, max_length=LIST_LENGTH, description="Time of each point in s, rising from 0.")
+]
+Points = Annotated[
+    list[Waypoint],
+    Field(
+        min_length=2,
+        max_length=LIST_LENGTH,
+        description="Joint angles in rad at each time; the arm stands at the first.",
+    ),
+]
+PointSpeeds = Annotated[
+    list[Waypoint],
+    Field(max_length=LIST_LENGTH, description="Six joint speeds in rad/s at each time; none to have them worked out."),
 ]
 JointSpeed = Annotated[float, Field(description="Greatest speed of the leading joint in rad/s.")]
 JointAcceleration = Annotated[float, Field(description="Acceleration of the leading joint in rad/s^2.")]
@@ -179,6 +195,19 @@ def arm_server(driver: ArmDriver, world: Callable[[], dict[str, Any]]) -> MCPSer
         """Move the arm through 1 to 4 waypoints, straight in joint space, resting at each; tell where it stopped."""
         angles = (angle for point in ops.padded(waypoints_rad) for angle in point)
         end = await _permitted(driver, ops.MOVE_PATH, (*angles, speed_rad_s, acceleration_rad_s2))
+        return _moved(end)
+
+    @server.tool()
+    async def follow_trajectory(
+        times_s: Times,
+        positions_rad: Points,
+        speed_rad_s: JointSpeed,
+        acceleration_rad_s2: JointAcceleration,
+        velocities_rad_s: PointSpeeds = [],  # noqa: B006 - never changed; no list is the tool's default
+    ) -> Moved:
+        """Move the arm through joint angles at stated times, without a stop at each; tell where it has stopped."""
+        del times_s, positions_rad, velocities_rad_s  # what was decided is sent, and the permit has it
+        end = await _permitted(driver, ops.FOLLOW_TRAJECTORY, (speed_rad_s, acceleration_rad_s2))
         return _moved(end)
 
     @server.tool()

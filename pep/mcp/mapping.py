@@ -155,6 +155,8 @@ def _read(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any
             if isinstance(limit.parameter.kind, ListOf):
                 return _list(argument.name, limit, limit.parameter.kind.element, given)
             parts: Sequence[Any] | None = (given,)
+        case ArgumentForm.POINTS:
+            return _points(argument, limits, given)
         case _:
             parts = _numbers(argument, given)
     if parts is None:
@@ -166,6 +168,21 @@ def _read(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any
         except QuantityError as error:
             element = f"{argument.name}[{place}]" if argument.form is ArgumentForm.VECTOR else argument.name
             return Misfit(Reason(error.code), element, error.detail)
+    return values
+
+
+def _points(argument: ToolArgument, limits: Sequence[BoundedParameter], given: Any) -> Sequence[Value] | Misfit:
+    """The list parameters of a list of points, one for each of a point's numbers."""
+    wide = argument.parameters
+    if not isinstance(given, list) or not all(isinstance(point, list) and len(point) == wide for point in given):
+        return Misfit(Reason.PARAMETERS_WRONG, argument.name, _wanted(argument))
+    values: list[Value] = []
+    for limit, column in zip(limits, zip(*given, strict=True) if given else ((),) * wide, strict=True):
+        assert isinstance(limit.parameter.kind, ListOf)
+        read = _list(argument.name, limit, limit.parameter.kind.element, list(column))
+        if isinstance(read, Misfit):
+            return read
+        values.extend(read)
     return values
 
 
@@ -181,7 +198,7 @@ def _list(name: str, limit: BoundedParameter, element: Kind, given: Any) -> Sequ
             members.append(_value(limit, element, member).value)
         except QuantityError as error:
             return Misfit(Reason(error.code), f"{name}[{place}]", error.detail)
-    return (Argument(name, limit.parameter.kind, tuple(members)),)  # type: ignore[arg-type]  # the kind of a list
+    return (Argument(limit.parameter.name, limit.parameter.kind, tuple(members)),)  # type: ignore[arg-type]  # the kind of a list
 
 
 def _value(limit: BoundedParameter, kind: Kind, given: Any) -> Value:
@@ -250,8 +267,8 @@ def _argument(form: ArgumentForm, scale: int, values: Sequence[Any]) -> Any:
             return [value / scale for value in values[0]]
         case ArgumentForm.INTEGERS:
             return [value // scale for value in values[0]]
-        case ArgumentForm.WAYPOINTS:
-            raise ValueError("a path is a robot's")
+        case ArgumentForm.WAYPOINTS | ArgumentForm.POINTS:
+            raise ValueError("a path or a trajectory is a robot's")
         case _:
             assert_never(form)
 
@@ -285,6 +302,8 @@ def _wanted(argument: ToolArgument) -> str:
             return "true or false is wanted"
         case ArgumentForm.WAYPOINTS:
             return f"a list of 1 to {WAYPOINTS} lists of {JOINTS} numbers is wanted"
+        case ArgumentForm.POINTS:
+            return f"a list of lists of {argument.parameters} numbers is wanted"
         case ArgumentForm.TEXT:
             return "a text is wanted"
         case ArgumentForm.VALUE:

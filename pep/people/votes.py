@@ -152,7 +152,7 @@ def _opened(text: str, question: Ask, people: Approvers, caps: Caps) -> tuple[Vo
         return vote, key if passkeys[key] == vote.approver else None
     approvers = people.approvers()
     vote = vote_statement.open(text, list(approvers), caps)
-    return vote, _own_key(approvers, vote.approver, signer_thumbprint(text))
+    return vote, own_key(approvers, vote.approver, signer_thumbprint(text))
 
 
 def registered(people: Approvers) -> dict[bytes, str]:
@@ -175,7 +175,7 @@ def read_opening(
         opening = opening_statement.open(text, list(approvers), caps)
     except CapabilityError as error:
         return RejectedStatement(error.code)
-    key = _own_key(approvers, opening.opener, signer_thumbprint(text))
+    key = own_key(approvers, opening.opener, signer_thumbprint(text))
     if key is None:
         return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if opening.audience != audience:
@@ -198,7 +198,7 @@ def read_envelope(
         envelope = envelope_statement.open(text, list(approvers), caps)
     except CapabilityError as error:
         return RejectedStatement(error.code)
-    key = _own_key(approvers, envelope.approver, signer_thumbprint(text))
+    key = own_key(approvers, envelope.approver, signer_thumbprint(text))
     if key is None:
         return RejectedStatement(VoteFault.VOTE_NOT_YOURS)
     if envelope.audience != audience:
@@ -206,7 +206,7 @@ def read_envelope(
     return VerifiedEnvelope(text, envelope, key)
 
 
-def _own_key(approvers: Mapping[bytes, str], person: str, signer: str) -> bytes | None:
+def own_key(approvers: Mapping[bytes, str], person: str, signer: str) -> bytes | None:
     """The person's key with this thumbprint."""
     own = (key for key, owner in approvers.items() if owner == person)
     return next((key for key in own if keys.thumbprint(key) == signer), None)

@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.base.errors import CellError, ModelError, PitError, SceneError
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
     JointLeg,
     JointPath,
+    JointTrajectory,
     LineLeg,
     LinePath,
     Motion,
@@ -40,7 +42,7 @@ from pep.pit.scene.cell import (
     StaticObject,
     StaticZone,
 )
-from pep.pit.scene.grip_sightings import gripped, unknown_part
+from pep.pit.scene.grip_sightings import declared_part, gripped, unknown_part
 from pep.pit.scene.observation import observed, scene_observed
 from pep.pit.scene.scene import Box, Capsule, Convex, Person, Region, Scene, Sphere, Thing, Workspace, Zone
 from pep.pit.scene.survey import SurveyError, SurveyFault, numbers_only, surveyed
@@ -57,6 +59,7 @@ __all__ = [
     "NOMINAL_ERROR_M",
     "NOMINAL_UNCERTAINTY_M",
     "Assessment",
+    "BlendedPath",
     "Bounded",
     "Box",
     "Build",
@@ -71,6 +74,7 @@ __all__ = [
     "GripperMove",
     "JointLeg",
     "JointPath",
+    "JointTrajectory",
     "LineLeg",
     "LinePath",
     "ModelError",
@@ -103,6 +107,7 @@ __all__ = [
     "Zone",
     "adult_at_distance",
     "assess",
+    "declared_part",
     "gripped",
     "numbers_only",
     "observed",

@@ -57,6 +57,10 @@ class AskClient:
         caps: bounds on statements.
         clock: both clocks.
         incident: told about every refused answer and every post that failed.
+
+    Attributes:
+        heard: told, on a thread, of each verified word; one that raises a `PepError` is an incident.
+        urgent: whether something else than a deferral waits for people.
     """
 
     def __init__(
@@ -77,6 +81,8 @@ class AskClient:
         self._caps = caps
         self._clock = clock
         self._incident = incident
+        self.heard: list[Callable[[Answers], None]] = []
+        self.urgent: Callable[[], bool] = lambda: False
         self._asked = asyncio.Event()
         self._next_ms: dict[str, tuple[int, int]] = {}
 
@@ -123,7 +129,7 @@ class AskClient:
                 self._incident(error)
             self._asked.clear()
             try:
-                async with asyncio.timeout(PERIOD_S if self._asks.matter() else IDLE_S):
+                async with asyncio.timeout(PERIOD_S if self._asks.matter() or self.urgent() else IDLE_S):
                     await self._asked.wait()
                 await asyncio.sleep(PERIOD_S)  # a new question; no person answers it sooner
             except TimeoutError:
@@ -138,7 +144,7 @@ class AskClient:
         self._next_ms[ask.ask_id] = (tries + 1, self._clock.monotonic_ms() + int(TIMEOUT_S * 1000) + wait_ms)
         body = json.dumps({"ask": ask.text}).encode()
         try:
-            status, answer = await self._send(
+            status, answer = await self.send(
                 "POST", "/approvals", body=body, most_bytes=REFUSAL_BYTES, trace_id=ask.trace_id
             )
             if status in {200, 201}:
@@ -161,7 +167,7 @@ class AskClient:
         """
         nonce = keys.b64u(secrets.token_bytes(24))
         sent_ms = self._clock.monotonic_ms()
-        status, content = await self._send(
+        status, content = await self.send(
             "GET",
             "/approvals/answers",
             query={"audience": self._asker.audience, "nonce": nonce},
@@ -171,6 +177,8 @@ class AskClient:
             raise FeedError(PepFault.FEED_UNREACHABLE, f"answers: status {status}")
         answers = self._verified(content, nonce)
         await asyncio.to_thread(self._asks.accept, answers, sent_ms=sent_ms)
+        for follower in self.heard:
+            await asyncio.to_thread(follower, answers)
 
     def _verified(self, content: bytes, nonce: str) -> Answers:
         try:
@@ -187,7 +195,7 @@ class AskClient:
             raise FeedError(PepFault.FEED_WRONG_NONCE, "answers")
         return answers
 
-    async def _send(
+    async def send(
         self,
         method: str,
         path: str,

@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from capabilities.values.errors import Fault
+    from capabilities.values.scope import Tier
     from capabilities.values.units import Quantity
     from pep.base.ports import Clock
     from policies.evidence.model import Decision, Obligation, Request
@@ -54,6 +55,7 @@ class Permit:
     Attributes:
         request_id: of the request that was decided.
         agent: agent of the request; "" when nobody needs to know.
+        tier: of the decision; None where it had none.
         digest: `Request.digest` of what was decided.
         since_ms: monotonic time at which the request arrived; a stop after that voids the permit.
         deadline_ms: monotonic time after which nothing may be sent.
@@ -81,10 +83,12 @@ class Permit:
         sighted: bool = True,
         touch: frozenset[str] = frozenset(),
         agent: str = "",
+        tier: Tier | None = None,
         again: Callable[[], Reason | None] | None = None,
     ) -> None:
         self.request_id = request_id
         self.agent = agent
+        self.tier = tier
         self.digest = digest
         self.since_ms = since_ms
         self.deadline_ms = deadline_ms

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
-from pep.pit import JointPath, MoveJ, MoveL
+from pep.pit import BlendedPath, JointLeg, JointPath, JointTrajectory, LineLeg, MoveJ, MoveL
 from pep.pit.robot.calibration import nominal_error_m
 from pep.pit.robot.inverse_kinematics import stance
 from pep.pit.robot.twist import turn_of, turned_by
@@ -40,7 +40,11 @@ def arrived(motion: Motion | None, robot: Robot, q_rad: Sequence[float]) -> bool
             return _near(q_rad, target)
         case JointPath(legs=legs):
             return _near(q_rad, legs[-1].target)
-        case MoveL(target=pose):
+        case JointTrajectory(points=points):
+            return _near(q_rad, points[-1])
+        case BlendedPath(legs=(*_, JointLeg(target=target))):
+            return _near(q_rad, target)
+        case MoveL(target=pose) | BlendedPath(legs=(*_, LineLeg(target=pose))):
             here = stance(robot, np.array(q_rad, dtype=float))
             off = turn_of(turned_by(np.array(pose[3:])) @ here.rotation.T)
             return bool(

@@ -10,7 +10,9 @@ from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import Bounded, SceneError, ServoJ, SpeedJ, Stream
 from pep.pit.assessment.assessment import milli
+from pep.pit.base.errors import UnprovenError
 from pep.pit.search.speed_envelope import moves_with
+from pep.world.led_motion import JointRates, Led, LedArm, LedTool, floor_milli, led_age, led_cell, led_scene
 from pep.world.world import sight_of
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from pep.base.ports import Clock
     from pep.perception.sensor_frames import Frames
     from pep.pit import CellParameters
-    from pep.pit.base.motion import Joints
+    from pep.pit.base.motion import Floats, Joints
     from pep.rtde.robot.state_receiver import JointState
     from pep.world.held_object import CommittedGrip
 
@@ -54,7 +56,7 @@ class JointSpeeds:
     acceleration_rad_s2: float
 
 
-Value: TypeAlias = JointAngles | JointSpeeds
+Value: TypeAlias = JointAngles | JointSpeeds | Led
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,17 +93,35 @@ class CellStream:
         frames: the believed perception.
         touch: objects that the token grants to touch.
         clock: the monotonic one counts.
+        led: how a force or a hand leads the arm, at most; None for any other stream.
     """
 
     def __init__(
-        self, *, holding: CommittedGrip, cell: CellParameters, frames: Frames, touch: frozenset[str], clock: Clock
+        self,
+        *,
+        holding: CommittedGrip,
+        cell: CellParameters,
+        frames: Frames,
+        touch: frozenset[str],
+        clock: Clock,
+        led: Led | None = None,
     ) -> None:
         self._holding = holding
+        self._led_by = led
+        self._rates: JointRates | None = None
+        self._begun: Floats | None = None  # tool point at which a led motion began
         self._robot = holding.robot
+        cell = led_cell(cell, led)
         self._cell = cell = replace(cell, time_limit_s=min(cell.time_limit_s, STEP_S))
         self._frames = frames
         self._lock = threading.Lock()
-        self._stream = Stream(self._robot, cell, touch=touch, clock=lambda: clock.monotonic_ms() / 1000)
+        by_hand = isinstance(led, LedArm)
+
+        def now_s() -> float:
+            # A view that nobody in it makes older does not age; a late answer is the caller's affair (`AGAIN_MS`).
+            return 0.0 if by_hand else clock.monotonic_ms() / 1000
+
+        self._stream = Stream(self._robot, cell, touch=touch, clock=now_s)
 
     def see(self, q_rad: Sequence[float]) -> Shown | ImpactFault:
         """Takes the newest view as the one from the next value on. Milliseconds.
@@ -117,7 +137,8 @@ class CellStream:
         if isinstance(sight, ImpactFault):
             return sight
         at: Joints = tuple(q_rad)  # type: ignore[assignment]  # six, counted where they were read
-        self._stream.see(sight.scene, age_s=sight.age_s, at_rad=at)
+        scene = led_scene(sight.scene) if isinstance(self._led_by, LedArm) else sight.scene
+        self._stream.see(scene, age_s=led_age(sight.age_s, self._cell, self._led_by), at_rad=at)
         view = look.view()
         return Shown(look.age_ms(look.taken_ms), view.content if isinstance(view, Seen) else None)
 
@@ -139,16 +160,41 @@ class CellStream:
         """
         if self._holding.robot is not self._robot:
             return ImpactFault(Reason.PHYSICS_FAULT, "the arm holds another part than when the stream began")
-        motion = _motion(value, state, self._cell)
+        rates: JointRates | None = None
+        if isinstance(value, LedTool | LedArm):
+            try:
+                rates = self._led(value, state)
+            except UnprovenError as error:
+                return ImpactFault(error.reason, error.detail)
+            motion: ServoJ | SpeedJ = rates.envelope(self._cell)
+        else:
+            motion = _motion(value, state, self._cell)
         with self._lock:  # one question at a time; a new view needs no lock
             found = self._stream.step(motion, authorised_milli=authorised_milli, seed=seed)
         if isinstance(found, ImpactFault):
             return found
         violations = () if isinstance(found, Bounded) else found.violations
+        if rates is not None:
+            index_milli = max(milli(found.index), floor_milli(value))  # type: ignore[arg-type]  # it has rates
+            return Judged(index_milli, violations, rates.tool_speed(found.tcp_speed_m_s), found.contact_ratio)
         return Judged(milli(found.index), violations, found.tcp_speed_m_s, found.contact_ratio)
 
+    def strays(self, state: JointState) -> str:
+        """Quantity of a led motion that is above its bound in this state, as a word; "" for none."""
+        rates, begun = self._rates, self._begun
+        if rates is None or begun is None:
+            return ""
+        return rates.exceeded(state, begun, stop_s=self._cell.stop_delay_s)
 
-def _motion(value: Value, state: JointState, cell: CellParameters) -> ServoJ | SpeedJ:
+    def _led(self, value: Led, state: JointState) -> JointRates:
+        rates = JointRates.of(value, self._robot, state.q_rad)
+        if self._begun is None:
+            self._begun = rates.position
+        self._rates = rates
+        return rates
+
+
+def _motion(value: JointAngles | JointSpeeds, state: JointState, cell: CellParameters) -> ServoJ | SpeedJ:
     start, now = state.q_rad, state.qd_rad_s
     match value:
         case JointAngles(q_rad, period_s, lookahead_s):

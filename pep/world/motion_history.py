@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.units import Measure, Quantity, Unit
 from pep.base.operation_row import Moves
 from pep.base.operations import JOINTS, MOVE_JOINT, operation_of, targets_of
+from pep.world.timed_request import end_urad
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,12 +57,17 @@ class Act:
 
 def act_of(request: Request, *, agent: str, at_ms: int, start_urad: Angles) -> Act:
     """The act that the request is, from that start."""
+    operation = operation_of(request.object, request.operation)
     values = tuple((value.name, value.unit, value.value) for value in request.quantities)
+    if operation is not None and operation.moves is Moves.ALONG_TRAJECTORY:
+        # Where it leads; its way is no straight one, and is assessed as it is.
+        ends = zip(MOVE_JOINT.parameters, end_urad(request), strict=False)
+        values = (*((parameter.name, parameter.unit, angle) for parameter, angle in ends), *values)
+        return Act(agent, (request.object, request.operation), values, at_ms)
     act = Act(agent, (request.object, request.operation), values, at_ms)
     numbers = tuple(value.value for value in request.quantities)
     if len(start_urad) != JOINTS:
         return act
-    operation = operation_of(request.object, request.operation)
     if operation is not None and operation.moves is Moves.AT_JOINT_SPEEDS:
         *speeds, acceleration, duration_ms = numbers
         end = tuple(q + qd * duration_ms // Unit.MILLISECOND.per_si for q, qd in zip(start_urad, speeds, strict=True))

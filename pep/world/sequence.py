@@ -117,7 +117,7 @@ class Sequence:
 
     def ended(self, request: Request, *, arrived: bool) -> None:
         """Notes the end of the request's effect; an arm that arrived stands at its target, any other anywhere."""
-        numbers = tuple(value.value for value in request.quantities)
+        numbers = tuple(value for _, _, value in self._act(request, "", ()).values)
         targets = targets_of(operation_of(request.object, request.operation), numbers)
         if arrived and targets:
             with self._lock:

@@ -21,9 +21,11 @@ from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen
 from pep.pit import (
     Assessment,
+    BlendedPath,
     GripperMove,
     JointLeg,
     JointPath,
+    JointTrajectory,
     LinePath,
     MoveJ,
     MoveL,
@@ -37,9 +39,16 @@ from pep.pit import (
     remaining,
     scene_observed,
 )
+from pep.pit.base.errors import MotionError, UnprovenError
+from pep.pit.base.timed_points import refuse_untimed
+from pep.pit.robot.inverse_kinematics import followed
 from pep.pit.robot.kinematics import link_frames
+from pep.pit.search.contact_way import contact_speed, until_contact
 from pep.pit.search.speed_envelope import moves_with, stream_envelope
 from pep.world.arrival import arrived
+from pep.world.led_motion import LedView, force_of, led_by
+from pep.world.timed_request import refuse_elsewhere, refuse_faster, trajectory_of
+from pep.world.waypoints import through_waypoints
 from policies.evidence.evidence import ImpactFault, ImpactReading
 from policies.evidence.tiers import FRESH
 from policies.words.reason_table import Reason
@@ -93,6 +102,7 @@ class CellPhysics:
         self._clock = clock
         self._lock = threading.Lock()
         self._motions: OrderedDict[str, Motion] = OrderedDict()
+        self._until_s: dict[str, float] = {}  # of the motions that go on until a contact
 
     def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
         """Runtime impact of the request in the world as it is now, or a fault, with the view's origin.
@@ -145,20 +155,24 @@ class CellPhysics:
         state = self._state.read()
         if not state.still and not _goes_on(request, state):
             return ImpactFault(Reason.BUSY, "the arm is moving")
-        robot = self._holding.robot
+        robot, seed = self._holding.robot, bytes.fromhex(request.digest)
+        led = led_by(request)
+        if led is not None:
+            # It begins where the arm stands; its envelope is around that.
+            self._keep(request, MoveJ(state.q_rad, state.q_rad, 1.0, 1.0))  # type: ignore[arg-type]  # as below
+            view = LedView(sight.scene, sight.age_s, self._cell, touch)
+            return view.reading(led, robot, state.q_rad, force_n=force_of(request), seed=seed)
         motion = _motion(request, state, robot, self._cell)
+        if isinstance(motion, SpeedL) and _until_contact(request):
+            asked_m_s = math.hypot(*(si(v.value, v.unit) for v in request.quantities[:3]))
+            patience = patience_s(self._cell.stop_deceleration_rad_s2)
+            motion, self._until_s[request.request_id] = until_contact(
+                robot, motion, sight.scene, self._cell, touch=touch, speed_m_s=asked_m_s, patience_s=patience
+            )
         if motion is None:
             return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
         self._keep(request, motion)
-        assessed = assess(
-            robot,
-            sight.scene,
-            motion,
-            self._cell,
-            perception_age_s=sight.age_s,
-            touch=touch,
-            seed=bytes.fromhex(request.digest),
-        )
+        assessed = assess(robot, sight.scene, motion, self._cell, perception_age_s=sight.age_s, touch=touch, seed=seed)
         match assessed:
             case ImpactFault():
                 return assessed
@@ -171,7 +185,8 @@ class CellPhysics:
         with self._lock:
             self._motions[request.request_id] = motion
             while len(self._motions) > MOTIONS_KEPT:
-                self._motions.popitem(last=False)
+                over, _ = self._motions.popitem(last=False)
+                self._until_s.pop(over, None)
 
     def remember(self, request: Request) -> None:
         """Keeps a motion as `Physics.remember` says. A motion that cannot be derived begins nowhere, and is refused."""
@@ -222,7 +237,17 @@ class CellPhysics:
         match motion:
             case None | OutputSet():
                 return None
-            case MoveJ() | SpeedJ() | MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
+            case (
+                MoveJ()
+                | SpeedJ()
+                | MoveL()
+                | SpeedL()
+                | ServoJ()
+                | JointPath()
+                | LinePath()
+                | JointTrajectory()
+                | BlendedPath()
+            ):
                 return motion.start
             case GripperMove():
                 return motion.q
@@ -234,6 +259,10 @@ class CellPhysics:
         with self._lock:
             motion = self._motions.get(request_id)
         return arrived(motion, self._holding.robot, q_rad)
+
+    def held_s(self, request_id: str) -> float:
+        """Time for which that request's tool may go on until a contact, s; 0 where it was not assessed."""
+        return self._until_s.get(request_id, 0.0)
 
     def left(
         self,
@@ -372,6 +401,10 @@ def _told(ask: Callable[[], T]) -> T | ImpactFault:
         return ImpactFault(Reason.PHYSICS_FAULT, str(error.code))
     except SceneError as error:
         return ImpactFault(Reason.PERCEPTION_INVALID, error.detail)
+    except UnprovenError as error:
+        return ImpactFault(Reason.UNPROVEN, error.detail)
+    except MotionError as error:
+        return ImpactFault(error.reason, error.detail)
     except Exception as error:  # noqa: BLE001 - a narrower net would let something through
         return ImpactFault(Reason.PHYSICS_FAULT, type(error).__name__)
 
@@ -392,7 +425,7 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
     moves = Moves.NOTHING if operation is None else operation.moves
     # Six joints, counted where they were read or bounded: hence the ignored argument types.
     match moves:
-        case Moves.NOTHING:
+        case Moves.NOTHING | Moves.BY_FORCE | Moves.BY_HAND:  # `led_by` has the last two
             return None
         case Moves.TO_JOINTS:
             return MoveJ(here, values[:6], values[6], values[7])  # type: ignore[arg-type]
@@ -400,6 +433,14 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
             *points, speed, acceleration = values
             legs = tuple(JointLeg(point, speed, acceleration) for point in targets_of(operation, points))  # type: ignore[arg-type]
             return JointPath(here, legs)  # type: ignore[arg-type]
+        case Moves.ALONG_TRAJECTORY:
+            trajectory = trajectory_of(request)
+            refuse_untimed(trajectory)
+            refuse_elsewhere(trajectory, here)
+            refuse_faster(request, trajectory)
+            return trajectory
+        case Moves.THROUGH_WAYPOINTS:
+            return through_waypoints(request, here)  # type: ignore[arg-type]
         case Moves.TO_POSE:
             return MoveL(here, values[:6], values[6], values[7])  # type: ignore[arg-type]
         case Moves.AT_JOINT_SPEEDS:
@@ -408,8 +449,13 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
             # A held tool speed lasts until it is ended; a late end has the patience of a stream of joint speeds.
             duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
             return SpeedL(here, values[:6], values[6], duration_s)  # type: ignore[arg-type]
+        case Moves.UNTIL_CONTACT:
+            return contact_speed(here, values[:6], values[6], values[7])  # type: ignore[arg-type]
         case Moves.AFTER_JOINTS:
             return ServoJ(here, state.qd_rad_s, values[:6], values[6], values[7])  # type: ignore[arg-type]
+        case Moves.AFTER_POSES:
+            target = followed(robot, values[:6], here)  # type: ignore[arg-type]
+            return ServoJ(here, state.qd_rad_s, target, values[6], values[7])  # type: ignore[arg-type]
         case Moves.FINGERS:
             return GripperMove(here, values[0], values[1], values[2])  # type: ignore[arg-type]
         case Moves.FINGERS_WHOLE:
@@ -421,6 +467,11 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
             return MoveJ(here, here, 1.0, 1.0)  # type: ignore[arg-type]  # a move to where it is
         case _:
             assert_never(moves)
+
+
+def _until_contact(request: Request) -> bool:
+    operation = operation_of(request.object, request.operation)
+    return operation is not None and operation.moves is Moves.UNTIL_CONTACT
 
 
 def _stream(values: Sequence[float], state: JointState) -> SpeedJ:

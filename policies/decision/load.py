@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 from policies.decision.extend import EXTENDING, Written, extended, floor_of
 from policies.decision.policy import PolicySet
-from policies.decision.policy_text import parameters_of, policy_of
+from policies.decision.policy_text import LATCH, latch_of, parameters_of, policy_of
 from policies.decision.table import NAME_LIMIT, Table, table_of
 from policies.words.errors import PolicyError, PolicyFault
 
@@ -70,9 +70,9 @@ def _load(text: str, place: str, read: Reader | None, *, within: tuple[str, ...]
     top = Table(document, "")
     extends = "extends" in document
     if extends:
-        top.expect("name", "version", "extends", optional=("format", "parameters", *EXTENDING))
+        top.expect("name", "version", "extends", optional=("format", "parameters", *LATCH, *EXTENDING))
     else:
-        top.expect("name", "version", "policy", optional=("format", "parameters"))
+        top.expect("name", "version", "policy", optional=("format", "parameters", *LATCH))
     if "format" in document and top.integer("format", 0, 2**31 - 1) != FORMAT:
         raise PolicyError(PolicyFault.UNKNOWN_FORMAT, "format", f"this version reads {FORMAT}")
     numbers = top.table("parameters") if "parameters" in document else Table({}, "parameters")
@@ -86,7 +86,8 @@ def _load(text: str, place: str, read: Reader | None, *, within: tuple[str, ...]
     policies = tuple(policy_of(table, parameters) for table in stated.policies)
     name, version = top.text("name"), top.integer("version", 1, 2**31 - 1)
     floor = None if base is None else floor_of(*base, top, policies, parameters)
-    return PolicySet(name, version, policies, parameters, floor), stated
+    latch = latch_of(top) | (frozenset() if base is None else base[0].latch)  # what a base latches stays latched
+    return PolicySet(name, version, policies, parameters, floor, latch), stated
 
 
 def _base(top: Table, place: str, read: Reader | None, *, within: tuple[str, ...]) -> tuple[PolicySet, Written]:

@@ -28,6 +28,7 @@ from policies.words import canonical
 from policies.words.errors import PolicyError, PolicyFault
 
 if TYPE_CHECKING:
+    from capabilities.statements.people.latch import LatchCause
     from capabilities.values.scope import Tier
     from policies.evidence.evidence import Evidence
     from policies.words.parameters import Parameters
@@ -184,6 +185,7 @@ class PolicySet:
         policies: in any order; ids are unique.
         parameters: the set's numbers.
         floor: of a set that extends another one, the policies of that one which it keeps whole; they decide nothing.
+        latch: the stops after which a robot waits for a person ([LSD-21]); none of them by default.
         digest: SHA-256 (hex) of all that, the same for every order of policies.
     """
 
@@ -192,6 +194,7 @@ class PolicySet:
     policies: tuple[Policy, ...]
     parameters: Parameters
     floor: PolicySet | None = field(default=None, compare=False, repr=False)
+    latch: frozenset[LatchCause] = frozenset()
     digest: str = field(init=False, compare=False)
     _plans: dict[tuple[frozenset[Point], str, str], Plan] = field(
         init=False, compare=False, repr=False, default_factory=dict
@@ -202,7 +205,8 @@ class PolicySet:
         if len(set(ids)) != len(ids):
             raise PolicyError(PolicyFault.DUPLICATE_ID, "policy")
         content = (self.name, self.version, sorted(self.policies, key=lambda policy: policy.id), self.parameters)
-        object.__setattr__(self, "digest", canonical.digest("policy-set", content))
+        latch = (sorted(map(str, self.latch)),) if self.latch else ()  # without one, the digest of before
+        object.__setattr__(self, "digest", canonical.digest("policy-set", (*content, *latch)))
 
     def plan(self, request: Request) -> Plan:
         """Plan for a request.

@@ -6,6 +6,7 @@ import re
 from dataclasses import fields
 from typing import TYPE_CHECKING, Final
 
+from capabilities.statements.people.latch import LatchCause
 from capabilities.values import text as forms
 from capabilities.values.scope import Tier
 from capabilities.values.text import NAME
@@ -28,12 +29,36 @@ OPERATION: Final = re.compile(forms.OPERATION, re.ASCII)
 NONE: Final = "none"
 PARTS: Final = ("subject", "object", "predicate", "ep", "effect", "obligation", "pit_bound")
 """Parts of a policy's table, beside its id."""
+LATCH: Final = ("latch", "latch_on")
+"""Members of a set that say after which stops a robot waits for a person."""
+PERSON: Final = "person"
+LATCHING: Final = frozenset(LatchCause) - {LatchCause.UNREADABLE}
+"""Stops that a set may name. A file of a latch that cannot be read latches in any case."""
 
 
 def parameters_of(table: Table) -> Parameters:
     """Parameters of a set: the stated ones, else the defaults."""
     table.expect(optional=tuple(PARAMETERS))
     return Parameters(**{key: table.integer(key, PARAMETERS[key].low, PARAMETERS[key].high) for key in table.content})
+
+
+def latch_of(top: Table) -> frozenset[LatchCause]:
+    """Stops after which a robot waits for a person: those of `latch_on`, or all; none without `latch = "person"`.
+
+    Raises:
+        PolicyError: `UNKNOWN_VALUE` for another word, `MISSING_KEY` for `latch_on` alone.
+    """
+    stated = top.text("latch") if "latch" in top.content else NONE
+    if stated not in (NONE, PERSON):
+        raise PolicyError(PolicyFault.UNKNOWN_VALUE, "latch", f"{NONE} or {PERSON}")
+    if "latch_on" in top.content and stated == NONE:
+        raise PolicyError(PolicyFault.MISSING_KEY, "latch", f"latch_on wants latch = {PERSON!r}")
+    if stated == NONE:
+        return frozenset()
+    named = top.words("latch_on", LatchCause) if "latch_on" in top.content else LATCHING
+    if not named <= LATCHING:
+        raise PolicyError(PolicyFault.UNKNOWN_VALUE, "latch_on", ", ".join(sorted(LATCHING)))
+    return named
 
 
 def policy_of(table: Table, parameters: Parameters) -> Policy:

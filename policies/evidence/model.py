@@ -58,6 +58,12 @@ SEVERITY: Final[Mapping[Effect, int]] = MappingProxyType({Effect.PERMIT: 0, Effe
 """Rank of each effect by strictness."""
 
 
+def _whole(value: Value) -> bool:
+    """True for an integer that every reader keeps, and for a list of such."""
+    numbers = value.value if type(value.value) is tuple else (value.value,)
+    return all(type(each) is int and -EXACT <= each <= EXACT for each in numbers)
+
+
 @dataclass(frozen=True, slots=True)
 class Request:
     """One canonical request: the act to be done, each value in its one spelling.
@@ -92,14 +98,12 @@ class Request:
         The same for every retry.
         """
         # of names and of integers that every reader keeps, the quick encoder writes the RFC 8785 form
-        usual = all(type(v) is Quantity and type(v.value) is int and -EXACT <= v.value <= EXACT for v in self.values)
+        usual = all(map(_whole, self.values))
         content: dict[str, Any] = {
             "audience": self.audience,
             "object": self.object,
             "operation": self.operation,
-            "values": [[v.name, str(v.unit), v.value] for v in self.quantities]
-            if usual
-            else [[v.name, str(kind_given(v)), plain(v)] for v in self.values],
+            "values": [[v.name, str(kind_given(v)), plain(v)] for v in self.values],
         }
         return hashlib.sha256(_QUICK.encode(content) if usual else rfc8785.dumps(content)).hexdigest()
 

@@ -69,7 +69,7 @@ class SetChange:
     """Differences of two sets as texts.
 
     Attributes:
-        parameters: those with another value.
+        parameters: those with another value, and which stops latch the robot.
         policies: by id.
     """
 
@@ -89,6 +89,8 @@ def of_sets(one: PolicySet, other: PolicySet) -> SetChange:
         for row in PARAMETERS.values()
         if (was := getattr(one.parameters, row.name)) != (now := getattr(other.parameters, row.name))
     )
+    if one.latch != other.latch:
+        parameters = (*parameters, PartChange("latch", _latch(one), _latch(other)))
     before, after = {p.id: p for p in one.policies}, {p.id: p for p in other.policies}
     changes: list[PolicyChange] = []
     for name in sorted(before.keys() | after.keys()):
@@ -99,6 +101,10 @@ def of_sets(one: PolicySet, other: PolicySet) -> SetChange:
         elif before[name] != after[name]:
             changes.append(PolicyChange(name, Change.CHANGED, _parts(before[name], after[name])))
     return SetChange(parameters, tuple(changes))
+
+
+def _latch(of: PolicySet) -> str:
+    return ", ".join(sorted(of.latch)) or "none"
 
 
 def _parts(one: Policy, other: Policy) -> tuple[PartChange, ...]:

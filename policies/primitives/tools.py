@@ -183,6 +183,7 @@ IMPACT_FAULTS: Final = frozenset(
         Reason.NOT_FINITE,
         Reason.NOT_ON_GRID,
         Reason.OUT_OF_RANGE,
+        Reason.ROBOT_LIMIT,
         Reason.ENGINES_DISAGREE,
         Reason.STATEMENT_MALFORMED,
         Reason.STATEMENT_WRONG_KIND,

@@ -141,7 +141,7 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "The chain is outside this policy's bounds.", "Delegate over fewer hops, for a shorter time.", ("AID-5",)
         ),
         Reason.ROBOT_LIMIT: ReasonRow(
-            "A parameter is outside what the robot can do.", "Stay inside the robot's own limit.", ("TEA-2",)
+            "A parameter is outside what the robot can do.", "Stay inside the robot's own limit.", ("TEA-2", "TEA-4")
         ),
         Reason.TOOL_UNKNOWN: ReasonRow(
             "The tool is not registered.", "An administrator registers the tool.", ("TEA-3",)
@@ -180,6 +180,10 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
             "There is no fresh view of what this depends on.",
             "Wait for a person's answer, or for the sensor.",
             ("TEA-4",),
+        ),
+        Reason.ROBOT_LATCHED: ReasonRow(
+            "The robot was stopped, and waits for a person to clear it.",
+            "A person looks at the cell and clears the latch with `ztpm latch clear`; then ask again.",
         ),
         Reason.ROBOT_SAFETY_STOP: ReasonRow("The robot is stopped for safety.", _AT_THE_ROBOT, ("TEA-5",)),
         Reason.ROBOT_NOT_RUNNING: ReasonRow("The robot is not running, or says nothing.", _AT_THE_ROBOT, ("TEA-5",)),
@@ -341,6 +345,14 @@ REASONS: Final[Mapping[Reason, ReasonRow]] = MappingProxyType(
         ),
         Reason.WATCH_BLIND: ReasonRow("The view of the cell was lost during the motion.", _AFRESH),
         Reason.WATCH_LATE: ReasonRow("The moving arm could not be looked at often enough.", _AFRESH),
+        Reason.LED_OUT_OF_BOUNDS: ReasonRow(
+            "The arm, led by a force or a hand, went faster or farther than was granted.",
+            "Lead it more slowly, or begin nearer; a wider grant has to be lent.",
+        ),
+        Reason.LIMITS_LOWERED: ReasonRow(
+            "The command goes on, with lower limits than it asked for.",
+            "Ask for no more than the grant has; a wider one has to be lent.",
+        ),
         Reason.TICKET_MISSING: ReasonRow(
             "No tool server of this cell passed the request on.", "Send the request to the cell's tool server."
         ),
@@ -407,6 +419,7 @@ PRECEDENCE: Final[tuple[Reason, ...]] = (
     Reason.BEHAVIOUR_DRIFTS,
     Reason.BEHAVIOUR_OLD,
     # then the state of the robot
+    Reason.ROBOT_LATCHED,
     Reason.ROBOT_SAFETY_STOP,
     Reason.ROBOT_NOT_RUNNING,
     Reason.ROBOT_NOT_REMOTE,

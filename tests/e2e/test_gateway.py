@@ -49,15 +49,10 @@ q = receive.getActualQ()
 def say(*words):
     print(*words, flush=True)
 
-def settled():
-    while not control.isSteady():  # after a refused command ur_rtde itself refuses the next, until it has a new state
-        time.sleep(0.002)
-
 def moves(command, *arguments):
     for _ in range(5):  # a machine that does much else holds a verdict up for longer than it lives
         if command(*arguments):
             return True
-        settled()
 """
 
 MOVES = "say(control.moveJ([q[0] + 0.01, *q[1:]], 0.4, 1.4))"
@@ -182,18 +177,13 @@ def test_what_is_granted_moves_and_what_is_not_does_not(house, eyes):
         there[0] += 0.3
         say(moves(control.moveJ, there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
         say(control.moveJ(q, 2.0, 1.4))   # faster than the token says
-        settled()
         say(control.moveJ([2.9, *q[1:]], 0.8, 1.4))   # into the zone of tier 4, and out of every ceiling
-        settled()
         say(control.moveJ([float("nan"), *q[1:]], 0.8, 1.4))
-        settled()
         pose = receive.getActualTCPPose()
         pose[2] += 0.03
         say(moves(control.moveL, pose, 0.05, 0.3), abs(receive.getActualTCPPose()[2] - pose[2]) < 1e-3)
-        say(control.teachMode())
-        settled()
+        say(control.jogStart([0, 0, 0.02, 0, 0, 0]))
         say(control.setPayload(5.0, [0, 0, 0]))
-        settled()
         say(moves(control.moveJ, q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
     """) as run:  # fmt: skip
         status, said, errors = run.ended()
@@ -244,6 +234,27 @@ def test_a_gateway_that_is_not_registered_for_the_robot_is_told_nothing(house):
     assert (status, json.loads(said[-1])["code"]) == (2, "GATEWAY_UNKNOWN")
 
 
+OTHERS_TOO = """
+from rtde_io import RTDEIOInterface
+outputs = RTDEIOInterface(sys.argv[1])
+"""
+
+
+@pytest.mark.clause("LSD-12")
+@pytest.mark.parametrize(
+    ("ends", "status"),
+    [
+        (OTHERS_TOO + "del control\ntime.sleep(0.5)\nsay(receive.getRuntimeState())\nsys.exit(3)", 3),
+        ("control.disconnect()\nsay(receive.getRuntimeState())\nraise ValueError", 1),
+    ],
+)
+def test_a_program_ends_as_it_wants_to(house, ends, status):
+    with Run(house, ends) as run:
+        found, said, errors = run.ended()
+    assert (found, said) == (status, ["1"]), errors
+    assert not re.search(r"terminate called|RTDE\w+ (boost|Exception)|connection", errors), errors
+
+
 def test_streams_flow(house, eyes):
     with Run(house, """
         for _ in range(250):
@@ -253,7 +264,6 @@ def test_streams_flow(house, eyes):
             control.waitPeriod(start)
         control.servoStop()
         say(receive.getActualQ()[0] - q[0] > -0.05)
-        settled()
         begun = receive.getActualQ()[0]
         for _ in range(2500):
             start = control.initPeriod()

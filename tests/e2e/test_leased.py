@@ -122,8 +122,6 @@ def test_what_is_granted_moves_and_a_refusal_is_told(house, eyes):
             there = [q[0] + (0.2 if q[0] < 0 else -0.2), *q[1:]]
             say(control.moveJ(there, 0.8, 1.4), abs(receive.getActualQ()[0] - there[0]) < 1e-3)
             say(control.moveJ(q, 2.0, 1.4))
-            while not control.isSteady():  # until then ur_rtde itself refuses the next command
-                time.sleep(0.002)
             say(control.moveJ(q, 0.8, 1.4), abs(receive.getActualQ()[0] - q[0]) < 1e-3)
         say(*heard)
     """) as program:  # fmt: skip
@@ -257,9 +255,11 @@ def test_a_move_goes_on_across_a_renewal_and_a_narrower_scope_counts_from_then_o
             say("back")
             say(control.moveJ(back, 0.4, 1.4))  # it lasts 5 s, and what stops it takes a part of one
             say(control.reuploadScript())  # a move is stopped by ending its script
-            settled()
+            while not control.isSteady():  # the script is armed first
+                time.sleep(0.002)
             say(control.moveJ(back, 0.4, 1.4))
-            settled()
+            while not control.isSteady():  # this program was not begun by `ztpm rtde run`
+                time.sleep(0.002)
             back = receive.getActualQ()
             back[0] = round(back[0] * 0.9, 6)
             back = [round(each, 6) for each in back]

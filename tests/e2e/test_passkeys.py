@@ -14,13 +14,15 @@ import pytest
 import uvicorn
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
+from pep.people.clearings import count
 from pep.people.votes import Count, VerifiedVote, read_vote, tally
 from tests.ztpm_idp.asks import PEP, Cell
+from tests.ztpm_idp.routes.test_latches import taken as told_latch
 from tests.ztpm_idp.world import AUDIENCE, World
 
 from capabilities.keys import keys
 from capabilities.statements import registry
-from capabilities.statements.people import ask, passkey_vote
+from capabilities.statements.people import ask, latch, passkey_vote
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
@@ -157,3 +159,25 @@ def test_a_denial_by_passkey_ends_the_ask(cell, page):
     page.click("#deny")
     answered(page, "The ask is denied")
     assert cell.told(ask_id).state == "denied"
+
+
+@pytest.mark.clause("PSK-7", "STM-22")
+def test_a_latch_is_cleared_by_passkey(cell, page):
+    """After the first test, in which carol has made her passkey."""
+    latch_id, text = told_latch(cell, at=int(time.time()))
+    page.goto(f"{cell.world.issuer}/latches/{latch_id}/page")
+    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    picture(page, "latch")
+    page.fill("#approver", "alice")
+    page.click("#clear")
+    answered(page, "That passkey is carol's")
+    page.fill("#approver", "carol")
+    page.click("#clear")
+    answered(page, "Cleared.")
+    assert [fault for fault in page.faults if "Content Security Policy" in fault] == []
+
+    # the enforcement point opens it by itself, with the key of its snapshot, and counts it
+    (carried,) = cell.answers().clearings
+    shown = latch.open(text, {keys.public_raw(cell.world.private[PEP])}, DEFAULT)
+    counted = count([carried], shown, text, Snapshot(cell), at=time.time(), caps=DEFAULT)
+    assert (counted.approvers, counted.rejected) == (("carol",), {})

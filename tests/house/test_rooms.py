@@ -12,7 +12,7 @@ TOP = Path(__file__).parents[2]
 PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
 FILES = 25
 """Python files in one folder; a reader takes in no more."""
-OF_THE_WHOLE = ("e2e", "examples", "house", "model", "mutation", "properties", "vectors")
+OF_THE_WHOLE = ("adapters", "e2e", "examples", "house", "model", "mutation", "properties", "vectors")
 """Folders of tests that are about no single package."""
 CAMPAIGNS = {
     "pep/mcp/campaign", "pep/pit/campaign", "pep/rtde/campaign", "ztpm_idp/campaign", "ztpm_idp/hostile",

@@ -28,9 +28,17 @@ from capabilities.token.token_text import token_to_text
 from capabilities.token.verify import Verifier
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Attestation, EvidenceKind, HopGrant, Sponsor
-from capabilities.values.scope import Grant, Limit, Range, Scope, Tier
+from capabilities.values.scope import Each, Grant, Limit, Range, Scope, Tier
 from msgspec import structs
-from pep.base.operations import GRIPPER_MOVE, MOVE_JOINT, MOVE_PATH, SET_DIGITAL_OUTPUT, SPEED_JOINT
+from pep.base.operations import (
+    FOLLOW_TRAJECTORY,
+    GRIPPER_MOVE,
+    JOINTS,
+    MOVE_JOINT,
+    MOVE_PATH,
+    SET_DIGITAL_OUTPUT,
+    SPEED_JOINT,
+)
 from pep.base.ports import Assessed, ConductWord, RegisteredSensor, RegisteredTool, Together
 from pep.gate.gate import Gate, EffectResult
 from pep.gate.robot_ports import RobotPorts
@@ -99,10 +107,19 @@ def full_scope(at, *, audience=AUDIENCE, ceiling=Tier.HIGH_CONSEQUENCE, speed_hi
 
     move = limits(MOVE_JOINT, [(-6_500_000, 6_500_000)] * 6 + [(0, speed_high), (0, 2_000_000)])
     path = limits(MOVE_PATH, [(-6_500_000, 6_500_000)] * 24 + [(0, speed_high), (0, 2_000_000)])
+    ends = (Range(-6_500_000, 6_500_000), Range(-2_000_000, 2_000_000))
+    times, *joints, speed, hardest = FOLLOW_TRAJECTORY.parameters
+    follow = (
+        Limit(times, Each(Range(0, 20_000_000), 2, 256)),
+        *(Limit(each, Each(ends[at >= JOINTS], 2 * (at < JOINTS), 256)) for at, each in enumerate(joints)),
+        Limit(speed, Range(0, speed_high)),
+        Limit(hardest, Range(0, 4_000_000)),
+    )
     grip = limits(GRIPPER_MOVE, [(0, 85_000), (20_000, 150_000), (20_000, 100_000)])
     speeds = limits(SPEED_JOINT, [(-1_000_000, 1_000_000)] * 6 + [(0, 4_000_000), (0, 2_000)])
     outputs = limits(SET_DIGITAL_OUTPUT, [(0, 7), (0, 1)])
     grants = (
+        Grant("ur3e", "follow_trajectory", follow),
         Grant("ur3e", "gripper_activate"),
         Grant("ur3e", "gripper_move", grip),
         Grant("ur3e", "move_joint", move),
@@ -397,7 +414,7 @@ class Rig:
         self.path = self.tmp / "journal.ndjson"
         self.journal = FileJournal.open(self.path, pep_id=PEP, clock=self.clock)
         self.feed, self.registry, self.physics, self.slot = Feed(), Registry(), Physics(), Slot()
-        self.readiness = Readiness()
+        self.readiness, self.latch_id = Readiness(), None
         self.registry.people = {person.raw: person.name for person in self.people.values()}
         self.policies = load_shipped("paper-default")
         self.replay = ReplayCache(self.clock)
@@ -439,7 +456,9 @@ class Rig:
             clock=self.clock,
             authority=self.authority,
             registry=self.registry,
-            robot=RobotPorts(slot=self.slot, sequence=Still(self.clock), physics=self.physics),
+            robot=RobotPorts(
+                slot=self.slot, sequence=Still(self.clock), physics=self.physics, latched=lambda: self.latch_id
+            ),
             policies=self.policies,
             journal=journal,
             budgets=self.budgets,
@@ -532,7 +551,7 @@ class FakeIssuer:
         self.registry_audience = None
         self.shipped, self.through = [], 0
         self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
-        self.envelopes = []
+        self.envelopes, self.clearings, self.latches, self.latch_status = [], [], [], 201
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.traces = []
         self.asked = []
@@ -573,6 +592,9 @@ class FakeIssuer:
             case "/approvals":
                 self.traces.append(request.headers.get("traceparent"))
                 return self.take_ask(request)
+            case "/latches":
+                self.latches.append(json.loads(request.content)["latch"])
+                return self.proven(request) or httpx2.Response(self.latch_status, json={})
             case "/approvals/answers":
                 return self.proven(request) or httpx2.Response(200, text=self.answers(**query))
             case "/revocations/marks":
@@ -689,6 +711,7 @@ class FakeIssuer:
             ),
             "openings": tuple(self.openings),
             "envelopes": tuple(self.envelopes),
+            "clearings": tuple(self.clearings),
         }
         lie = self.answers_lie
         text = unread(answers_statement, answers_statement.Answers(**{**fields, **lie}), self.answers_signer)

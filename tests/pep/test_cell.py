@@ -11,6 +11,7 @@ import sys
 import threading
 
 import httpx2
+import numpy as np
 import pytest
 from capabilities.statements.registry import PartyEntry, SensorEntry, ToolEntry
 from mcp import Client
@@ -28,6 +29,7 @@ from tests.pep.kit import AUDIENCE, CALIBRATION, HOST, ISSUER, PEP, PORT, FakeIs
 from tests.pep.mcp.test_mcp import Signed
 from tests.pep.sensor.test_keypoints import COCO_17, points
 from tests.pep.sensor.test_sensors_page import FIVE_LINES
+from pep.world.timed_request import arguments_of
 from ztpm.point.gateway_config import GatewayConfig
 from ztpm.point.gateway_server import GatewayServer
 from ztpm.point.simulator_check import recognise
@@ -36,7 +38,7 @@ from ztpm.point.tool_proxy_config import ToolProxyConfig
 from ztpm.stage.samples import StateRecorder
 
 from capabilities.keys import keys
-from pep.pit import CellParameters, Output
+from pep.pit import CellParameters, JointTrajectory, Output
 
 GATEWAY_HOST = HOST.rpartition(".")[0] + ".10"
 """Address at which the gateway has the controller's ports."""
@@ -487,6 +489,92 @@ def test_a_path_of_waypoints_through_the_tools(controller, tmp_path):
         ):
             refused = await cell.use(holder, "move_path", bad)
             assert decided(refused)[:2] == ("DENY", reason), bad
+
+    in_cell(tmp_path, scenario)
+    eyes.close()
+
+
+def swing(*, start=LEFT, way=0.8, lasts_s=3.0, count=9):
+    """Arguments of a smooth swing of the first joint, as a planner would time it."""
+    s = np.linspace(0, 1, count)
+    made = 10 * s**3 - 15 * s**4 + 6 * s**5
+    points = [(start[0] + way * share, *start[1:]) for share in made.tolist()]
+    return arguments_of(JointTrajectory(tuple((lasts_s * s).tolist()), tuple(points)))
+
+
+@pytest.mark.clause("LSD-24", "LSD-25", "LSD-26")
+def test_a_timed_trajectory_through_the_tools(controller, tmp_path):
+    eyes = received(HOST)
+
+    async def scenario(cell):
+        holder, other = cell.holder(), cell.holder("vision")
+        await cell.see(holder)
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
+
+        # one call, one decision, one record: the arm passes all points without a rest, and nobody else moves it
+        await cell.see(holder)
+        here = eyes.read().q_rad
+        with StateRecorder(HOST) as recorder:
+            task = asyncio.create_task(cell.use(holder, "follow_trajectory", swing()))
+            await moved(eyes, here, task)
+            for who in (holder, other):
+                assert decided(await cell.move(who, LEFT))[:2] == ("DENY", "BUSY")
+            result = await task
+            seen = recorder.since(0.0)
+        assert decided(result) == ("PERMIT", "PERMITTED", 1)
+        assert result.structured_content["outcome"] == "reached", result.structured_content
+        there = (LEFT[0] + 0.8, *LEFT[1:])
+        assert eyes.read().q_rad == pytest.approx(there, abs=2e-3)
+        on_the_way = [each for each in seen if LEFT[0] + 0.1 < each.q_rad[0] < there[0] - 0.1]
+        assert on_the_way and not any(each.still for each in on_the_way)
+        records = [body for body in cell.records("decision") if body["request"]["operation"] == "follow_trajectory"]
+        assert len(records) == 1
+        assert "3000000" in json.dumps(records[0]["request"])
+
+        # a stop on the way ends it, and it goes on no more
+        await cell.see(holder)
+        task = asyncio.create_task(cell.use(holder, "follow_trajectory", swing(start=there, way=-0.8)))
+        await moved(eyes, there, task)
+        await cell.use(other, "stop", {})
+        assert (await task).structured_content["outcome"] == "stopped"
+        stood = eyes.read().q_rad
+        assert there[0] - 0.75 < stood[0] < there[0]
+
+        # one that begins elsewhere, that is faster than it says, or that the token does not allow
+        slow = swing(start=stood) | {"speed_rad_s": 0.1}
+        far = swing(start=stood, way=0.2)
+        far["positions_rad"][-1][5] = 6.4
+        late = swing(start=stood, way=0.1, lasts_s=30.0)
+        for bad, reason in (
+            (swing(start=RIGHT), "OUT_OF_RANGE"),
+            (slow, "OUT_OF_RANGE"),
+            (far, "ROBOT_LIMIT"),
+            (late, "LIMIT_EXCEEDED_BY_REQUEST"),
+            (swing(start=stood) | {"times_s": [0.0, 1.0]}, "OUT_OF_RANGE"),
+        ):
+            refused = await cell.use(holder, "follow_trajectory", bad)
+            assert decided(refused)[:2] == ("DENY", reason), (reason, decided(refused))
+        assert eyes.read().q_rad == pytest.approx(stood, abs=2e-3)
+
+        # a person who comes while it moves stops it
+        assert decided(await cell.move(holder, LEFT))[:2] == ("PERMIT", "PERMITTED")
+        await cell.see(holder)
+        task = asyncio.create_task(cell.use(holder, "follow_trajectory", swing(way=1.0, lasts_s=9.0)))
+        await moved(eyes, LEFT, task)
+        await cell.see(other, people=[{"id": "bob", "x_m": 0.66, "y_m": 0.0}])
+        assert (await task).structured_content["outcome"] == "world_changed"
+        assert eyes.read().still
+
+        # beside a person it is a person's to say, all 200 points of it
+        here = eyes.read().q_rad
+        beside = swing(start=here, way=0.3, count=200)
+        beside["times_s"] = np.linspace(0, 19, 200).tolist()
+        async with asyncio.timeout(40):
+            said = decided(await cell.use(holder, "follow_trajectory", beside))
+            while said[1] == "ROBOT_NOT_EXCLUSIVE":  # a busy machine has ended our script, which is back soon
+                said = decided(await cell.use(holder, "follow_trajectory", beside))
+        assert said[0] == "DEFER", said
+        assert cell.records("decision")[-1]["ask"]["ask_id"]
 
     in_cell(tmp_path, scenario)
     eyes.close()

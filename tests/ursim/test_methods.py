@@ -293,13 +293,15 @@ def contact(b):
 
 @asks(CONTROL, "forceMode", "forceModeStop", "forceModeSetDamping", "forceModeSetGainScaling", "zeroFtSensor")
 def force_mode(b):
-    at = b.receive.getActualQ()
+    at, z = b.receive.getActualQ(), b.receive.getActualTCPPose()[2]
     assert b.control.zeroFtSensor()
     assert b.control.forceModeSetDamping(0.1)
     assert b.control.forceModeSetGainScaling(0.5)
     assert b.control.forceMode(STILL, [0, 0, 1, 0, 0, 0], [0, 0, -10, 0, 0, 0], 2, [2.0, 2.0, 1.5, 1.0, 1.0, 1.0])
+    until(lambda: b.receive.getActualTCPPose()[2] < z - 0.002)
     assert b.control.forceModeStop()
-    assert b.receive.getActualQ() == at
+    until(b.control.isSteady)
+    b.cell.fault("placed", joints_rad=at)
     assert b.receive.getActualTCPForce() == STILL
 
 

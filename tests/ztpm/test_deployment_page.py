@@ -13,12 +13,12 @@ from capabilities.values.caps import DEFAULT
 from capabilities.values.scope_json import scope_from_json
 from pep.base.errors import PepFault
 from pep.base.operations import MOVE_JOINT
-from pep.rtde.robot.connections import PORTS
-from pep.rtde.robot.gripper import PORT as GRIPPER_PORT
+from pep.rtde.robot.connections import GRIPPER, PORTS
 from tests.pep.pit.robot.test_calibration import ARMS, spelled
 from ursim.ports.launch import SimulatedController
 from ztpm.base.layout import new_key
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
+from ztpm.cell.first_draft import CellWish, cell_draft, first_scope
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.point.cell_config import read_cell, read_key, read_policies, read_robot, read_trust
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
@@ -33,8 +33,9 @@ rtde_receive = pytest.importorskip("rtde_receive", reason="ur_rtde is not instal
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "deployment.md").read_text("utf-8")
-DRAFT, CONFIG = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
-(PROGRAM,) = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+(CONFIG,) = re.findall(r"```toml\n(.*?)```", PAGE, re.DOTALL)
+(PROGRAM,) = re.findall(r"<!-- file: first.py -->\n```python\n(.*?)```", PAGE, re.DOTALL)
+SLOW, FAST = re.findall(r"first\.py \{robot\} ([\d.]+)$", PAGE, re.MULTILINE)[:2]
 GATEWAY = GatewayConfig.from_toml(CONFIG)
 
 
@@ -61,7 +62,9 @@ def test_the_configuration_is_taken_with_the_files_that_it_names(tmp_path, monke
     ring = rotation.begin(config.issuer, {role: keys.public_raw(keys.generate()) for role in rotation.ID_STEM}, at=at)
     config.trust_file.write_bytes(ring.bundle(DEFAULT).to_json())
     config.calibration_file.write_text(spelled(next(iter(ARMS.values()))))
-    config.cell_file.write_text(cell.sign(survey.draft(DRAFT, at=at, days=1), signer))
+    wish = CellWish(name="first", author="carol", tool="robotiq_2f85", sensors=("camera-1",))
+    draft = cell_draft(wish, audience=config.audience)
+    config.cell_file.write_text(cell.sign(survey.draft(draft, at=at, days=1), signer))
 
     stated = read_cell(config, at=at)
     assert read_robot(config, tool=stated.tool).tool.name == stated.tool
@@ -77,8 +80,10 @@ def test_every_setting_is_in_it():
 
 def test_the_ports_are_those_of_the_code():
     assert rule(f'iifname "eth0" ip daddr {GATEWAY.listen_host}') == set(PORTS)
-    assert rule(f'iifname "eth0" ip daddr {GATEWAY.host}') == {443, GATEWAY.carriage_port, GATEWAY.perception_port}
-    assert rule('oifname "eth1" tcp dport') == {*PORTS, GRIPPER_PORT}
+    assert rule(f'iifname "eth0" ip daddr {GATEWAY.host}') == {
+        GATEWAY.port, GATEWAY.carriage_port, GATEWAY.perception_port,
+    }  # fmt: skip
+    assert rule('oifname "eth1" tcp dport') == {*PORTS, GRIPPER}
     (seen,) = re.findall(rf"^nmap .* {GATEWAY.listen_host} +# ([\d, -]+) and nothing else$", PAGE, re.MULTILINE)
     assert numbers(seen) == set(PORTS)
 
@@ -102,12 +107,13 @@ def test_the_scope_is_one_for_the_first_move():
     (grant,) = scope.grants
     assert (grant.object, grant.operation) == (MOVE_JOINT.object, MOVE_JOINT.name)
     assert [limit.parameter for limit in grant.limits] == list(MOVE_JOINT.parameters)
-    assert scope.audiences == {GATEWAY.audience}
+    made = scope_from_json(json.loads(first_scope(GATEWAY.audience)))
+    assert (made.grants, made.ceiling, made.audiences) == (scope.grants, scope.ceiling, {GATEWAY.audience})
     bounds = {limit.parameter.name: limit.bound for limit in grant.limits}
-    for name, said in zip(
-        ("speed", "acceleration"), re.search(r"\], ([\d.]+), ([\d.]+)\)", PROGRAM).groups(), strict=True
-    ):
+    (acceleration,) = re.findall(r"float\(sys\.argv\[2\]\), ([\d.]+)\)", PROGRAM)
+    for name, said in (("speed", SLOW), ("acceleration", acceleration)):
         assert bounds[name].low <= float(said) * 1e6 <= bounds[name].high
+    assert float(FAST) * 1e6 > bounds["speed"].high
 
 
 @pytest.mark.e2e
@@ -115,8 +121,8 @@ def test_the_scope_is_one_for_the_first_move():
 def test_the_first_program_moves_the_arm():
     with SimulatedController.start(joints=LEFT) as robot:
         ran = subprocess.run(
-            [sys.executable, "-c", PROGRAM, robot.host], capture_output=True, text=True, timeout=30, check=True
+            [sys.executable, "-c", PROGRAM, robot.host, SLOW], capture_output=True, text=True, timeout=30, check=True
         )
-        assert ran.stdout.split() == ["True"]
+        assert ran.stdout.split() == ["True", "0.05"]
         q = rtde_receive.RTDEReceiveInterface(robot.host).getActualQ()
     assert q == pytest.approx([LEFT[0] + 0.05, *LEFT[1:]], abs=1e-3)

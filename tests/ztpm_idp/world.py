@@ -129,6 +129,8 @@ LATEST_COLUMNS = (
 LATEST_TABLES = (
     "enrolments",
     "envelopes",
+    "latch_clearings",
+    "latches",
     "spent_credentials",
     "feed_points",
     "ledger_tiles",

@@ -203,7 +203,7 @@ class SpeedJoints:
 
     def advance(self, now: Kinetic, dt_s: float, scaling: float) -> tuple[Kinetic, bool]:
         """One sample on."""
-        return _towards(now, _scaled(self.target, scaling), self.acceleration_rad_s2, dt_s), False
+        return towards(now, _scaled(self.target, scaling), self.acceleration_rad_s2, dt_s), False
 
 
 class SpeedTool:
@@ -236,8 +236,11 @@ class SpeedTool:
         longest = max(map(abs, gap))
         part = min(1.0, self.acceleration_m_s2 * dt_s / longest) if longest > 0.0 else 0.0
         self._twist = [v + part * g for v, g in zip(self._twist, gap, strict=True)]
-        wanted = damped(self._arm.columns(self._arm.frames(now.q), self._tcp), self._twist, damping=0.02)
-        return _towards(now, _capped(self._arm, wanted), self._arm.acceleration_limit_rad_s2, dt_s), False
+        columns = self._arm.columns(self._arm.frames(now.q), self._tcp)
+        wanted = damped(columns, self._twist, damping=1e-3)  # it stays on its line
+        if any(abs(v) > joint.speed_limit_rad_s for v, joint in zip(wanted, self._arm.joints, strict=True)):
+            wanted = damped(columns, self._twist, damping=0.02)
+        return towards(now, capped(self._arm, wanted), self._arm.acceleration_limit_rad_s2, dt_s), False
 
 
 class ServoJoints:
@@ -263,7 +266,7 @@ class ServoJoints:
         for q, goal in zip(now.q, self.target or now.q, strict=True):
             gap = goal - q
             wanted.append(math.copysign(min(abs(gap) / self.lookahead_s, math.sqrt(2.0 * limit * abs(gap))), gap))
-        return _towards(now, _capped(self._arm, tuple(wanted)), limit, dt_s), False
+        return towards(now, capped(self._arm, tuple(wanted)), limit, dt_s), False
 
 
 class MoveTool:
@@ -366,21 +369,21 @@ class ServoTool:
         longest = max(map(abs, gap))
         part = min(1.0, ramp * dt_s / longest) if longest > 0.0 else 0.0
         self._twist = _along(self._twist, gap, part)
-        qd = _capped(self._arm, damped(self._arm.columns(frames, self._tcp), self._twist, damping=1e-3))
-        return _towards(now, qd, self._arm.acceleration_limit_rad_s2, dt_s), False
+        qd = capped(self._arm, damped(self._arm.columns(frames, self._tcp), self._twist, damping=1e-3))
+        return towards(now, qd, self._arm.acceleration_limit_rad_s2, dt_s), False
 
 
 def _distance(twist: Sequence[float]) -> float:
     return max(math.hypot(*twist[:3]), math.hypot(*twist[3:]) * MoveTool.TURN_LEVER_M)
 
 
-def _capped(arm: Arm, qd: Joints) -> Joints:
+def capped(arm: Arm, qd: Joints) -> Joints:
     """`qd`, slowed as a whole until every joint is within its limit."""
     excess = max(abs(v) / joint.speed_limit_rad_s for v, joint in zip(qd, arm.joints, strict=True))
     return qd if excess <= 1.0 else _scaled(qd, 1.0 / excess)
 
 
-def _towards(now: Kinetic, wanted: Joints, acceleration_rad_s2: float, dt_s: float) -> Kinetic:
+def towards(now: Kinetic, wanted: Joints, acceleration_rad_s2: float, dt_s: float) -> Kinetic:
     """One tick of a straight change of joint velocity, the leading change bounded; exact while it is constant."""
     gap = [b - a for a, b in zip(now.qd, wanted, strict=True)]
     longest = max(map(abs, gap))

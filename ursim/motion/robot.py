@@ -10,6 +10,7 @@ from pep.rtde.wire.variables import INPUTS, OUTPUTS, WIDTH, VariableType
 from ursim.motion.arm import AXES, GRAVITY_M_S2, Body
 from ursim.motion.drive import Drive
 from ursim.motion.dynamics import acceleration, joint_torques, linear_momentum
+from ursim.motion.led import DAMPING, Surface, wrench_at
 from ursim.motion.motion import ZERO, Brake, MoveJoints, MoveTool
 from ursim.motion.spatial import IDENTITY, Frame, Triple, chain, rotate, to_frame, to_pose, transpose
 
@@ -126,6 +127,9 @@ class Robot:
         self.slowed_for = Cause.NOT_SLOWED
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
         self.touched_at: int | None = None  # step since which the tool touches something
+        self.surfaces: list[Surface] = []  # that the tool may press on
+        self.hand: Joints = ZERO  # joint speeds at which a person pushes an arm that may be led
+        self.force_damping, self.force_gain = DAMPING, 1.0
         self.force_from_client = False  # the wrench at the tool is external_force_torque
         self.values: dict[str, Value] = {name: _zero(kind) for name, kind in (OUTPUTS | INPUTS).items()}
         self.written_at: dict[str, int] = {}
@@ -297,9 +301,15 @@ class Robot:
         )
 
     def tool_force(self) -> tuple[float, ...]:
-        """Wrench at the tool that a client feeds in, once that is enabled; else none, as nothing is touched."""
+        """Wrench on the tool in the base frame: of what it presses on, or as a client feeds it in."""
         fed = self.values["external_force_torque"]
-        return fed if self.force_from_client and isinstance(fed, tuple) else ZERO
+        if self.force_from_client:
+            return fed if isinstance(fed, tuple) else ZERO
+        return (*self.felt(self.tool[0]), 0.0, 0.0, 0.0) if self.surfaces else ZERO
+
+    def felt(self, point_m: Triple) -> Triple:
+        """Force of all surfaces on a tool at that point, N."""
+        return wrench_at(self.surfaces, point_m)
 
     @property
     def waypoint(self) -> tuple[float, ...]:

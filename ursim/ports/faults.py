@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Final, TypeAlias
 from pep.rtde.wire.variables import INPUTS
 from ursim.motion.arm import AXES
 from ursim.motion.drive import SLIDER_CHANGE_PER_S
+from ursim.motion.led import Surface
 from ursim.motion.robot import SafetyMode
 
 if TYPE_CHECKING:
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
 LONGEST_DELAY_S: Final = 60.0
 LATEST_S: Final = 86_400.0
+FARTHEST_M: Final = 10.0
 TURN_RAD: Final = 2 * math.pi
 
 
@@ -147,6 +149,20 @@ def _place(*, joints_rad: list[float]) -> Deed:
     return _act(lambda controller: controller.robot.drive.place(q))()
 
 
+def _push(*, joints_rad_s: list[float]) -> Deed:
+    qd = tuple(map(float, joints_rad_s))
+    if len(qd) != AXES or not all(abs(speed) <= math.pi for speed in qd):
+        raise FaultError(f"a hand pushes at {AXES} joint speeds of at most pi rad/s")
+    return _act(lambda controller: setattr(controller.robot, "hand", qd))()
+
+
+def _surface(*, z_m: float) -> Deed:
+    if not abs(z_m) <= FARTHEST_M:
+        raise FaultError(f"a surface is at most {FARTHEST_M} m above or below the base")
+    flat = Surface((0.0, 0.0, z_m), (0.0, 0.0, 1.0))
+    return _act(lambda controller: controller.robot.surfaces.append(flat))()
+
+
 def _occupy(*, inputs: list[str]) -> Deed:
     if not set(inputs) <= set(INPUTS):
         raise FaultError("there is no such input")
@@ -180,6 +196,9 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
     "touch": _act(lambda c: setattr(c.robot, "touched_at", c.robot.step)),
     "release_touch": _act(lambda c: setattr(c.robot, "touched_at", None)),
     "placed": _place,
+    "push": _push,
+    "surface": _surface,
+    "no_surface": _act(lambda c: c.robot.surfaces.clear()),
     "slider_stuck": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", 0.0)),
     "slider_free": _act(lambda c: setattr(c.robot.drive, "slider_change_per_s", SLIDER_CHANGE_PER_S)),
     # the network
@@ -197,6 +216,8 @@ _KNOWN: Final[dict[str, Callable[..., Deed]]] = {
 _VALUES: Final[dict[str, tuple[str, Callable[[str], object], str]]] = {
     "delay": ("seconds", float, "delay=SECONDS"),
     "placed": ("joints_rad", lambda text: list(map(float, text.split(","))), "placed=RAD,.."),
+    "push": ("joints_rad_s", lambda text: list(map(float, text.split(","))), "push=RAD_S,.."),
+    "surface": ("z_m", float, "surface=Z_M"),
     "slow_frames": ("bytes_per_tick", int, "slow_frames=BYTES_A_TICK"),
     "in_use": ("inputs", lambda text: text.split(","), "in_use=INPUT,.."),
 }

@@ -3,8 +3,8 @@
 Those that take time are written in `ursim.script.motion_functions`, those for inputs and outputs in
 `ursim.script.io_functions`, others here.
 
-Nothing is ever in this arm's way: force mode, freedrive and teaching are taken, checked and answered as by a robot that
-nobody pushes, which holds still.
+Nothing is in this arm's way but the surfaces that a test puts there, on which only its tool point presses; a hand that
+leads it is a test's, too.
 """
 
 # ruff: noqa: PLR0917  the signatures are URScript's
@@ -43,7 +43,7 @@ from ursim.motion.values import (
     six,
     three,
 )
-from ursim.script import io_functions, motion_functions, socket_functions, text_functions
+from ursim.script import io_functions, led_functions, motion_functions, socket_functions, text_functions
 from ursim.script.builtin import Function, plain, row
 
 if TYPE_CHECKING:
@@ -155,35 +155,6 @@ def _transition_hardness(run: Execution, type_: Value) -> None:
         raise ScriptRuntimeError("a transition is soft (0) or hard (1)")
 
 
-def _force_mode(
-    run: Execution, task_frame: Value, selection_vector: Value, wrench: Value, type_: Value, limits: Value
-) -> None:
-    del run
-    for value, name in ((task_frame, "task_frame"), (wrench, "wrench"), (limits, "limits")):
-        six(value, name)
-    if any(each not in (0, 1) for each in six(selection_vector, "selection_vector")):
-        raise ScriptRuntimeError("an axis is compliant (1) or not (0)")
-    if type_ not in (1, 2, 3):
-        raise ScriptRuntimeError("a force mode type that does not exist")
-
-
-def _freedrive(run: Execution, axes: Value = None, feature: Value = None) -> None:
-    del run
-    if axes is not None and any(each not in (0, 1) for each in six(axes, "freeAxes")):
-        raise ScriptRuntimeError("an axis is free (1) or not (0)")
-    if feature is not None and feature not in ("base", "tool"):
-        six(feature, "feature")
-
-
-def _scale(low: float, high: float) -> Callable[..., None]:
-    def call(run: Execution, value: Value) -> None:
-        del run
-        if not low <= number(value, "value") <= high:
-            raise ScriptRuntimeError(f"a value outside {low} to {high}")
-
-    return call
-
-
 def _force_input(run: Execution, enable: Value, mass: Value = 0.0, offset: Value = None, cog: Value = None) -> None:
     """The wrench comes from a client; unless a watchdog is set, the program pauses when it comes below 10 Hz."""
     _mass(run, mass)
@@ -284,6 +255,7 @@ FUNCTIONS: Final[dict[str, Function]] = {
     each.name: each
     for each in (
         *io_functions.ROWS,
+        *led_functions.ROWS,
         *socket_functions.ROWS,
         *text_functions.ROWS,
         # motion
@@ -326,7 +298,6 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("get_controller_temp", "", lambda run: TEMPERATURE_C),  # noqa: ARG005
         row("get_joint_temp", "j", _joint_temperature),
         row("tool_contact", "[direction]", _tool_contact),
-        row("get_freedrive_status", "", lambda run: 0),  # noqa: ARG005  normal: no singularity is near
         # settings
         row("set_tcp", "pose [tcp_name]", _set_tcp),
         row("get_tcp_offset", "", lambda run: Pose(to_pose(run.robot.tcp))),
@@ -340,14 +311,6 @@ FUNCTIONS: Final[dict[str, Function]] = {
         row("set_safety_mode_transition_hardness", "type", _transition_hardness),
         row("set_gravity", "d", _set_gravity),
         row("zero_ftsensor", "", _nothing),
-        row("force_mode", "task_frame selection_vector wrench type limits", _force_mode),
-        row("force_mode_set_damping", "damping", _scale(0.0, 1.0)),
-        row("force_mode_set_gain_scaling", "scaling", _scale(0.0, 2.0)),
-        row("end_force_mode", "", _nothing),
-        row("teach_mode", "", _nothing),
-        row("end_teach_mode", "", _nothing),
-        row("freedrive_mode", "[freeAxes] [feature]", _freedrive),
-        row("end_freedrive_mode", "", _nothing),
         row("ft_rtde_input_enable", f"enable {_SENSOR}", _force_input),
         row("enable_external_ft_sensor", f"enable {_SENSOR}", _force_input),
         # registers

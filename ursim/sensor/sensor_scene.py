@@ -16,13 +16,17 @@ from msgspec import structs
 from capabilities.statements import observation as wire
 from capabilities.values.errors import CapabilityError
 from capabilities.values.form import plain
-from pep.pit import observed, standing_adult
+from pep.pit import Region, observed, standing_adult
+from pep.pit.files.scene_file import body_of, shape_in
+from pep.pit.files.shown_file import shown_of
+from pep.pit.geometry.shape import stated
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
+    from pep.pit.files.world_forms import ShownObject, ShownPerson
+
 MICRO: Final = 1e6
-UPRIGHT: Final = (1_000_000, 0, 0, 0)
 
 
 class SceneCommandError(ValueError):
@@ -114,11 +118,7 @@ class Seen:
             if not isinstance(command, dict) or not command:
                 raise SceneCommandError("not an object")
             if command.keys() <= {"people", "objects"}:
-                return replace(
-                    self,
-                    people=_each(command.get("people", []), _person),
-                    objects=_each(command.get("objects", []), _object),
-                )
+                return _shown(self, command)
             ((verb, given),) = command.items()
             return _VERBS[verb](self, given, now_s)
         except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
@@ -178,58 +178,50 @@ _VERBS: Final[dict[str, Callable[[Seen, Any, float], Seen]]] = {
 # --- reading ---------------------------------------------------------------------------------------------------------
 
 
-def _each(entries: Any, read: Callable[[Any], tuple[str, Any]]) -> dict[str, Any]:
-    if not isinstance(entries, list):
-        raise SceneCommandError("not a list")
-    found = [read(entry) for entry in entries]
-    if len({name for name, _ in found}) != len(found):
-        raise SceneCommandError("an id twice")
-    return dict(found)
+def _shown(seen: Seen, command: dict[str, Any]) -> Seen:
+    """Scene of exactly these people and objects, in the words of the world file."""
+    view = shown_of(command)
+    return replace(
+        seen,
+        people={each.id: _walker(each) for each in view.people},
+        objects={each.id: _thing(each) for each in view.objects},
+    )
 
 
-def _person(entry: Any) -> tuple[str, _Walker]:
-    _only(entry, "id", "x_m", "y_m", "facing_rad")
-    place = (_number(entry["x_m"]), _number(entry["y_m"]))
-    return str(entry.get("id", "person")), _Walker(Way(place, place), _number(entry.get("facing_rad", 0.0)))
+def _walker(shown: ShownPerson) -> _Walker:
+    if shown.standing_adult is not None:
+        adult = shown.standing_adult
+        return _Walker(Way(place := (adult.x_m, adult.y_m), place), adult.facing_rad)
+    away = shown.adult_at_distance
+    if away is None:
+        raise SceneCommandError("a person without a place")
+    torso = next(shape for region, shape in body_of(shown).regions if region is Region.TORSO)
+    x_m, y_m, _ = _middle(stated(torso))
+    return _Walker(Way((x_m, y_m), (x_m, y_m)), away.bearing_rad + math.pi)
 
 
-def _object(entry: Any) -> tuple[str, _Thing]:
-    _only(entry, "id", "kind", "shape")
-    if entry["kind"] not in wire.OBJECT_KINDS:
-        raise SceneCommandError("a kind that is none")
-    shape, place = _SHAPES[entry["shape"]["type"]](entry["shape"])
-    return str(entry.get("id", "object")), _Thing(str(entry["kind"]), shape, Way(place, place))
-
-
-def _sphere(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
-    return wire.Sphere((0, 0, 0), _length(entry["radius_m"])), _place(entry["center_m"], 3)
-
-
-def _box(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
-    x, y, z = (_length(half) for half in entry["half_m"])
-    return wire.Box((0, 0, 0), (x, y, z), UPRIGHT), _place(entry["center_m"], 3)
-
-
-def _capsule(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
-    a, b = _place(entry["a_m"], 3), _place(entry["b_m"], 3)
-    middle = tuple((p + q) / 2 for p, q in zip(a, b, strict=True))
-    ends = [_um(tuple(p - m for p, m in zip(end, middle, strict=True))) for end in (a, b)]
-    return wire.Capsule(ends[0], ends[1], _length(entry["radius_m"])), middle
-
-
-def _convex(entry: Any) -> tuple[wire.Shape, tuple[float, ...]]:
-    corners = [_place(vertex, 3) for vertex in entry["vertices_m"]]
-    middle = tuple(sum(numbers) / len(corners) for numbers in zip(*corners, strict=True))
-    about = [_um(tuple(p - m for p, m in zip(corner, middle, strict=True))) for corner in corners]
-    radius = entry.get("radius_m", 0)
-    shape = wire.Convex(tuple(about), _length(radius) if radius else 0)
+def _thing(shown: ShownObject) -> _Thing:
+    """An object about its middle; it is refused where no frame could show it."""
+    shape = stated(shape_in(shown))
+    middle = _middle(shape)
+    about = _shifted(shape, tuple(-each for each in middle))
     try:
-        return wire.shape(plain(shape)), middle
+        wire.check(wire.shape(plain(about)))
     except CapabilityError as error:
-        raise SceneCommandError("a convex shape that no frame can show") from error
+        raise SceneCommandError("a shape that no frame can show") from error
+    return _Thing(shown.kind, about, Way(middle, middle))
 
 
-_SHAPES: Final = {"sphere": _sphere, "box": _box, "capsule": _capsule, "convex": _convex}
+def _middle(shape: wire.Shape) -> tuple[float, ...]:
+    """Middle of a shape, metre."""
+    match shape:
+        case wire.Capsule(a, b, _):
+            points: Sequence[wire.Point] = (a, b)
+        case wire.Convex(vertices, _):
+            points = vertices
+        case _:
+            points = (shape.center_um,)
+    return tuple(sum(numbers) / len(points) / MICRO for numbers in zip(*points, strict=True))
 
 
 def _only(entry: Any, *names: str) -> dict[str, Any]:
@@ -249,13 +241,6 @@ def _speed(given: dict[str, Any]) -> float:
     if not speed > 0:
         raise SceneCommandError("a speed is above 0")
     return speed
-
-
-def _length(value: Any) -> int:
-    length = round(_number(value) * MICRO)
-    if not length > 0:
-        raise SceneCommandError("a size is above 0")
-    return length
 
 
 def _place(numbers: Sequence[Any], count: int) -> tuple[float, ...]:

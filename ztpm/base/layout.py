@@ -55,6 +55,11 @@ class Layout:
         return self.root / "gateway" / "gateway.toml"
 
     @property
+    def calibration(self) -> Path:
+        """Kinematics of the cell's own arm, where its controller has told some."""
+        return self.root / "gateway" / "calibration.yaml"
+
+    @property
     def gateway_key(self) -> Path:
         """The gateway's key."""
         return self.root / "gateway" / "gateway.key"
@@ -73,6 +78,44 @@ class Layout:
     def cell_file(self) -> Path:
         """File of the cell's surveyed objects, signed by `SURVEYOR`."""
         return self.root / "cell" / "cell.jws"
+
+    @property
+    def cell_draft(self) -> Path:
+        """Draft of the cell file, for the person who surveys the cell."""
+        return self.root / "cell" / "cell.draft.toml"
+
+    @property
+    def controller(self) -> Path:
+        """Word of the controller on itself, there in a cell that was made for one (`ztpm init --robot`)."""
+        return self.root / "controller.json"
+
+    @property
+    def first_scope(self) -> Path:
+        """Scope of a first move, with the cell's own audience."""
+        return self.root / "first.scope.json"
+
+    @property
+    def services(self) -> Path:
+        """Folder of what keeps the cell's processes running: units of systemd, a compose file."""
+        return self.root / "deploy"
+
+    @property
+    def authority(self) -> Path:
+        """Certificate of the cell's own authority, which all who connect believe; there where it has one."""
+        return self.root / "tls" / "ca.pem"
+
+    @property
+    def authority_key(self) -> Path:
+        """Key of that authority."""
+        return self.root / "tls" / "ca.key"
+
+    def certificate(self, machine: str) -> Path:
+        """Certificate chain of a machine, "provider", "gateway" or "tools"."""
+        return self.root / "tls" / f"{machine}.pem"
+
+    def certificate_key(self, machine: str) -> Path:
+        """Its key, without a passphrase."""
+        return self.root / "tls" / f"{machine}.key"
 
     @property
     def journal(self) -> Path:

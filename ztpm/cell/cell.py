@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator
     from types import TracebackType
 
+    from pep.pit.robot.model import Model
     from ztpm_idp.client import Operator
 
 PASSPHRASE_VARIABLE = "ZTPM_PASSPHRASE"  # noqa: S105 - the name of the variable, not its value
@@ -29,6 +30,9 @@ PROCESSES: Final = {
     "tools": "tool server",
 }
 """The processes of a cell by their attribute, those that others use first."""
+
+SIMULATED: Final = frozenset({"robot", "sensor"})
+"""Those of them that a cell with a controller and sensors of its own does not have."""
 
 
 @dataclass
@@ -43,6 +47,7 @@ class Cell:
         stop_deceleration_rad_s2: of the simulated arm; the cell's own parameter.
         begin_child: begins a child; `Child.begin` unless a test breaks one.
         arm: as the gateway's configuration states it: a shipped model's name, or a model file.
+        simulated: controller and sensors are processes of the cell; else they are there, and none of its processes.
         idp, robot, sensor, gateway, tools: its processes, once started; `sensor` is all sensors of the cell.
     """
 
@@ -53,6 +58,7 @@ class Cell:
     stop_deceleration_rad_s2: float = STOP_DECELERATION_RAD_S2
     begin_child: Callable[..., Child] = Child.begin
     arm: str = "ur3e"
+    simulated: bool = True
     idp: Child = field(init=False)
     robot: Child = field(init=False)
     sensor: Child = field(init=False)
@@ -95,6 +101,11 @@ class Cell:
             cell.stop()
             raise
         return cell
+
+    @property
+    def expected(self) -> dict[str, str]:
+        """Those of `PROCESSES` that the cell has."""
+        return {name: told for name, told in PROCESSES.items() if self.simulated or name not in SIMULATED}
 
     @property
     def children(self) -> dict[str, Child]:
@@ -156,14 +167,10 @@ class Cell:
 
     def _installed(self) -> tuple[str, str]:
         """Installation of the controller: the gripper's tool point and weight, as a person would set them up."""
-        from pep.pit import Robot
         from pep.rtde.robot.gripper import DRIVEN
         from ztpm.point.cell_config import read_model
 
-        tool = Robot.from_model(read_model(self.arm), tool=DRIVEN).tool
-        numbers = (tool.tcp_m, (tool.mass_kg, *tool.com_m))
-        tcp, payload = (",".join(map(repr, each)) for each in numbers)
-        return f"--tcp={tcp}", f"--payload={payload}"
+        return installation(read_model(self.arm), DRIVEN)
 
     def start_sensor(self, *options: str) -> None:
         """Starts the sensors, one process for all of the cell; each sees an empty scene.
@@ -243,7 +250,9 @@ class Cell:
 
     @property
     def sensors(self) -> dict[str, bytes]:
-        """Raw public keys of the sensors by id: each watches the same cell, and must be heard."""
+        """Raw public keys of the simulated sensors by id: each watches the same cell, and must be heard."""
+        if not self.simulated:
+            return {}  # a person registers the sensors that are there (`ztpm enrol sensor`)
         return {
             name: keys.public_raw(read_key(file, self.passphrase)) for name, file in sensor_keys(self.layout).items()
         }
@@ -296,3 +305,20 @@ class Cell:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.stop()
+
+
+def installation(model: Model, tool: str) -> tuple[str, str]:
+    """Options of a simulated controller whose installation has the tool's point and weight.
+
+    Args:
+        model: of its arm.
+        tool: name of one of the model's.
+
+    Raises:
+        pep.pit.ModelError: the model has no such tool.
+    """
+    from pep.pit import Robot
+
+    mounted = Robot.from_model(model, tool=tool).tool
+    tcp, payload = (",".join(map(repr, each)) for each in (mounted.tcp_m, (mounted.mass_kg, *mounted.com_m)))
+    return f"--tcp={tcp}", f"--payload={payload}"

@@ -6,6 +6,7 @@ import asyncio
 import json
 import shutil
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
@@ -18,7 +19,7 @@ from ztpm.base.layout import LayoutError, new_key, write_private
 from ztpm_idp.keys.key_files import SettingsError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Iterator, Mapping
     from pathlib import Path
 
     from ztpm.base.layout import Layout
@@ -102,24 +103,24 @@ def initialise_provider(layout: Layout, plan: ProviderPlan, *, passphrase: bytes
         ztpm_idp.store.StoreUnavailableError: when the store cannot be opened.
         OSError: when the directory cannot be written.
     """
-    from ztpm_idp.bootstrap import FirstPerson
+    with whole_or_nothing(layout):
+        fill_provider(layout, plan, passphrase=passphrase, at=at)
 
+
+@contextmanager
+def whole_or_nothing(layout: Layout) -> Iterator[None]:
+    """The directory, empty or missing before, holds all that the block makes, or is as it was.
+
+    Raises:
+        ztpm.base.layout.LayoutError: when the directory has anything in it.
+        OSError: when it cannot be written.
+    """
     missing = not layout.root.exists()
     layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
     if any(layout.root.iterdir()):
         raise LayoutError(f"{layout.root} is not empty")
     try:
-        write_private(layout.idp_config, toml(plan.settings(layout)))
-        check_configuration(layout)
-        people = []
-        for name, given in plan.people.items():
-            public = keys.public_raw(new_key(layout.operator_key(name), passphrase)) if given is None else given
-            people.append(FirstPerson(id=name, name=name, key=public, roles=ROLES))
-        ring = make_ring(layout, plan.issuer, passphrase, at=at)
-        new_key(layout.idp_key(OAUTH_KEY), passphrase)
-        write_private(layout.key_ring, ring_to_json(ring))
-        write_private(layout.trust, ring.bundle(DEFAULT).to_json())
-        put_first_people(layout, people)
+        yield
     except BaseException:
         # The directory was empty: all that is in it is ours.
         for made in layout.root.iterdir():
@@ -130,6 +131,26 @@ def initialise_provider(layout: Layout, plan: ProviderPlan, *, passphrase: bytes
         if missing:
             layout.root.rmdir()
         raise
+
+
+def fill_provider(layout: Layout, plan: ProviderPlan, *, passphrase: bytes, at: int) -> None:
+    """Makes every file of a new provider, and its first people in its store.
+
+    Args, Raises: see `initialise_provider`.
+    """
+    from ztpm_idp.bootstrap import FirstPerson
+
+    write_private(layout.idp_config, toml(plan.settings(layout)))
+    check_configuration(layout)
+    people = []
+    for name, given in plan.people.items():
+        public = keys.public_raw(new_key(layout.operator_key(name), passphrase)) if given is None else given
+        people.append(FirstPerson(id=name, name=name, key=public, roles=ROLES))
+    ring = make_ring(layout, plan.issuer, passphrase, at=at)
+    new_key(layout.idp_key(OAUTH_KEY), passphrase)
+    write_private(layout.key_ring, ring_to_json(ring))
+    write_private(layout.trust, ring.bundle(DEFAULT).to_json())
+    put_first_people(layout, people)
 
 
 def check_configuration(layout: Layout) -> None:

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import hashlib
-import ipaddress
 import shutil
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -17,18 +15,35 @@ from capabilities.rotation.rotation_json import ring_to_json
 from capabilities.statements import cell as cell_statement
 from capabilities.statements import workload
 from capabilities.values.caps import DEFAULT
-from pep.rtde.robot.connections import PORTS
 from ztpm.base.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
-from ztpm.base.loopback import free_host, is_free
 from ztpm.cell import survey
+from ztpm.cell.addresses import ROBOT_PORTS, Addresses, SetupError, free_addresses
 from ztpm.cell.provider_setup import OAUTH_KEY, ROLES, make_ring, put_first_people, sqlite_url, toml
 from ztpm.cell.simulated_platform import TRUST_DOMAIN
+from ztpm.cell.site import read_site
 from ztpm_idp.keys.key_files import SettingsError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from capabilities.keys.keys import PrivateKey
+
+__all__ = [
+    "GATEWAY_ID",
+    "PEP_ID",
+    "ROBOT_PORTS",
+    "SECOND_SENSOR_ID",
+    "SENSOR_CALIBRATION",
+    "SENSOR_ID",
+    "SENSOR_TRANSIT_MS",
+    "Addresses",
+    "SetupError",
+    "free_addresses",
+    "initialise",
+    "is_empty",
+    "read_addresses",
+    "sensor_keys",
+]
 
 PEP_ID: Final = "cell-1"
 GATEWAY_ID: Final = "gateway-1"
@@ -46,100 +61,6 @@ def sensor_keys(layout: Layout) -> dict[str, Path]:
     return {SENSOR_ID: layout.sensor_key, **second}
 
 
-@dataclass(frozen=True, slots=True)
-class Addresses:
-    """Addresses of a cell: a loopback address of its own, since a robot's ports are fixed.
-
-    Attributes:
-        host: an address in 127.0.0.0/8.
-        idp_port, tools_port, perception_port, status_port: TCP ports on it.
-        door_port, carriage_port: of the robot's gateway, on `gateway_host`.
-    """
-
-    host: str
-    idp_port: int = 8700
-    tools_port: int = 8800
-    perception_port: int = 8801
-    status_port: int = 8890
-    door_port: int = 8900
-    carriage_port: int = 8901
-
-    @property
-    def gateway_host(self) -> str:
-        """Address of the robot's gateway, the next one: its ports are as fixed as the robot's.
-
-        Raises:
-            SetupError: `host` is no IPv4 address, or the last one.
-        """
-        try:
-            return str(ipaddress.IPv4Address(self.host) + 1)
-        except ipaddress.AddressValueError as error:
-            raise SetupError("host: no IPv4 address that has a next one") from error
-
-    @property
-    def ports(self) -> tuple[int, ...]:
-        """Every port of the cell, the robot's fixed ones among them."""
-        return (self.idp_port, self.tools_port, self.status_port, *ROBOT_PORTS)
-
-    @property
-    def gateway_ports(self) -> tuple[int, ...]:
-        """Every port of the robot's gateway."""
-        return (self.door_port, self.carriage_port, self.perception_port, *PORTS)
-
-    @property
-    def taken(self) -> tuple[int, ...]:
-        """Ports of the cell that are taken now."""
-        own = (port for port in self.ports if not is_free(self.host, port))
-        return (*own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
-
-    @property
-    def issuer(self) -> str:
-        """Base URL of the identity provider."""
-        return f"http://{self.host}:{self.idp_port}/ztpm"
-
-    @property
-    def door(self) -> str:
-        """Canonical URL where leases of the robot are asked for."""
-        return f"http://{self.gateway_host}:{self.door_port}/leases"
-
-    @property
-    def well_known(self) -> str:
-        """URL at which the cell's MCP server names its token issuer to all callers (RFC 9728)."""
-        from pep.mcp.resource_description import WELL_KNOWN
-
-        return f"http://{self.host}:{self.tools_port}{WELL_KNOWN}/mcp"
-
-    @property
-    def calls(self) -> str:
-        """Canonical URL where the gateway takes the tool server's calls."""
-        return f"http://{self.gateway_host}:{self.door_port}/calls"
-
-    @property
-    def audience(self) -> str:
-        """Canonical URL of the cell's MCP server, and so of the cell."""
-        return f"http://{self.host}:{self.tools_port}/mcp"
-
-
-ROBOT_PORTS: Final = (*PORTS, 63352)
-"""Fixed ports of a UR controller and its Robotiq gripper."""
-
-
-def free_addresses(seed: bytes) -> Addresses:
-    """Addresses on a loopback host where every port of a cell is free now.
-
-    Args:
-        seed: random bytes; decides the order in which hosts are tried.
-
-    Raises:
-        OSError: when no host is found.
-    """
-    return Addresses(host=free_host(seed, lambda host: not Addresses(host=host).taken))
-
-
-class SetupError(ValueError):
-    """A cell that cannot be made as asked, or does not hold together; the text names the setting."""
-
-
 def read_addresses(layout: Layout) -> Addresses:
     """Addresses of the cell in a directory, by all its configurations.
 
@@ -148,13 +69,15 @@ def read_addresses(layout: Layout) -> Addresses:
 
     Raises:
         SetupError: naming a setting that is missing, refused or not the same in all; an embedded cell has one
-            loopback host.
+            loopback host, one with a controller of its own those of `ztpm.cell.site`.
     """
     from pep.base.errors import ConfigError
     from ztpm.point.gateway_config import read_gateway_config
     from ztpm.point.tool_proxy_config import read_door_config
     from ztpm_idp.settings import load_settings
 
+    if layout.controller.exists():
+        return read_site(layout)
     try:
         idp, door = load_settings(layout.idp_config), read_door_config(layout.cell_config)
         gateway = read_gateway_config(layout.gateway_config)

@@ -15,11 +15,13 @@ anyway.
 from __future__ import annotations
 
 import collections
-import json
 import threading
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from pep.base.errors import RobotError
+from pep.pit.files.old_files import renewed_shown
+from pep.pit.files.plain_file import FILE_LIMIT_BYTES, value_of
+from pep.pit.files.shown_file import shown_of
 from pep.rtde.robot.dashboard import stop_program
 from ztpm.base.processes import Child, ChildError
 
@@ -40,7 +42,6 @@ BACKOFF_MOST_S: Final = 8.0
 """Pause before a restart: half a second, twice as long for each further death within the window, at most this."""
 TOLD_LINES: Final = 20
 """Last lines of a dead process that are put on record."""
-SCENE_BYTES: Final = 1_048_576
 STOP_S: Final = 5.0
 """Longest wait for the dashboard's stop, when everything ends."""
 REPORTS: Final = "--reports"
@@ -97,14 +98,12 @@ class SceneFile:
 
 
 def _scene(path: Path) -> dict[str, object]:
+    """The sensor's command out of a world file."""
     with path.open("rb") as file:
-        content = file.read(SCENE_BYTES + 1)
-    if len(content) > SCENE_BYTES:
-        raise ValueError("too large")
-    scene = json.loads(content)
-    if not isinstance(scene, dict) or not scene.keys() <= EMPTY_SCENE.keys():
-        raise ValueError("not an object of people and objects")
-    return {**EMPTY_SCENE, **scene}
+        content = file.read(FILE_LIMIT_BYTES + 1)
+    value: Any = renewed_shown(value_of(content, path))
+    shown_of(value)
+    return {**EMPTY_SCENE, **value["view"]}
 
 
 class Supervision:
@@ -134,19 +133,22 @@ class Supervision:
         self._guard: threading.Thread | None = None
 
     def start(self) -> None:
-        """Starts controller, sensor, gateway and tool server.
+        """Starts controller and sensor, where they are simulated, gateway and tool server.
 
         Raises:
             ChildError: when one does not become ready.
         """
-        self.cell.start_robot()
-        self._log.note("started", "the controller runs")
+        if self.cell.simulated:
+            self.cell.start_robot()
+            self._log.note("started", "the controller runs")
         with self.cell.beside():
-            self._start_sensor()
+            if self.cell.simulated:
+                self._start_sensor()
             self.cell.start_gateway(REPORTS)
             self.cell.start_tools()
         self._guard_arm()
-        self._log.note("started", "sensor, gateway and tool server run")
+        beside = "sensor, gateway" if self.cell.simulated else "gateway"
+        self._log.note("started", f"{beside} and tool server run")
 
     def run(self) -> None:
         """Keeps the processes running until the end is asked for.
@@ -167,7 +169,7 @@ class Supervision:
             if not child.alive and not self._ended.is_set():
                 self._mend(name, child)
                 return  # the restarted processes are looked at the next time
-        if self._scene.changed():
+        if self.cell.simulated and self._scene.changed():
             self._show(self.cell.sensor)
 
     def stop(self) -> None:
@@ -255,7 +257,7 @@ class Supervision:
         if gateway.popen.wait() == 0:
             return
         try:
-            stop_program(self.cell.addresses.host)
+            stop_program(self.cell.addresses.controller_host)
         except RobotError as error:
             self._log.note("stop-failed", f"the arm could not be stopped: {error}")
         else:

@@ -1,18 +1,13 @@
-"""Survey of a cell before a person signs it: from a TOML draft, or of the embedded cell."""
+"""Survey of a cell before a person signs it: out of a world file, or of the embedded cell."""
 
 from __future__ import annotations
 
-import re
-import tomllib
-from typing import TYPE_CHECKING, Any, Final
+from pathlib import PurePath
+from typing import Final
 
 from capabilities.statements import cell
 from capabilities.statements.observation import Box, Sphere
-from capabilities.values.errors import CapabilityError
 from capabilities.values.scope import Tier
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 DAY_S: Final = 86_400
 DAYS: Final = 365
@@ -22,97 +17,16 @@ BACKDATED_S: Final = 60
 UPRIGHT: Final = (1_000_000, 0, 0, 0)
 
 
-PLACE: Final = re.compile(r"([a-z]+)\[(\d+)\]")
-"""Place that leads the detail of a fault in a list: `zones[1].tier`."""
-
-
-class DraftError(ValueError):
-    """Draft that makes no cell file. `code` is the reason."""
-
-    def __init__(self, code: str, detail: str) -> None:
-        super().__init__(f"{code}: {detail}")
-        self.code = code
-        self.detail = detail
-
-
 def draft(text: str, *, at: int, days: int) -> cell.Cell:
-    """Cell that a TOML draft spells, ready to be signed.
-
-    The members are those of the signed file (docs/spec.md), without its times. What TOML has no word for is left out:
-    no `payload_g` means unknown, no `workspace` no such limit, no `tier` a hard zone, no `quaternion_ppm` upright, no
-    `observed` a surveyed object. Lists may be left out.
-
-    Args:
-        text: TOML.
-        at: seconds since the epoch.
-        days: days for which it is in force.
+    """Cell that a world file's text spells (TOML), ready to be signed.
 
     Raises:
-        DraftError: `DRAFT_MALFORMED`, or a code of `pep.pit.SurveyFault` for a draft that contradicts itself.
+        FileError: as `pep.pit.files.cell_draft.statement_of`, and for a text that is not TOML.
     """
-    from pep.pit import CellParameters, SurveyError, surveyed
+    from pep.pit.files.cell_draft import statement_of
+    from pep.pit.files.plain_file import value_of
 
-    try:
-        table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise DraftError("DRAFT_MALFORMED", f"not TOML: {error}") from error
-    try:
-        stated = cell.from_claims(_claims(table, at=at, days=days))
-        surveyed(stated, CellParameters())
-    except CapabilityError as error:
-        raise DraftError("DRAFT_MALFORMED", _named(error.detail, table)) from error
-    except SurveyError as error:
-        raise DraftError(str(error.code), error.detail) from error
-    return stated
-
-
-def _claims(table: Mapping[str, Any], *, at: int, days: int) -> dict[str, object]:
-    left_out: dict[str, Any] = {
-        "payload_g": None,
-        "workspace": None,
-        "objects": [],
-        "zones": [],
-        "contacts": [],
-        "outputs": [],
-    }
-    claims: dict[str, Any] = {**left_out, **table}
-    for name in ("not_before", "not_after"):
-        if name in claims:
-            raise DraftError("DRAFT_MALFORMED", f"{name} is stated when the file is signed")
-    for name, member in (("zones", {"tier": None}), ("contacts", {"observed": False})):
-        claims[name] = [{**member, **row} if isinstance(row, dict) else row for row in _rows(claims[name], name)]
-    for name in ("objects", "zones"):
-        claims[name] = [_upright(row) for row in _rows(claims[name], name)]
-    return {**claims, "not_before": at - BACKDATED_S, "not_after": at - BACKDATED_S + days * DAY_S}
-
-
-def _named(detail: str, table: Mapping[str, Any]) -> str:
-    """The detail of a fault, with the name of the object, zone or contact whose place leads it."""
-    place = PLACE.match(detail)
-    rows = table.get(place[1]) if place else None
-    if (
-        place is None
-        or not isinstance(rows, list)
-        or int(place[2]) >= len(rows)
-        or not isinstance(rows[int(place[2])], dict)
-    ):
-        return detail
-    row = rows[int(place[2])]
-    name = row.get("name", row.get("object"))
-    return detail if name is None else f"{name!r} in {detail}"
-
-
-def _rows(value: object, name: str) -> list[Any]:
-    if not isinstance(value, list):
-        raise DraftError("DRAFT_MALFORMED", f"{name}: no list")
-    return value
-
-
-def _upright(row: Any) -> Any:
-    shape = row.get("shape") if isinstance(row, dict) else None
-    if not isinstance(shape, dict) or shape.get("form") != "box":
-        return row
-    return {**row, "shape": {"quaternion_ppm": list(UPRIGHT), **shape}}
+    return statement_of(value_of(text.encode(), PurePath("draft.toml")), at=at, days=days)
 
 
 def embedded(*, audience: str, author: str, sensor: str, at: int) -> cell.Cell:

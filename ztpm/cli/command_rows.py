@@ -52,12 +52,24 @@ ROWS: Final = (
         "configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for.",
     ),
     CommandRow(
+        "enrol",
+        START,
+        "ztpm.cli.provider.enrol:app",
+        "Parties of a cell: gateway, tool server and sensors are registered.",
+    ),
+    CommandRow(
         "doctor",
         START,
         "ztpm.cli.doctor:doctor",
         "Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.",
     ),
-    CommandRow("cell", START, "ztpm.cli.cell:app", "Cell files: what stands in a cell, signed by a person."),
+    CommandRow(
+        "cell",
+        START,
+        "ztpm.cli.cell:app",
+        "Cell files: what stands in a cell, signed by a person.",
+        tuple((name, f"ztpm.cli.cell_draft:{name}") for name in ("new", "draft", "check")),
+    ),
     CommandRow(
         "idp",
         START,
@@ -104,6 +116,9 @@ ROWS: Final = (
         "Revoke a token, hop, agent, key, sponsor, audience or mandate, and show which enforcement points confirm it.",
     ),
     CommandRow("approvals", PEOPLE, "ztpm.cli.provider.approvals:app", "Questions to people, and their answers."),
+    CommandRow(
+        "latch", PEOPLE, "ztpm.cli.provider.latch:app", "Robots that were stopped, and wait for people to clear them."
+    ),
     CommandRow(
         "agent",
         PEOPLE,

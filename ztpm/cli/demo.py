@@ -6,6 +6,7 @@ import time
 from contextlib import contextmanager
 from dataclasses import asdict
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
@@ -63,6 +64,9 @@ class _Shown(Preparing):
 
 def demo(
     *,
+    record: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Also write the story as a moving picture, 60 s of SVG.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of the story.")] = False,
 ) -> None:
     """Tell the story end to end on an embedded cell.
@@ -71,13 +75,16 @@ def demo(
     """
     from ztpm.base.processes import Child
     from ztpm.demo import telling
+    from ztpm.demo.recording import Recording
     from ztpm.demo.run import MOVED_RAD, play
     from ztpm.demo.story import CHAPTERS, STORY
     from ztpm.stage.live import stage
 
     started = time.perf_counter()
     told: list[StepReport] = []
-    lines = telling.Telling(console, CHAPTERS)
+    recording = Recording(time.monotonic)
+    # Both are told the same: the picture has a width of its own, whatever the reader's terminal is.
+    all_lines = [telling.Telling(each, CHAPTERS) for each in (console, recording.console)]
     if as_json:
         with start_failures(), waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
             started_up()
@@ -92,14 +99,21 @@ def demo(
         ):
             started_up()
             for number, step in enumerate(STORY.steps, 1):
-                lines.announce(step.id)
+                for lines in all_lines:
+                    lines.announce(step.id)
+                recording.look()
                 shown.begin(f"{step.id} ({number} of {len(STORY.steps)})")
                 told.append(play(on_stage, step))
-                lines.tell(told[-1])
+                for lines in all_lines:
+                    lines.tell(told[-1])
+                recording.look()
             shown.begin("They end")
     sums = telling.figures(told, time.perf_counter() - started, moved_rad=MOVED_RAD)
     if as_json:
         say_json({"ok": sums.ok, "steps": [telling.as_json(step) for step in told], "figures": asdict(sums)})
     else:
-        lines.end(sums)
+        for lines in all_lines:
+            lines.end(sums)
+        if record is not None:
+            record.write_text(recording.svg(), encoding="utf-8")
     raise typer.Exit(0 if sums.ok else FAILURE)

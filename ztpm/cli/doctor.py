@@ -18,7 +18,7 @@ from ztpm.cli.output import FAILURE, console, say_json
 from ztpm.cli.provider.person import Json
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterable
 
 NEEDED: Final = (
     "biscuit-python",
@@ -55,7 +55,6 @@ def doctor(*, config: ConfigFile = None, idp: IdpPlace = None, as_json: Json = F
     With the configuration of a gateway also that it would be taken, and how well it knows its arm. Of an identity
     provider: configuration, keys, rights to files, trust bundle, database, certificate, the issuer's answer, the clock.
     """
-    rows: list[dict[str, object]] = []
     if idp is not None:
         from ztpm.cli.provider.doctor import ProviderDoctor, config_at
         from ztpm.cli.provider.passphrase import ask_passphrase
@@ -65,13 +64,8 @@ def doctor(*, config: ConfigFile = None, idp: IdpPlace = None, as_json: Json = F
     else:
         checks = list(CHECKS)
     if config is not None:
-        checks.append(("arm", partial(_arm, config)))
-    for name, probe in checks:
-        try:
-            ok, detail = probe()
-        except Exception as error:  # noqa: BLE001 - a doctor reports every fault
-            ok, detail = False, f"{type(error).__name__}: {error}"
-        rows.append({"check": name, "ok": ok, "detail": detail})
+        checks.append(("arm", partial(arm_check, config)))
+    rows = examined(checks)
     sound = all(row["ok"] for row in rows)
     if as_json:
         say_json({"ok": sound, "checks": rows})
@@ -79,6 +73,18 @@ def doctor(*, config: ConfigFile = None, idp: IdpPlace = None, as_json: Json = F
         for row in rows:
             console.print(f"{'[green]ok  [/]' if row['ok'] else '[bold red]FAIL[/]'} {row['check']}: {row['detail']}")
     raise typer.Exit(0 if sound else FAILURE)
+
+
+def examined(checks: Iterable[tuple[str, Callable[[], tuple[bool, str]]]]) -> list[dict[str, object]]:
+    """Outcome of each check, as it is told."""
+    rows: list[dict[str, object]] = []
+    for name, probe in checks:
+        try:
+            ok, detail = probe()
+        except Exception as error:  # noqa: BLE001 - a doctor reports every fault
+            ok, detail = False, f"{type(error).__name__}: {error}"
+        rows.append({"check": name, "ok": ok, "detail": detail})
+    return rows
 
 
 def _interpreter() -> tuple[bool, str]:
@@ -124,7 +130,7 @@ def _physics() -> tuple[bool, str]:
     )
 
 
-def _arm(config: Path) -> tuple[bool, str]:
+def arm_check(config: Path) -> tuple[bool, str]:
     """Checks that a gateway takes the configuration, and the arm's calibration where it names one."""
     from pep.base.errors import ConfigError
     from pep.pit.robot.calibration import own_kinematics

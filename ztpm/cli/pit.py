@@ -27,9 +27,12 @@ SceneFile = Annotated[
     Path | None, typer.Option("--scene", help="What stands and is seen (docs/schemas).", exists=True, dir_okay=False)
 ]
 MotionFile = Annotated[
-    Path | None, typer.Option("--motion", help="What would be sent (docs/schemas).", exists=True, dir_okay=False)
+    Path | None,
+    typer.Option("--motion", help="What would be sent: JSON, TOML, YAML or CSV (docs/schemas).", exists=True),
 ]
-RobotName = Annotated[str, typer.Option("--robot", help="A shipped model's name, a model file, or a .urdf.")]
+RobotName = Annotated[
+    str, typer.Option("--robot", help="A shipped model's name, a model file, or a .urdf (else the scene's, or ur3e).")
+]
 OutfitFile = Annotated[
     Path | None, typer.Option("--outfit", help="With a .urdf: what it leaves open.", exists=True, dir_okay=False)
 ]
@@ -48,7 +51,7 @@ def pit(
     *,
     scene: SceneFile = None,
     motion: MotionFile = None,
-    robot: RobotName = "ur3e",
+    robot: RobotName = "",
     outfit: OutfitFile = None,
     tool_file: ToolFiles = None,
     calibration: CalibrationFile = None,
@@ -105,7 +108,7 @@ def verify(
     *,
     scene: SceneFile = None,
     motion: MotionFile = None,
-    robot: RobotName = "ur3e",
+    robot: RobotName = "",
     outfit: OutfitFile = None,
     tool_file: ToolFiles = None,
     calibration: CalibrationFile = None,
@@ -202,7 +205,7 @@ def _write(file: Path, content: bytes) -> None:
 
 
 def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
-    from ztpm.pit import advice, certificate_to_plain, effect
+    from ztpm.pit import advice, carriage, certificate_to_plain, effect
 
     head = Text(f"Tier {int(said.tier)}", style=COLOURS[int(said.tier)])
     head.append(f", index {said.index:.3f}: {effect(said)}", style="not bold default")
@@ -234,4 +237,11 @@ def _tell(question: Asked, said: Assessment, proven: bytes | PitError) -> None:
     console.print(
         Text(plain(f"proof: {json.dumps(certificate['rows'])} rows, {certificate['bytes']} bytes; {checked}"))
     )
+    carried = carriage(question.motion)
+    if carried is not None and carried["carries"]:
+        named = carried["arguments"]
+        needs = f"{named['speed_rad_s']} rad/s and {named['acceleration_rad_s2']} rad/s2"
+        console.print(Text(f"gateway: carries it as {carried['operation']}, which needs {needs}"))
+    elif carried is not None:
+        console.print(Text(plain(f"gateway: cannot carry it, {carried['why']}"), style="yellow"))
     console.print(Text(f"model {said.model_digest[:16]}, scene {said.scene_digest[:16]}, engine {said.engine}", "dim"))

@@ -125,6 +125,7 @@ def _lent(
 ) -> LeaseOutcome:
     import asyncio
 
+    from pep.rtde.lease.lease import LEASE_OVER
     from ztpm.program.lease_renewal import LeaseRenewal
     from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
     from ztpm.program.refusal_lines import RefusalLines, on_standard_error
@@ -145,7 +146,13 @@ def _lent(
         with RefusalLines(on_standard_error) as lines:
             kept = None if tokens is None else LeaseRenewal(leased, place.door, key, tokens, text, told=lines.tell).keep
             lending = partial(lend, leased, host, command, begun=lambda: begun(host), told=lines.tell, kept=kept)
-            return asyncio.run(lending())
+            with asyncio.Runner() as runner:
+                ended = runner.run(lending())
+                if ended.early is not None and not command:
+                    if ended.cut_short and ended.ports.staying:
+                        lines.tell(f"{LEASE_OVER}: {ended.early}")
+                    runner.run(ended.ports.all_left())
+                return ended
     except LeaseError as error:
         fail(error.code, error.detail)
     except OSError as error:

@@ -17,7 +17,17 @@ rtde = typer.Typer(no_args_is_help=True, help="The robot: its gateway, a simulat
 def become(module: str, *arguments: str) -> NoReturn:
     """Turns this process into `python -m module arguments`: one way to start it, with or without the command line."""
     sys.stdout.flush()
+    _told_passphrase()
     os.execv(sys.executable, [sys.executable, "-m", module, *arguments])  # noqa: S606 - our own interpreter and our own modules
+
+
+def _told_passphrase() -> None:
+    """Puts the passphrase where every process looks, when the environment names a file that holds it."""
+    if "ZTPM_PASSPHRASE_FILE" in os.environ and "ZTPM_PASSPHRASE" not in os.environ:
+        from ztpm.cli.provider.passphrase import VARIABLE, ask_passphrase
+
+        os.environ[VARIABLE] = ask_passphrase(new=False).decode()
+        del os.environ["ZTPM_PASSPHRASE_FILE"]
 
 
 def tools(
@@ -85,6 +95,7 @@ def sim(
     programs: Annotated[
         str, typer.Option(help="Folder of saved programs for the dashboard's `load`: NAME.urp, NAME.script beside it.")
     ] = "",
+    tool: Annotated[str, typer.Option(help="Tool of the installation: its TCP and weight (default: none).")] = "",
     fault: Annotated[
         list[str] | None,
         typer.Option(
@@ -100,4 +111,19 @@ def sim(
     settings = (("robot", robot), ("joints", joints), ("polyscope", polyscope), ("programs", programs))
     options = [f"--{name}={value}" for name, value in settings if value]
     options += [f"--fault={each}" for each in fault or ()]
+    if tool:
+        options += _installed(robot, tool)
     become("ursim", "--host", host, *options, *([] if as_json else ["--words"]))
+
+
+def _installed(robot: str, tool: str) -> tuple[str, str]:
+    """Options of a controller with that tool in its installation, or the end of the command."""
+    from pep.pit import ModelError
+    from pep.pit.robot.model import Model
+    from ztpm.cell.cell import installation
+    from ztpm.cli.output import fail
+
+    try:
+        return installation(Model.shipped(robot), tool)
+    except ModelError as error:
+        fail("USAGE", error.detail)

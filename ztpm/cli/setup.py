@@ -12,6 +12,7 @@ import typer
 from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.passphrase import ask_passphrase
 from ztpm.cli.provider.person import PLACE_VARIABLE, Json
+from ztpm.cli.robot_setup import RobotWish, for_robot, make
 
 
 def version(*, as_json: Json = False) -> None:
@@ -23,6 +24,7 @@ def version(*, as_json: Json = False) -> None:
         typer.echo(f"ztpm {number}")
 
 
+@for_robot
 def init(
     *,
     where: Annotated[Path, typer.Option("--data", help="Directory to create.", envvar=PLACE_VARIABLE)] = Path(".ztpm"),
@@ -31,12 +33,21 @@ def init(
     second_sensor: Annotated[
         bool, typer.Option("--second-sensor", help="Two simulated sensors watch the cell, and both must be heard.")
     ] = False,
+    wish: RobotWish,
     as_json: Json = False,
 ) -> None:
-    """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for."""
+    """Make a new cell: keys, operators, trust bundle, configurations. Its passphrase: ZTPM_PASSPHRASE, or asked for.
+
+    With --robot it is a cell for a controller that is there, which is asked for its arm, serial number, kinematics,
+    tool, load and limits. Nothing is made when one of them is not as it was said. What is not said is asked for in a
+    terminal. Its parts speak TLS unless they are on loopback, and it says what of the network is open.
+    """
     from ztpm.base.layout import OPERATORS, Layout, LayoutError
     from ztpm.cell.setup import Addresses, SetupError, free_addresses, initialise
 
+    if wish.robot:
+        make(Layout(where.resolve()), wish, host=host, policy=policy, as_json=as_json)
+        return
     passphrase = ask_passphrase(new=True)
     addresses = Addresses(host=host) if host else free_addresses(secrets.token_bytes(16))
     layout = Layout(where.resolve())

@@ -9,25 +9,37 @@ import sys
 import threading
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
 from ztpm.cli.output import console, fail, fail_at, say_json
 from ztpm.cli.provider.passphrase import ask_passphrase
+from ztpm.cli.provider.person import PLACE_VARIABLE, believe
 
 if TYPE_CHECKING:
     from ztpm.base.layout import Layout
     from ztpm.up import Up
 
+SOMEBODY: Final = (
+    '{"form": "ztpm-world/1", "frame": "base", '
+    '"view": {"people": [{"id": "p1", "standing_adult": {"x_m": 0.69, "y_m": 0.0}}]}}'
+)
+"""World file with a person near the arm, to be tried."""
+
 
 def up(
     *,
-    where: Annotated[Path, typer.Option("--data", help="Directory of the cell; made when missing.")] = Path(".ztpm"),
+    where: Annotated[
+        Path, typer.Option("--data", help="Directory of the cell; made when missing.", envvar=PLACE_VARIABLE)
+    ] = Path(".ztpm"),
     policy: Annotated[str, typer.Option(help="Of a new cell: shipped policy set or a file.")] = "paper-default",
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line when the cell is ready.")] = False,
 ) -> None:
-    """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, gateway, tools, status page."""
+    """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, gateway, tools, status page.
+
+    A cell of `ztpm init --robot` has a controller and sensors of its own: the others are run.
+    """
     from ztpm.base.event_log import EventLog
     from ztpm.base.layout import Layout
     from ztpm.base.lock import DirectoryLock, LockedError
@@ -39,6 +51,7 @@ def up(
         from ztpm.up import as_json as told_to_machines
 
     layout = Layout(where.resolve())
+    believe(layout)
     try:
         made = not layout.root.exists()
         layout.root.mkdir(mode=0o700, parents=True, exist_ok=True)
@@ -107,13 +120,16 @@ def _undo(layout: Layout, *, made: bool) -> None:
 
 def _overview(cell: Up, layout: Layout) -> None:
     directory, issuer, audience = layout.root, cell.addresses.issuer, cell.addresses.audience
-    operators = ", ".join(sorted(path.stem for path in layout.operator_key("any").parent.glob("*.key")))
+    from ztpm.up import operators_of
+
+    operators = ", ".join(operators_of(layout))
+    real = layout.controller.exists()
     rows = [
         ("status page", cell.status),
         ("tool server", f"{audience}   (MCP; a token and a proof with each request)"),
         ("identity provider", issuer),
-        ("robot", f"{cell.addresses.gateway_host}   (its gateway: state and stop for everybody, motion in a lease)"),
-        ("simulated UR3e", f"{cell.addresses.host}   (what is behind the gateway)"),
+        ("robot", f"{cell.addresses.face_host}   (its gateway: state and stop for everybody, motion in a lease)"),
+        ("controller" if real else "simulated UR3e", f"{cell.addresses.controller_host}   (behind the gateway)"),
         ("operators", f"{operators}; their keys, encrypted: {directory}/operators"),
         ("log", str(layout.log)),
     ]
@@ -121,19 +137,24 @@ def _overview(cell: Up, layout: Layout) -> None:
     for name, value in rows:
         console.print(f"  {name:18} {value}", markup=False)
     console.print("\nTry in another terminal (ZTPM_PASSPHRASE set, or it is asked for):\n")
+    person, other = (*operators_of(layout), "alice", "bob")[:2]
+    signs = f"--data {directory} --as {person}"
+    scope = f" --scope {layout.first_scope} --minutes 15" if real else ""
     for command in (
-        f"ztpm approvals list --data {directory} --as bob",
-        f"ztpm agent list --data {directory} --as alice",
-        f"ztpm agent register mover --role mover --software FILE --data {directory} --as alice",
+        f"ztpm approvals list --data {directory} --as {other}",
+        f"ztpm agent list --data {directory} --as {person}",
+        f"ztpm agent register mover --role mover --software FILE --data {directory} --as {person}",
         f"ztpm agent attest mover --software FILE --data {directory}",
-        f"ztpm token issue mover --software FILE --purpose 'try it' --out mover.token --data {directory} --as alice",
+        f"ztpm token issue mover --software FILE --purpose 'try it'{scope} --out mover.token {signs}",
         f"ztpm rtde run mover --token mover.token --data {directory} -- python PROGRAM {{robot}}",
-        f"ztpm revoke agent mover --reason 'no longer needed' --data {directory} --as alice",
-        f"""echo '{{"people": [{{"id": "p1", "x_m": 0.69, "y_m": 0.0}}]}}' > {layout.scene}""",
+        f"ztpm revoke agent mover --reason 'no longer needed' --data {directory} --as {person}",
+        f"ztpm enrol sensor camera-1 --calibration FILE --data {directory} --as {person}"
+        if real
+        else f"echo '{SOMEBODY}' > {layout.scene}",
     ):
         console.print(f"  {command}", markup=False)
     for differing in cell.differing:
         console.print(
             f"\n[bold yellow]{differing}.[/] Nothing registers it again by itself; when you have looked at it:"
         )
-        console.print(f"  ztpm mcp pin --data {directory} --as carol", markup=False)
+        console.print(f"  ztpm mcp pin --data {directory} --as {operators_of(layout)[-1]}", markup=False)

@@ -86,7 +86,7 @@ def extent(shown: Picture, *, whole: bool) -> tuple[Floats, Floats]:
 
     Args:
         shown: everything.
-        whole: people are shown from head to foot.
+        whole: people are shown from head to foot. Of a cell, where nothing moves, everything is shown.
     """
     balls = [(end, part.radius_m) for p in shown.postures for part in p.parts for end in (part.a_m, part.b_m)]
     balls += [(end, 0.0) for w in shown.witnesses for end in (w.near.on_part_m, w.near.on_thing_m)]
@@ -95,6 +95,9 @@ def extent(shown: Picture, *, whole: bool) -> tuple[Floats, Floats]:
         (body.kind, points.reshape(-1, 3)) for body in shown.bodies for points in triangles_of(body.shape, math.inf)
     ]
     arm = arm or [point for _, points in around for point in points] or [np.full(3, -AROUND_M), np.full(3, AROUND_M)]
+    if shown.assessment is None:
+        every = np.concatenate([np.array(arm), *(points for _, points in around), np.array(shown.workspace or arm[:1])])
+        return every.min(axis=0) - MARGIN_M, every.max(axis=0) + MARGIN_M
     low, high = np.min(arm, axis=0) - AROUND_M, np.max(arm, axis=0) + AROUND_M
     some = [points if whole and kind == "person" else np.clip(points, low, high) for kind, points in around]
     every = np.concatenate([np.array(arm), *some])

@@ -1,5 +1,5 @@
 "use strict";
-// The picture of an assessment, turned by hand: three.js draws the bodies, the page's own elements are their names.
+// The picture of a cell or an assessment, turned by hand: three.js draws the bodies, the page's own elements are their names.
 
 const { Vector3 } = THREE;
 const point = (p) => new Vector3(...p);
@@ -86,13 +86,16 @@ function standing(shown) {
     [way.material.depthTest, way.material.transparent, way.renderOrder] = [false, true, 8];
     group.add(way);
   }
-  if (shown.workspace) {
-    const corner = (k) => [0, 1, 2].map((d) => shown.workspace[k >> d & 1][d]);
-    for (let k = 0; k < 8; k += 1) {
-      for (const bit of [1, 2, 4]) if (!(k & bit)) group.add(line([corner(k), corner(k | bit)], shown.colours.workspace, true));
-    }
+  const at = corners(shown);
+  for (let k = 0; k < at.length; k += 1) {
+    for (const bit of [1, 2, 4]) if (!(k & bit)) group.add(line([at[k], at[k | bit]], shown.colours.workspace, true));
   }
   return group;
+}
+
+// The eight corners of the workspace, if there is one.
+function corners(shown) {
+  return shown.workspace ? [0, 1, 2, 3, 4, 5, 6, 7].map((k) => [0, 1, 2].map((d) => shown.workspace[k >> d & 1][d])) : [];
 }
 
 // By name, the points at one of which a body's name stands, and what else is said of it.
@@ -156,7 +159,7 @@ function start(page) {
     aim();
     let points = shown.postures.flatMap((p) => p.ends.flat()).concat(shown.witnesses.flatMap((w) => [w.a, w.b]));
     points.push(...shown.bodies.filter((b) => b.kind === "person").flatMap((b) => b.corners ?? [b.a, b.b]));
-    if (!points.length) points = shown.bodies.flatMap((b) => b.corners ?? [b.a, b.b]);
+    if (shown.whole || !points.length) points.push(...shown.bodies.flatMap((b) => b.corners ?? [b.a, b.b]), ...corners(shown));
     if (!points.length) points = [[0, 0, 0]];
     const seen = points.map((p) => point(p).applyMatrix4(camera.matrixWorldInverse));
     const [low, high] = [seen[0].clone(), seen[0].clone()];
@@ -175,19 +178,28 @@ function start(page) {
     renderer.render(scene, camera);
     const pixel = height / (2 * half);
     const flat = (p) => { const q = p.clone().project(camera); return [((q.x + 1) * width) / 2, ((1 - q.y) * height) / 2]; };
-    const place = (span, x, y) => { span.style.left = `${x}px`; span.style.top = `${clamp(y, 14, height - 14)}px`; };
+    // A name stays inside the view, and moves up or down until it covers no other one.
+    const taken = [];
+    const place = (span, x, y, side) => {
+      const [w, h] = [span.offsetWidth, span.offsetHeight], at = { x: clamp(x, w / 2, Math.max(w / 2, width - w / 2)), y };
+      const covers = (other) => Math.abs(at.x - other.x) < (w + other.w) / 2 && Math.abs(at.y - other.y) < (h + other.h) / 2;
+      for (let k = 0; k < taken.length && taken.some(covers); k += 1) at.y += side * (h + 2);
+      at.y = clamp(at.y, 14, height - 14);
+      taken.push({ ...at, w, h });
+      [span.style.left, span.style.top] = [`${at.x}px`, `${at.y}px`];
+    };
     for (const at of names.values()) {
       const side = at.above ? -1 : 1;
       const ends = at.balls.map(([p, r]) => { const [x, y] = flat(p); return [x, y + side * r * pixel]; });
       const [x, y] = ends.reduce((one, other) => (side * (other[1] - one[1]) > 0 ? other : one));
-      place(at.label, x, y + side * 14);
+      place(at.label, x, y + side * 14, side);
     }
     const { lead } = state.now;
     gap.hidden = !lead;
     if (lead) {
       gap.textContent = `${lead.clearance_mm.toFixed(0)} mm`;
       const [x, y] = flat(point(lead.a).add(point(lead.b)).multiplyScalar(0.5));
-      place(gap, x, y + 30);
+      place(gap, x, y + 30, 1);
     }
   };
   const go = (posture) => {

@@ -1,4 +1,4 @@
-"""A picture of an assessment as one HTML file that fetches nothing.
+"""A picture of a cell or an assessment as one HTML file that fetches nothing.
 
 Its policy names its two scripts by hash; a table says the same as the picture.
 """
@@ -16,13 +16,14 @@ from typing import TYPE_CHECKING, Final
 from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI, MILLI, to_plain
 
 if TYPE_CHECKING:
+    from pep.pit.assessment.assessment import Assessment
     from policies.evidence.evidence import Contribution
-    from ztpm.picture.picture import Picture
+    from ztpm.picture.picture import Body, Picture
 
 STYLE: Final = """
 :root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; color: #1c2733; }
 body { margin: 0; padding: 1.2rem 1.6rem; background: #f5f7f9; }
-h1 { font-size: 1.45rem; margin: 0; }
+h1 { font-size: 1.45rem; margin: 0; overflow-wrap: anywhere; }
 p { margin: .25rem 0 1rem; color: #4a5763; }
 main { display: grid; grid-template-columns: minmax(0, 1.5fr) minmax(22rem, 1fr); gap: 1.2rem; align-items: start; }
 section { background: #fff; border: 1px solid #d8dfe5; border-radius: .6rem; padding: .9rem; }
@@ -73,7 +74,8 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
             "form-action 'none'",
         )
     )
-    told = shown.assessment.contributions
+    still = " hidden" if shown.assessment is None else ""
+    said = "<br>".join(escape(line) for line in (subtitle, advice) if line)
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -85,33 +87,23 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 </head>
 <body>
 <h1>{escape(shown.title)}</h1>
-<p>{escape(subtitle)}<br>{escape(advice)}</p>
+<p>{said}</p>
 <main>
 <section aria-label="Picture">
 <div id="view" tabindex="0" role="img" aria-label="{escape(_spoken(shown), quote=True)}"></div>
 <div class="controls">
-<button type="button" id="play">Play</button>
-<label for="time">Time</label><input type="range" id="time" min="0" max="0" step="1" value="0">
-<label><input type="checkbox" id="swept" checked> swept path</label>
+<button type="button" id="play"{still}>Play</button>
+<label for="time"{still}>Time</label><input type="range" id="time" min="0" max="0" step="1" value="0"{still}>
+<label{still}><input type="checkbox" id="swept" checked> swept path</label>
 <button type="button" data-view="corner">Corner</button>
 <button type="button" data-view="above">Above</button>
 <button type="button" data-view="side">Side</button>
-<output id="told" for="time"></output>
+<output id="told" for="time"{still}></output>
 </div>
 <ul class="key">{_key(shown)}</ul>
 <noscript>The picture needs a script and WebGL; the table says the same.</noscript>
 </section>
-<section aria-label="Contributions">
-<table>
-<caption>What raises the index, highest first</caption>
-<thead><tr><th scope="col">#</th><th scope="col">kind</th><th scope="col">link</th><th scope="col">object</th>\
-<th scope="col">said by</th><th scope="col" class="n">s</th><th scope="col" class="n">mm</th>\
-<th scope="col" class="n">m/s</th><th scope="col" class="n">index</th></tr></thead>
-<tbody>
-{"".join(_row(number, each) for number, each in enumerate(told)) or _nothing()}
-</tbody>
-</table>
-</section>
+{_things(shown) if shown.assessment is None else _contributions(shown.assessment)}
 </main>
 <script type="application/json" id="picture">{_json(shown)}</script>
 <script>{library}</script>
@@ -119,6 +111,53 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
 </body>
 </html>
 """
+
+
+def _contributions(assessment: Assessment) -> str:
+    rows = "".join(_row(number, each) for number, each in enumerate(assessment.contributions))
+    return f"""<section aria-label="Contributions">
+<table>
+<caption>What raises the index, highest first</caption>
+<thead><tr><th scope="col">#</th><th scope="col">kind</th><th scope="col">link</th><th scope="col">object</th>\
+<th scope="col">said by</th><th scope="col" class="n">s</th><th scope="col" class="n">mm</th>\
+<th scope="col" class="n">m/s</th><th scope="col" class="n">index</th></tr></thead>
+<tbody>
+{rows or _nothing()}
+</tbody>
+</table>
+</section>"""
+
+
+def _things(shown: Picture) -> str:
+    """The table of a cell: everything that is drawn but the arm, a person in one row."""
+    whole = {(body.name.split("/")[0] if body.kind == "person" else body.name): body for body in shown.bodies}
+    rows = "".join(
+        f"<tr><th scope='row'>{_breakable(name)}</th><td>{escape(body.kind)}</td><td>{_told(body)}</td></tr>\n"
+        for name, body in whole.items()
+    )
+    if shown.workspace is not None:
+        low, high = (", ".join(f"{each:.2f}" for each in corner) for corner in shown.workspace)
+        rows += f"<tr><th scope='row'>workspace</th><td></td><td>from ({low}) to ({high})</td></tr>\n"
+    return f"""<section aria-label="Things">
+<table>
+<caption>What stands and is seen, in metres from the base</caption>
+<thead><tr><th scope="col">name</th><th scope="col">kind</th><th scope="col">shape and place</th></tr></thead>
+<tbody>
+{rows or '<tr><td colspan="3">nothing</td></tr>'}
+</tbody>
+</table>
+</section>"""
+
+
+def _told(body: Body) -> str:
+    from ztpm.picture.cell_picture import told_of
+
+    said = (
+        "" if body.kind == "person" else told_of(body.shape),
+        body.note,
+        f"seen by {body.told}" if body.told else "",
+    )
+    return "; ".join(escape(each) for each in said if each)
 
 
 def _hash(text: str) -> str:
@@ -179,4 +218,5 @@ def _spoken(shown: Picture) -> str:
     """The picture in words."""
     things = dict.fromkeys(f"{body.kind} {body.name.split('/')[0]}" for body in shown.bodies)
     around = ", ".join(things) or "nothing"
-    return f"{shown.title}. The arm over its path; around it: {around}. Arrow keys turn it, plus and minus zoom."
+    arm = "The arm at rest" if shown.assessment is None else "The arm over its path"
+    return f"{shown.title}. {arm}; around it: {around}. Arrow keys turn it, plus and minus zoom."

@@ -1,4 +1,4 @@
-"""Content of a picture of an assessment, as plain values in metres, for every way of drawing."""
+"""Content of a picture of a cell or an assessment, as plain values in metres, for every way of drawing."""
 
 from __future__ import annotations
 
@@ -50,6 +50,7 @@ class Body:
         tier: that of a zone that has one.
         source: the sensor, or "" for the signed cell file.
         age_s: age of the sighting, all in all; 0 for a surveyed object.
+        note: what else is to be said of it, as that the tool may touch it.
     """
 
     kind: str
@@ -58,6 +59,7 @@ class Body:
     tier: int | None = None
     source: str = CELL_FILE
     age_s: float = 0.0
+    note: str = ""
 
     @property
     def told(self) -> str:
@@ -85,7 +87,7 @@ class Picture:
         bodies: people's regions, objects and zones.
         workspace: low and high corner, or None.
         witnesses: of the contributions that happen somewhere, in their order.
-        assessment: all of it.
+        assessment: all of it; None for a picture of a cell, where nothing moves.
     """
 
     title: str
@@ -94,7 +96,7 @@ class Picture:
     bodies: tuple[Body, ...]
     workspace: tuple[Vector, Vector] | None
     witnesses: tuple[Witness, ...]
-    assessment: Assessment
+    assessment: Assessment | None
 
 
 def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Assessment) -> Picture:
@@ -114,8 +116,23 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
     regular = [whole * k / (STEPS - 1) for k in range(STEPS)] if whole > 0 else [0.0]
     at = {min(c.at_ms / MILLI, whole) for c in assessment.contributions}
     shown = route.postures(sorted({*regular, *at}))
-    seen_s = situation.age_s or 0.0
-    bodies = (
+    bodies = bodies_in(scene, seen_s=situation.age_s or 0.0)
+    found = (_witness(c, shown, bodies, scene, whole) for c in assessment.contributions)
+    area = scene.workspace
+    return Picture(
+        title=title(assessment),
+        postures=shown,
+        parts=parts_of(robot) if shown else (),
+        bodies=bodies,
+        workspace=None if area is None else (area.low_m, area.high_m),
+        witnesses=tuple(w for w in found if w is not None),
+        assessment=assessment,
+    )
+
+
+def bodies_in(scene: Scene, *, seen_s: float) -> tuple[Body, ...]:
+    """Everybody and everything in a scene that was seen so long ago."""
+    return (
         *(
             Body("person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s)
             for p in scene.people
@@ -124,17 +141,11 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
         *(Body(o.kind, o.id, o.shape, None, o.source, seen_s + o.age_s if o.source else 0.0) for o in scene.objects),
         *(Body("zone", z.id, z.shape, z.tier) for z in scene.zones),
     )
-    found = (_witness(c, shown, bodies, scene, whole) for c in assessment.contributions)
-    area = scene.workspace
-    return Picture(
-        title=title(assessment),
-        postures=shown,
-        parts=tuple(_part(c.name, c.link, robot) for c in robot.capsules) if shown else (),
-        bodies=bodies,
-        workspace=None if area is None else (area.low_m, area.high_m),
-        witnesses=tuple(w for w in found if w is not None),
-        assessment=assessment,
-    )
+
+
+def parts_of(robot: Robot) -> tuple[str, ...]:
+    """Kind of each capsule of a robot: "base", "arm", "tool" or "payload"."""
+    return tuple(_part(c.name, c.link, robot) for c in robot.capsules)
 
 
 def title(assessment: Assessment) -> str:
@@ -222,7 +233,7 @@ def to_plain(shown: Picture) -> dict[str, Any]:
     """The picture as JSON, to a hundredth of a millimetre."""
     return {
         "title": shown.title,
-        "tier": int(shown.assessment.tier),
+        "whole": shown.assessment is None,
         "parts": [
             {"kind": kind, "name": part.name, "r": part.radius_m}
             for kind, part in zip(shown.parts, shown.postures[0].parts if shown.postures else (), strict=True)
@@ -241,7 +252,7 @@ def to_plain(shown: Picture) -> dict[str, Any]:
         "workspace": None if shown.workspace is None else [_rounded(corner) for corner in shown.workspace],
         "witnesses": [
             {
-                "row": shown.assessment.contributions.index(w.contribution),
+                "row": row_of(shown, w),
                 "posture": w.posture,
                 "a": _rounded(w.near.on_part_m),
                 "b": _rounded(w.near.on_thing_m),
@@ -253,6 +264,11 @@ def to_plain(shown: Picture) -> dict[str, Any]:
             for w in shown.witnesses
         ],
     }
+
+
+def row_of(shown: Picture, witness: Witness) -> int:
+    """Place of a witness's contribution among all of the answer."""
+    return -1 if shown.assessment is None else shown.assessment.contributions.index(witness.contribution)
 
 
 def _rounded(point: Vector) -> list[float]:

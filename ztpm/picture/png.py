@@ -1,4 +1,4 @@
-"""A picture of an assessment as PNG: from above, from the side and from a corner, drawn by matplotlib."""
+"""Picture of a cell or an assessment as PNG: from above, the side and a corner, drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -25,6 +25,14 @@ PAPER, INK, FAINT, SOFT = "#ffffff", "#1c2733", "#8b98a5", "#4a5763"
 SIZE_INCH: Final = (16.0, 9.4)
 ARROW: Final = 0.004
 """Length of the arrow at the end of the tool point's way, a share of the view."""
+ZOOM: Final = (1.42, 1.2)
+"""Size of a level view in its axes, and of the one from a corner."""
+CELL_ZOOM: Final = (1.3, 1.0)
+"""The same for a cell, of which nothing is cut off."""
+STEPS_M: Final = ((2.5, 0.25), (5.0, 0.5), (math.inf, 2.0))
+"""Extent up to which a level view's scale has this step."""
+LETTER_PT, LINE_PT = 5.4, 17.0
+"""Width of a letter and height of a label, points."""
 AWAY: Final = 78.0
 """Points between a gap's middle and the label with its width."""
 
@@ -118,7 +126,7 @@ def _draw_view(axes: Any, shown: Picture, view: View, bodies: list[Filled]) -> N
     low, high = extent(shown, whole=corner)
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))
     axes.view_init(elev=view.elevation, azim=view.azimuth)
-    axes.set_box_aspect(high - low, zoom=1.2 if corner else 1.42)
+    axes.set_box_aspect(high - low, zoom=(CELL_ZOOM if shown.assessment is None else ZOOM)[corner])
     _scale(axes, corner=corner)
     turned = [body.normals @ view.eye > 0 for body in bodies]
     if bodies:
@@ -144,7 +152,9 @@ def _scale(axes: Any, *, corner: bool) -> None:
         return
     for axis, name in ((axes.xaxis, "x, m"), (axes.yaxis, "y, m"), (axes.zaxis, "z, m")):
         axis.pane.set(facecolor=PAPER, edgecolor="#cfd6dc")
-        axis.set_major_locator(importlib.import_module("matplotlib.ticker").MultipleLocator(0.25))
+        far = max(axes.get_w_lims()[1::2]) - min(axes.get_w_lims()[0::2])
+        step = next(step for most, step in STEPS_M if far < most)
+        axis.set_major_locator(importlib.import_module("matplotlib.ticker").MultipleLocator(step))
         axis.set_tick_params(labelsize=7, colors=SOFT, pad=-1)
         axis.set_label_text(name, fontsize=9)
         axis.labelpad = -5
@@ -189,7 +199,8 @@ def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[f
         name = body.name.split("/")[0] if body.kind == "person" else body.name
         visible = points.setdefault((name, body.kind, body.told), [])
         visible += [each.reshape(-1, 3) for each in triangles_of(body.shape, CELL_M)]
-    places = []
+    places: list[tuple[float, float]] = []
+    labels: list[tuple[float, float, float]] = []
     for (name, kind, told), each in points.items():
         every = np.concatenate(each)
         inside = every[((every >= low) & (every <= high)).all(axis=1)]
@@ -199,12 +210,26 @@ def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[f
             x, y = flat[flat[:, 1].argmax() if above else flat[:, 1].argmin()]
             said = f"{_short(name)} ({_short(told)})" if told else _short(name)
             box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": COLOURS[kind], "alpha": 0.85}
+            up = _free(axes, (x, y), LETTER_PT * len(said), labels, above=above)
             axes.annotate(
-                said, (x, y), (0, 9 if above else -9), textcoords="offset points", ha="center", va="center",
+                said, (x, y), (0, up), textcoords="offset points", ha="center", va="center",
                 fontsize=9, color=INK, bbox=box, zorder=11, parse_math=False,
             )  # fmt: skip
             places.append((x, y))
     return places
+
+
+def _free(
+    axes: Any, place: tuple[float, float], wide: float, labels: list[tuple[float, float, float]], *, above: bool
+) -> float:
+    """Offset of a label from its place, points: above or below, past those that are there; adds it to them."""
+    x, y = axes.transData.transform(place) * 72 / axes.figure.dpi
+    way = 1 if above else -1
+    up = 9.0 * way
+    while any(abs(x - a) < (wide + w) / 2 and abs(y + up - b) < LINE_PT for a, b, w in labels):
+        up += LINE_PT * way
+    labels.append((float(x), float(y + up), wide))
+    return up
 
 
 def _gap(axes: Any, shown: Picture, taken: list[tuple[float, float]]) -> None:

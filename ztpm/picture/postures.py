@@ -12,8 +12,10 @@ import numpy as np
 
 from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
     JointPath,
+    JointTrajectory,
     LinePath,
     MoveJ,
     MoveL,
@@ -26,8 +28,10 @@ from pep.pit.base.motion import (
 from pep.pit.geometry.clearance import segment_box, segment_hull, segment_segment
 from pep.pit.geometry.hull import hull_of
 from pep.pit.geometry.solids import rotation_of
+from pep.pit.path.timed_curve import curve_of
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
+from pep.pit.search.blended_course import blended_drives
 from pep.pit.search.question import as_run
 from pep.pit.search.timed_course import TimedCourse
 
@@ -149,6 +153,14 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
             stretches = [_driven(motion.start, drive)]
         case LinePath():
             stretches = [_driven(start, drive) for start, drive in line_drives(robot, motion, check_time=_unhurried)]
+        case JointTrajectory():
+            curve = curve_of(motion)
+            stretches = [Stretch(curve.duration_s, lambda t: curve.at(t)[0])]
+        case BlendedPath():
+            drives = blended_drives(robot, motion, check_time=_unhurried)
+            # Whole legs: of a corner it is not known how it is cut.
+            legs = [(start, each) for start, each in drives if not isinstance(each, TimedCourse) or each.least_s > 0]
+            stretches = [_driven(start, each) for start, each in legs]
         case GripperMove():
             stretches = [_still(motion.q)]
         case OutputSet():

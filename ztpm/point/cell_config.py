@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Self
 
@@ -28,7 +28,7 @@ from pep.pit.scene.cell import TRACKING_M
 from pep.point.config_text import check_url, is_loopback, read_key, read_policies, read_text, read_trust, spelled
 from pep.rtde.command.stop_rules import JOINT_DECELERATION_LIMIT_RAD_S2
 from pep.rtde.robot.gripper import DRIVEN
-from ztpm.point.point_config import PointConfig, check_port
+from ztpm.point.point_config import TLS, PointConfig, check_port
 
 __all__ = [
     "ROBOT_MODEL",
@@ -51,7 +51,7 @@ MODEL_BYTES: Final = 1_048_576
 """Largest model file that is read at all; the shipped ones have about 12 000."""
 MODEL_FILE: Final = ".toml"
 STOP: Final = "stop_deceleration_rad_s2"
-OPTIONAL: Final = frozenset({"calibration_file", "robot"})
+OPTIONAL: Final = frozenset({"calibration_file", "robot"}) | TLS
 """Settings that may be left out."""
 
 
@@ -83,7 +83,7 @@ class CellConfig(PointConfig):
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """The configuration that a TOML text spells: every key given but `calibration_file` and `robot`, none unknown.
+        """The configuration that a TOML text spells: every key given but those of `OPTIONAL`, none unknown.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
@@ -100,6 +100,11 @@ class CellConfig(PointConfig):
         config = cls(**given)
         config.check()
         return config
+
+    def placed(self, folder: Path) -> Self:
+        """See `PointConfig.placed`; a model file likewise begins in the folder."""
+        config = PointConfig.placed(self, folder)
+        return replace(config, robot=str(folder / self.robot)) if self.robot.endswith(MODEL_FILE) else config
 
     def check(self) -> None:
         """Checks that nothing in it is insecure.

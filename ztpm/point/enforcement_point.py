@@ -65,11 +65,15 @@ class EnforcementPoint(PointParts):
         """Serves until told to end, with nothing moving afterwards; `reports`: answers for reports."""
         loop = asyncio.get_running_loop()
         told = health(lambda: self.follower.view().age_ms, lambda: self.edge.lease_ms(None))
+        certificate, own = self.config.tls_certificate_file, self.config.tls_key_file
         server = _Server(
             PathRouter(self.app, told),
             host=self.config.host,
             port=self.config.port,
             bounds=self.bounds,
+            ssl_certfile=None if certificate is None else str(certificate),
+            ssl_keyfile=None if own is None else str(own),
+            check_tls=self._check_tls,
             log_level="error",
             timeout_graceful_shutdown=SHUTDOWN_S,
         )
@@ -102,6 +106,23 @@ class EnforcementPoint(PointParts):
             await asyncio.gather(*tasks, return_exceptions=True)
             await self.let_go()
             await self.release()
+
+    def _check_tls(self) -> None:
+        """Checks the certificate and its key, where the door speaks TLS itself, as they are now.
+
+        Raises:
+            ValueError: one of both is not safe to show; it names the setting.
+        """
+        certificate, own = self.config.tls_certificate_file, self.config.tls_key_file
+        if certificate is None or own is None:
+            return
+        from ztpm_idp.keys.key_files import SettingsError
+        from ztpm_idp.safe_files import check_tls_pair
+
+        try:
+            check_tls_pair(certificate, own, at=self.clock.wall_s())
+        except SettingsError as error:
+            raise ValueError(f"{error.setting}: {error.why}") from None
 
     async def report(self) -> dict[str, object]:
         """Report for the process that started it."""

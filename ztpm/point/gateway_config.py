@@ -49,9 +49,9 @@ class GatewayConfig(CellConfig):
 
 
 def read_gateway_config(path: Path) -> GatewayConfig:
-    """The configuration at `path`.
+    """The configuration at `path`; what it names by a relative path begins in its folder.
 
     Raises:
         ConfigError: `CONFIG_INVALID`.
     """
-    return GatewayConfig.from_toml(read_text(path))
+    return GatewayConfig.from_toml(read_text(path)).placed(path.absolute().parent)

@@ -49,6 +49,7 @@ from pep.rtde.robot.gripper import RobotiqGripper
 from pep.rtde.script.control_script import allow_list, installed_body
 from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import CellStream
+from pep.world.tool_poses import ToolPoses
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
 from ztpm.codes.unavailable import unavailable
@@ -58,11 +59,13 @@ from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.lease_listener import LeaseListener
 from ztpm.point.robot import confirm_kinematics, found_holding, readiness
+from ztpm.point.robot_latch import RobotLatch
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Coroutine
+    from typing import Any
 
     import httpx2
 
@@ -74,6 +77,7 @@ if TYPE_CHECKING:
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
     from pep.rtde.wire.refusal import InputRefusal
+    from pep.world.led_motion import Led
     from policies.decision.policy import PolicySet
     from policies.words.reason_table import Reason
 
@@ -139,6 +143,14 @@ class GatewayServer(RobotPoint):
         remote = RemoteControl(config.robot_host)
         # Without its connection no program of a lease runs, and none of ours.
         ready = partial(readiness, self.state, remote, commanding=lambda: True, robot=self.robot, holding=self.holding)
+        self.latch = RobotLatch(
+            self,
+            self.ports,
+            policies=policies,
+            key=key,
+            under_way=lambda: self.motions.under_way,
+            enforced=unsafe_observe is None,
+        )
         self.readiness = ready(self.ports)
         self.leases = Leases()
         self.own = OwnLines(
@@ -161,12 +173,13 @@ class GatewayServer(RobotPoint):
             stopper=stopper,
             clock=self.clock,
             pause=time.sleep,
+            ended=self.latch.latching.after,
         )
         watching = partial(
             watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
         )
         self.tools = tool_motions(self, lines=self.own, motions=self.motions, gripper=gripper, watching=watching)
-        self.gate = self.gated(policies, slot=self.tools)
+        self.gate = self.gated(policies, slot=self.tools, latches=self.latch.latches)
         tools_app = tools_app_of(self, self.tools, self.gate, key, readiness=ready(self.own))
         self.judging_commands = LeasedJudge(
             gate=self.gate,
@@ -175,7 +188,10 @@ class GatewayServer(RobotPoint):
                 acts=self.physics,
                 remaining=self.physics,
                 certifying=self._stream,
+                posing=ToolPoses(self.holding),
+                declared=self.holding.declared,
                 watching=watching,
+                fingers=self.tools,
                 record=self.gate.record,
                 parameters=policies.parameters,
                 audience=config.audience,
@@ -224,6 +240,22 @@ class GatewayServer(RobotPoint):
         self._tasks: list[asyncio.Task[object]] = []
         self._notes: set[asyncio.Task[None]] = set()
 
+    def recover(self) -> None:
+        """Likewise, and its latch, which is judged by what was left open."""
+        self.latch.recover()
+        super().recover()
+
+    def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
+        """Tasks that run as long as it serves, by name."""
+        return {**super().beside(), **self.latch.beside()}
+
+    async def report(self) -> dict[str, object]:
+        """Report on robot and its latch, perception and revocation view."""
+        told = await super().report()
+        robot = told.get("robot")
+        latch = self.latch.latches.summary()
+        return {**told, "robot": {**robot, "latch": latch}} if isinstance(robot, dict) else told
+
     async def begin(self) -> None:
         """Opens the controller's ports, once it has said that its arm is the model's.
 
@@ -264,6 +296,7 @@ class GatewayServer(RobotPoint):
         """Ends the connections to the robot."""
         await self.tools.close()
         self.motions.close()
+        self.latch.latching.close()
         for task in self._tasks:
             task.cancel()
         await asyncio.gather(*self._notes, return_exceptions=True)
@@ -318,15 +351,19 @@ class GatewayServer(RobotPoint):
         else:
             self.carriages.end(ending)
 
-    def _stream(self, touch: frozenset[str]) -> Certifying:
-        return self._certifier(holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
+    def _stream(self, touch: frozenset[str], led: Led | None = None) -> Certifying:
+        return self._certifier(
+            holding=self.holding, cell=self.cell, frames=self.frames, touch=touch, clock=self.clock, led=led
+        )
 
     def _fitted(self) -> ToolSetup:
-        return ToolSetup((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), self.holding.carried_kg, self.holding.centre_m)
+        holding = self.holding
+        return ToolSetup((*self.robot.tool.tcp_m, 0.0, 0.0, 0.0), holding.carried_kg, holding.centre_m, holding.loads)
 
     def _ended(self, lease: Lease, ending: LeaseEnding) -> None:
         if self._ending is not None and self._ending[0] is lease:
             ending = self._ending[1]  # also where the program has left meanwhile
+        self.latch.latching.lease_ended(ending)
         self.ports.over(lease, ending)
         chain = lease.credentials.chain
         body = {
@@ -370,6 +407,7 @@ class GatewayServer(RobotPoint):
         lease = self.leases.current
         if lease is not None:
             self._ending = lease, ending
+            self.latch.latching.lease_ended(ending)
             try:
                 self.ports.over(lease, ending)
                 await asyncio.sleep(FAREWELL_S)

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Self
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
+from typing import Any, Final, Self
 from urllib.parse import urlsplit
 
 from pep.base.errors import ConfigError, PepFault
 from pep.point.config_text import check_url, is_loopback, spelled
+from policies.decision.load import SHIPPED
 
-if TYPE_CHECKING:
-    from pathlib import Path
+TLS: Final = frozenset({"tls_certificate_file", "tls_key_file"})
+"""Settings of a door that speaks TLS itself; both, or neither."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +29,8 @@ class PointConfig:
         journal_file: the durable journal.
         state_dir: directory of all other state over restarts.
         policy: name of a shipped set, or a path.
+        tls_certificate_file, tls_key_file: PEM files with which its door speaks TLS itself; None: a TLS proxy stands
+            before it, or it is on loopback.
     """
 
     audience: str
@@ -39,15 +43,17 @@ class PointConfig:
     journal_file: Path
     state_dir: Path
     policy: str
+    tls_certificate_file: Path | None = field(default=None, kw_only=True)
+    tls_key_file: Path | None = field(default=None, kw_only=True)
 
     @classmethod
     def from_toml(cls, text: str) -> Self:
-        """The configuration that a TOML text spells: every key given, none unknown.
+        """The configuration that a TOML text spells: every key given but those of TLS, none unknown.
 
         Raises:
             ConfigError: `CONFIG_INVALID`, naming the key.
         """
-        config = cls(**spelled(cls, text))
+        config = cls(**spelled(cls, text, optional=TLS))
         config.check()
         return config
 
@@ -62,6 +68,22 @@ class PointConfig:
         if urlsplit(self.audience).scheme == "http" and not is_loopback(self.host):
             raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
         check_port("port", self.port)
+        if (self.tls_certificate_file is None) is not (self.tls_key_file is None):
+            raise ConfigError(PepFault.CONFIG_INVALID, "tls_certificate_file and tls_key_file belong together")
+        if self.tls_key_file is not None and urlsplit(self.audience).scheme == "http":
+            raise ConfigError(PepFault.CONFIG_INVALID, "audience: plain HTTP, and the door speaks TLS")
+
+    def placed(self, folder: Path) -> Self:
+        """The configuration of a file in this folder: a relative path begins there, wherever the process was started.
+
+        Args:
+            folder: of the file.
+        """
+        given = {each.name: getattr(self, each.name) for each in fields(self)}
+        paths: dict[str, Any] = {name: folder / value for name, value in given.items() if isinstance(value, Path)}
+        if self.policy not in SHIPPED:
+            paths["policy"] = str(folder / self.policy)
+        return replace(self, **paths)
 
 
 def check_port(name: str, port: int) -> None:

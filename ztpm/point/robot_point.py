@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from capabilities.statements.cell import Cell
     from pep.base.ports import Journal, MotionSlot
     from pep.gate.observe_only import Simulated
+    from pep.people.latches import Latches
     from pep.request.edge import Edge
     from policies.decision.policy import PolicySet
     from ztpm.point.cell_config import CellConfig
@@ -125,18 +126,21 @@ class RobotPoint(EnforcementPoint):
         """Journal; where nothing is enforced, every record says so."""
         return self.journal if self._unsafe_observe is None else Marked(self.journal)
 
-    def gated(self, policies: PolicySet, *, slot: MotionSlot) -> Gate:
+    def gated(self, policies: PolicySet, *, slot: MotionSlot, latches: Latches) -> Gate:
         """Gate over these parts.
 
         Args:
             policies: the policies of decisions.
             slot: one motion at a time.
+            latches: the latch of the robot.
         """
         return Gate(
             clock=self.clock,
             authority=self.authority,
             registry=self.follower,
-            robot=RobotPorts(slot=slot, sequence=Sequence(self.clock), physics=self.physics),
+            robot=RobotPorts(
+                slot=slot, sequence=Sequence(self.clock), physics=self.physics, latched=lambda: latches.latch_id
+            ),
             policies=policies,
             journal=self.journal,
             budgets=BudgetStore(self.config.state_dir / BUDGETS),

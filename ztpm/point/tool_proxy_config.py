@@ -33,9 +33,9 @@ class ToolProxyConfig(PointConfig):
 
 
 def read_door_config(path: Path) -> ToolProxyConfig:
-    """The configuration at `path`.
+    """The configuration at `path`; what it names by a relative path begins in its folder.
 
     Raises:
         ConfigError: `CONFIG_INVALID`.
     """
-    return ToolProxyConfig.from_toml(read_text(path))
+    return ToolProxyConfig.from_toml(read_text(path)).placed(path.absolute().parent)

@@ -9,7 +9,8 @@ import re
 import secrets
 import signal
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
@@ -25,7 +26,7 @@ from pep.base.clock import SystemClock
 from pep.base.thread_priority import goes_first
 from pep.rtde.lease.lease import ID_BYTES, LeaseEnding
 from pep.rtde.lease.lease_endpoint import LOSSLESS
-from pep.rtde.robot.connections import PORTS
+from pep.rtde.robot.connections import LEASED_PORTS
 from policies.words.reason_table import REASONS, Reason
 from ztpm.base.loopback import free_host, is_free
 from ztpm.base.parent_watch import ends_with_parent
@@ -35,7 +36,7 @@ from ztpm.program.program_ports import ProgramPorts
 from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Sequence
+    from collections.abc import Callable, Coroutine, Mapping, Sequence
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.proof.session_frames import Session
@@ -46,6 +47,9 @@ VARIABLE: Final = "ZTPM_ROBOT"
 """Environment variable with the robot's address for a program."""
 PLACE: Final = "{robot}"
 """Stands for the address in a program's command."""
+PYTHON_PATH: Final = "PYTHONPATH"
+STARTUP: Final = Path(__file__).parent / "startup"
+"""Found first by a program in Python: its calls wait for the end of a refusal (`startup.patient_calls`)."""
 TIMEOUT_S: Final = 10.0
 JTI_BYTES: Final = 16
 ANSWER_BYTES: Final = 4_096
@@ -138,7 +142,7 @@ def free_address() -> str:
     Raises:
         OSError: none was found.
     """
-    return free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in PORTS))
+    return free_host(secrets.token_bytes(16), lambda host: all(is_free(host, port) for port in LEASED_PORTS))
 
 
 def begin_lease(place: Place, token: str, key: PrivateKey) -> PendingSession:
@@ -198,10 +202,12 @@ class LeaseOutcome:
     Attributes:
         early: reason for an end before the lease was given back, else None.
         status: the program's exit status, as a shell tells it; 0 where there was no program.
+        ports: where a program that goes on may still have connections; on the same event loop.
     """
 
     early: LeaseEnding | None
     status: int
+    ports: ProgramPorts = field(compare=False, repr=False)
 
     @property
     def cut_short(self) -> bool:
@@ -221,8 +227,8 @@ async def lend(
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
-    to it. A lease that ends before it closes its connections, as a robot that is switched off does, and the program is
-    left to notice; one whose program has ended is given back. The program does not outlive this process.
+    to it. A lease that ends before it closes the connection of its commands, as a robot that is switched off does, and
+    the program is left to notice; one whose program has ended is given back. The program does not outlive this process.
 
     Args:
         leased: just opened.
@@ -258,10 +264,9 @@ async def lend(
         keeping = None if kept is None else asyncio.create_task(kept())
         goes_first()  # not the program: it is an ordinary one unless it says otherwise itself
         if command:
-            place = os.environ | {VARIABLE: host}
             program = await asyncio.create_subprocess_exec(
                 *(part.replace(PLACE, host) for part in command),
-                env=place,
+                env=_place(os.environ, host),
                 preexec_fn=ends_with_parent(),
             )
         begun()
@@ -276,8 +281,16 @@ async def lend(
         if keeping is not None:
             keeping.cancel()
         ports.close()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.remove_signal_handler(number)
     status = 0 if program is None or program.returncode is None else program.returncode
-    return LeaseOutcome(early, status if status >= 0 else KILLED - status)
+    return LeaseOutcome(early, status if status >= 0 else KILLED - status, ports)
+
+
+def _place(environment: Mapping[str, str], host: str) -> dict[str, str]:
+    """Environment of a program that finds the robot at `host`."""
+    searched = (str(STARTUP), environment.get(PYTHON_PATH, ""))
+    return {**environment, VARIABLE: host, PYTHON_PATH: os.pathsep.join(filter(None, searched))}
 
 
 def refusal_of(reason: object, otherwise: str) -> tuple[str, str]:

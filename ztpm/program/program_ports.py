@@ -1,29 +1,34 @@
 """Ports of the controller for one program: fixed numbers, on an address of its own, carried in its lease.
 
 An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
-address is on this machine, and a user id is one domain of trust (SECURITY.md).
+address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over the connections
+that only show the robot's state stay until the program closes them, so that it ends as it wants to ([LSD-12]).
 """
 
 from __future__ import annotations
 
 import asyncio
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde.lease.accepted_connection import AcceptedConnection
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.lease.lease_connection import LeaseConnection
 from pep.rtde.lease.lease_messages import Bytes, Closed, LeaseMessageError, Open, Opened, OpenRefused, RefusalNotice
-from pep.rtde.robot.connections import GONE, PORTS
+from pep.rtde.robot.connections import GONE, LEASED_PORTS, RTDE
 from pep.rtde.wire.client_texts import told
 from policies.words.reason_table import Reason
 from ztpm.base.peer import user_of
+from ztpm.program.last_state import LastState
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from capabilities.proof.session_frames import Session
     from pep.base.ports import Clock
-    from pep.rtde.lease.lease import LeaseEnding
     from pep.rtde.lease.lease_messages import Word
+
+REPEAT_S: Final = 0.1
+"""Ours: time between two repetitions of the last state; ur_rtde gives a silent connection up after 2.5 s."""
 
 
 class ProgramPorts:
@@ -58,8 +63,10 @@ class ProgramPorts:
         self._lines: dict[int, _Connection] = {}
         self._flowing = True
         self._servers: list[asyncio.Server] = []
+        self._staying: set[_Connection] = set()
+        self._none_stays = asyncio.Event()
 
-    async def begin(self, *, gateway: tuple[str, int], host: str, ports: tuple[int, ...] = PORTS) -> None:
+    async def begin(self, *, gateway: tuple[str, int], host: str, ports: tuple[int, ...] = LEASED_PORTS) -> None:
         """Carries the lease to the gateway, and listens.
 
         Args:
@@ -80,7 +87,22 @@ class ProgramPorts:
         """Gives the lease back."""
         self._carrier.close()
 
+    @property
+    def staying(self) -> bool:
+        """True while the lease is over and the program still has connections."""
+        return bool(self._staying)
+
+    async def all_left(self) -> None:
+        """Returns once the lease is over and the program has closed its last connection."""
+        await self._none_stays.wait()
+
     # ---- the program's connections
+
+    def gone(self, connection: _Connection) -> None:
+        """Forgets a connection that stayed after the lease."""
+        self._staying.discard(connection)
+        if not self._staying:
+            self._none_stays.set()
 
     def asks(self, connection: _Connection, port: int) -> int | None:
         """Line of a new connection; None when it may have none."""
@@ -138,8 +160,15 @@ class ProgramPorts:
         for server in self._servers:
             server.close()
         lines, self._lines = self._lines, {}
+        # A program that has given its lease back need not hear of its end; any other one finds its commands cut off.
+        given_back = ending in (LeaseEnding.CLOSED, LeaseEnding.LEFT)
         for connection in lines.values():
-            connection.gone()
+            if connection.stays(also_for_commands=given_back):
+                self._staying.add(connection)
+            else:
+                connection.gone()
+        if not self._staying:
+            self._none_stays.set()
         self._over(ending)
 
 
@@ -165,6 +194,8 @@ class _Connection(AcceptedConnection):
         self._ports = ports
         self._port = port
         self._number: int | None = None
+        self.state = LastState() if port == RTDE else None
+        self._repeating: asyncio.TimerHandle | None = None
 
     def user(self) -> int | None:
         """User of the process at the other end."""
@@ -179,8 +210,39 @@ class _Connection(AcceptedConnection):
     def opened(self) -> None:
         """Opens the connection for bytes in both directions."""
         assert self._number is not None
-        self.begin(_Leased(self._ports, self._number))
+        self.begin(_Leased(self._ports, self._number, self.state))
         self.pace()
+
+    def send(self, content: bytes) -> None:
+        """Sends what the gateway says."""
+        if self.state is not None:
+            self.state.answered(content)
+        super().send(content)
+
+    def stays(self, *, also_for_commands: bool) -> bool:
+        """True where the connection goes on after the lease, with the robot's last state and the client's farewell."""
+        state = self.state
+        if state is None or not state.stays or self._number is None or self._transport.is_closing():
+            return False
+        if state.commands and not also_for_commands:
+            return False
+        self.begin(_Unleased(self, self._ports, state))
+        self._repeat(state.repeated())
+        return True
+
+    def reply(self, answer: bytes) -> None:
+        """Sends an answer of our own."""
+        super().send(answer)
+
+    def _repeat(self, said: bytes) -> None:
+        if not self._transport.is_closing():
+            super().send(said)
+            self._repeating = asyncio.get_running_loop().call_later(REPEAT_S, self._repeat, said)
+
+    def connection_lost(self, exc: Exception | None) -> None:
+        if self._repeating is not None:
+            self._repeating.cancel()
+        super().connection_lost(exc)
 
     def pace(self) -> None:
         """Reads as long as the gateway takes more."""
@@ -205,14 +267,36 @@ class _Connection(AcceptedConnection):
 class _Leased:
     """Open line of the lease."""
 
-    def __init__(self, ports: ProgramPorts, number: int) -> None:
+    def __init__(self, ports: ProgramPorts, number: int, state: LastState | None) -> None:
         self._ports = ports
         self._number = number
+        self._state = state
 
     def received(self, content: bytes) -> None:
         """Carries the bytes to the gateway."""
         self._ports.says(self._number, content)
+        if self._state is not None:
+            self._state.said(content)
 
     def left(self) -> None:
         """Tells the gateway that the client has left."""
         self._ports.leaves(self._number)
+
+
+class _Unleased:
+    """Line after the lease: nothing goes to the robot any more."""
+
+    def __init__(self, connection: _Connection, ports: ProgramPorts, state: LastState) -> None:
+        self._connection = connection
+        self._ports = ports
+        self._state = state
+
+    def received(self, content: bytes) -> None:
+        """Answers a client that leaves."""
+        answer = self._state.farewell(content)
+        if answer:
+            self._connection.reply(answer)
+
+    def left(self) -> None:
+        """Notes that the client has left."""
+        self._ports.gone(self._connection)

@@ -31,6 +31,7 @@ def stage(
     directory: Path | None = None,
     prepare: Callable[[Layout, bytes], None] | None = None,
     second_sensor: bool = False,
+    defer_timeout_s: int = DEFER_TIMEOUT_S,
 ) -> Iterator[Stage]:
     """Stage on a fresh cell, removed afterwards.
 
@@ -39,6 +40,7 @@ def stage(
         directory: kept afterwards; a temporary one by default.
         prepare: given the cell's files and their passphrase before anything is started, to change one of them.
         second_sensor: a second sensor watches the cell beside the first.
+        defer_timeout_s: so long the cell waits for an answer to a deferral.
     """
     with tempfile.TemporaryDirectory(prefix="ztpm-") as temporary:
         layout = Layout(directory or Path(temporary) / "cell")
@@ -49,7 +51,7 @@ def stage(
             addresses,
             passphrase=passphrase,
             policy="paper-default",
-            defer_timeout_s=DEFER_TIMEOUT_S,
+            defer_timeout_s=defer_timeout_s,
             second_sensor=second_sensor,
         )
         with layout.idp_config.open("a") as settings:

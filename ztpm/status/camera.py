@@ -95,7 +95,9 @@ class SnapshotCollector:
             data=str(self._cell.layout.root),
             issuer=addresses.issuer,
             audience=addresses.audience,
-            parts=tuple(self._part_of(name, children.get(name), answers.get(name), now) for name in PROCESSES),
+            parts=tuple(
+                self._part_of(name, children.get(name), answers.get(name), now) for name in self._cell.expected
+            ),
             robot=_part(report, "robot"),
             perception=_part(report, "perception"),
             view=_part(report, "view"),

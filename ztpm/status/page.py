@@ -128,8 +128,9 @@ def _parts(picture: Snapshot) -> Markup:
 
 
 def _robot(robot: dict[str, Any] | None) -> Markup:
+    latched = _latch(None if robot is None else robot.get("latch"))
     if robot is None or "fault" in robot:
-        return _section("Robot", tag("p", robot["fault"] if robot else "not known", class_="bad"))
+        return _section("Robot", tag("p", robot["fault"] if robot else "not known", class_="bad"), *latched)
     angles = [(name, f"{math.degrees(angle):.1f}°") for name, angle in zip(JOINTS, robot["q_rad"], strict=False)]
     safety = robot["safety_mode"]
     return _section(
@@ -140,9 +141,20 @@ def _robot(robot: dict[str, Any] | None) -> Markup:
             f"; mode {ROBOT_MODES.get(robot['robot_mode'], robot['robot_mode'])}; safety ",
             tag("span", SAFETY_MODES.get(safety, safety), class_="good" if safety in SAFE_MODES else "bad"),
         ),
+        *latched,
         _table((name for name, _ in angles), [[angle for _, angle in angles]]),
         tag("p", kinematics_said(robot.get("calibration"), robot.get("uncertainty_mm")), class_="dim"),
     )
+
+
+def _latch(latch: dict[str, Any] | None) -> tuple[Markup, ...]:
+    """The latch of the robot, and how people clear it."""
+    if latch is None or not latch["latched"]:
+        return ()
+    people = "two people have" if latch["approvers"] > 1 else "a person has"
+    said = f"latched after {latch['cause']} {latch['reason']}".rstrip()
+    command = f"ztpm latch clear {latch['latch_id']} --as NAME"
+    return tag("p", tag("span", said, class_="bad"), f": {people} to clear it"), tag("pre", command)
 
 
 def kinematics_said(calibration: str | None, uncertainty_mm: float | None) -> str:

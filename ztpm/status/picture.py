@@ -45,7 +45,8 @@ class Snapshot:
         data: its directory.
         issuer, audience: its two addresses.
         parts: its processes.
-        robot: "q_rad", "moving", "robot_mode" and "safety_mode", or "fault"; None when the gateway says nothing.
+        robot: "q_rad", "moving", "robot_mode" and "safety_mode", or "fault", and its "latch"; None when the gateway
+            says nothing.
         perception: "perception", "age_ms", "people", "objects", "sensors", "seen"; None as above.
         view: "epoch" and "age_ms" of the revocation view; None as above.
         decisions: newest first.

@@ -6,13 +6,14 @@ from typing import TYPE_CHECKING
 
 from capabilities.keys.keys import b64u
 from ztpm_idp.client.envelopes import EnvelopeCaller
+from ztpm_idp.client.latches import LatchCaller
 from ztpm_idp.client.upkeep import UpkeepCaller
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
 
-class RegistryCaller(UpkeepCaller, EnvelopeCaller):
+class RegistryCaller(UpkeepCaller, EnvelopeCaller, LatchCaller):
     """Requests about what is registered."""
 
     def register_agent(

@@ -30,7 +30,8 @@ _PARTY_KINDS: Final = frozenset(
     {"person-registered", "agent-registered", "pep-registered", "sensor-registered", "person-key-added"}
 )
 _OBJECTS: Final = (
-    "object", "operation", "tool", "mandate_id", "opening_id", "envelope_id", "change_id", "client_id", "person", "id",
+    "object", "operation", "tool", "mandate_id", "opening_id", "envelope_id", "latch_id", "change_id", "client_id",
+    "person", "id",
 )  # fmt: skip
 """Members of a body that say what an act is about, the nearest first."""
 

@@ -397,6 +397,24 @@ class RevokeEnvelope:
     reason: str
 
 
+@dataclass(frozen=True, slots=True)
+class TakeLatch:
+    """An enforcement point tells of its latch; `text` is that, signed."""
+
+    by: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class ClearLatch:
+    """A person clears a latch; `text` is the clearing, `signed` the request that brought it, if a key signed one."""
+
+    by: str
+    latch_id: str
+    text: str
+    signed: SignedRequest | None
+
+
 Command = (
     Initialise
     | RegisterPerson
@@ -433,4 +451,6 @@ Command = (
     | LoginCommand
     | SignEnvelope
     | RevokeEnvelope
+    | TakeLatch
+    | ClearLatch
 )

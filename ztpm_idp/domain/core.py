@@ -5,12 +5,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, assert_never
 
 from ztpm_idp.domain import ledger, people, refusals, registry, restoring, revocation
-from ztpm_idp.domain.asking import approvals, envelopes
+from ztpm_idp.domain.asking import approvals, envelopes, latches
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
     AnswerChange,
     Attest,
     CastVote,
+    ClearLatch,
     CloseOpening,
     CompleteRecovery,
     Delegate,
@@ -37,6 +38,7 @@ from ztpm_idp.domain.commands import (
     SuspendAgent,
     TakeAsk,
     TakeBack,
+    TakeLatch,
     TakeMark,
     TakeRecords,
     VouchAgent,
@@ -185,6 +187,10 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return envelopes.sign(rules, state, command, at_ms)
         case RevokeEnvelope():
             return envelopes.revoke(state, command)
+        case TakeLatch():
+            return latches.take(rules, state, command, at_ms)
+        case ClearLatch():
+            return latches.clear(rules, state, command, at_ms)
         case _:
             assert_never(command)
 

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, assert_never
 from capabilities.keys.keys import thumbprint
 from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
+from ztpm_idp.domain.asking.latch_acts import ClearingSigned, LatchTaken
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
@@ -208,6 +209,21 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "approver": envelope.approver,
                 "agent": envelope.agent,
                 "envelope": envelope.text,
+            }
+        case LatchTaken(latch=latch):
+            return "latch-taken", {
+                "latch_id": latch.latch_id,
+                "pep": latch.pep,
+                "object": latch.robot,
+                "cause": latch.cause,
+                "latch": latch.text,
+            }
+        case ClearingSigned(latch_id=latch_id, clearing=made, released=released):
+            return "latch-clearing", {
+                "latch_id": latch_id,
+                "approver": made.approver,
+                "released": released,
+                "clearing": made.text,
             }
         case EnvelopeRevoked(envelope_id=envelope_id, reason=reason):
             return "envelope-revoked", {"envelope_id": envelope_id, "reason": reason}

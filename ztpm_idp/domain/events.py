@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from capabilities.statements import revocation
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeEvent
+from ztpm_idp.domain.asking.latch_acts import LatchEvent
 from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.signed import SignedRequest as SignedRequest  # noqa: PLC0414, TC001  its readers take it from here
@@ -333,8 +334,8 @@ class ApprovalActRefused:
     """Attempt to ask, answer, open or close without the right to; recorded, though refused.
 
     Attributes:
-        act: "ask", "vote", "opening" or "closing".
-        id: of the ask or opening; empty when it is not known.
+        act: "ask", "vote", "opening", "closing", "latch" or "clearing".
+        id: of the ask, opening or latch; empty when it is not known.
         by: the caller.
         code: the reason.
         digest: SHA-256 (hex) of the statement that was offered, empty for a closing.
@@ -452,4 +453,5 @@ Event = (
     | UpkeepEvent
     | LoginEvent
     | EnvelopeEvent
+    | LatchEvent
 )

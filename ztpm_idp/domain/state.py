@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.agent_conduct import Concerned
     from ztpm_idp.domain.asking.asks import Asked, OpeningRecord
     from ztpm_idp.domain.asking.envelope_acts import EnvelopeRecord
+    from ztpm_idp.domain.asking.latch_acts import ClearingRecord, LatchRecord
     from ztpm_idp.domain.changes import Change
     from ztpm_idp.domain.login.records import Device, Offer, Session, SessionKey
     from ztpm_idp.domain.oauth.records import OAuthWanted
@@ -208,6 +209,8 @@ class Wanted:
     envelope: str | None = None
     envelopes_of: str | None = None
     """An audience: its envelopes that may be in force, and whether an enforcement point serves it."""
+    latch: str | None = None
+    """A latch, with its clearings and its enforcement point."""
     people: bool = False
     """The active administrators, and the changes of people that may be open."""
     change: str | None = None
@@ -307,6 +310,7 @@ class State:
         login_owner: the person whose login the wanted one is, if any.
         envelope: the wanted one.
         envelopes: of the wanted audience or of every one, those that may be in force.
+        latch: the wanted one, and clearings: all of it.
         used: what the wanted sponsor, or token, has.
         tokens_from: ids of the wanted person's tokens that may be live and are not revoked, in order.
     """
@@ -356,3 +360,5 @@ class State:
     tokens_from: tuple[str, ...] = ()
     envelope: EnvelopeRecord | None = None
     envelopes: tuple[EnvelopeRecord, ...] = ()
+    latch: LatchRecord | None = None
+    clearings: tuple[ClearingRecord, ...] = ()

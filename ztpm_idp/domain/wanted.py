@@ -13,6 +13,7 @@ from ztpm_idp.domain.commands import (
     AnswerChange,
     Attest,
     CastVote,
+    ClearLatch,
     CloseOpening,
     CompleteRecovery,
     Delegate,
@@ -40,6 +41,7 @@ from ztpm_idp.domain.commands import (
     SuspendAgent,
     TakeAsk,
     TakeBack,
+    TakeLatch,
     TakeMark,
     TakeRecords,
     VouchAgent,
@@ -216,6 +218,11 @@ def wanted(command: Command) -> Wanted:
                 thumbprint=says.get("kid"),
                 refusals_of=by,
             )
+        case TakeLatch(by=by, text=text):
+            return Wanted(parties=frozenset({by}), latch=stated(text, DEFAULT).get("latch_id"), refusals_of=by)
+        case ClearLatch(by=by, latch_id=latch_id, text=text):
+            kid = stated(text, DEFAULT).get("kid")
+            return Wanted(parties=frozenset({by}), latch=latch_id, thumbprint=kid, refusals_of=by)
         case RevokeEnvelope(by=by, envelope_id=envelope_id):
             return Wanted(parties=frozenset({by}), envelope=envelope_id, refusals_of=by)
         case _:

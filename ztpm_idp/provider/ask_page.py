@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.asking.asks import Asked
 
 _FOLDER: Final = Path(__file__).parent / "templates"
-_STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
-_PAGES: Final = jinja2.Environment(
+STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
+PAGES: Final = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER),
     autoescape=True,
     finalize=lambda value: shown(value) if type(value) is str else value,
@@ -44,7 +44,7 @@ _PAGES: Final = jinja2.Environment(
 )
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
-    f"style-src 'sha256-{b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode()}'",
+    f"style-src 'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -186,8 +186,8 @@ def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, ob
         enrolment_id: of the enrolment.
         options: of the registration, as JSON.
     """
-    return _PAGES.get_template("enrol.html").render(
-        style=_STYLE,
+    return PAGES.get_template("enrol.html").render(
+        style=STYLE,
         person=person,
         issuer=issuer,
         script=script_of(issuer),
@@ -206,8 +206,8 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: Pass
         at_ms: now, wall clock.
         passkey: the panel for answers by passkey, if any.
     """
-    return _PAGES.get_template("ask.html").render(
-        style=_STYLE,
+    return PAGES.get_template("ask.html").render(
+        style=STYLE,
         passkey=passkey,
         ask=ask,
         digest=asked.ask.digest,
@@ -215,9 +215,9 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: Pass
         is_open=state is AskState.OPEN,
         reload_s=RELOAD_S,
         left=_left(ask, at_ms) if state is AskState.OPEN else "",
-        shown_at=_time(at_ms // 1_000),
-        asked_at=_time(ask.asked_at),
-        expires_at=_time(ask.expires_at),
+        shown_at=time_of(at_ms // 1_000),
+        asked_at=time_of(ask.asked_at),
+        expires_at=time_of(ask.expires_at),
         tier=TIERS[ask.tier],
         index=f"{Decimal(ask.index_milli).scaleb(-3):f}",
         index_at_use=f"{Decimal(ask.index_milli + INDEX_TOLERANCE_MILLI).scaleb(-3):f}",
@@ -252,7 +252,7 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: Pass
         perception_age=None if ask.perception_age_ms is None else _figure("", ask.perception_age_ms, Unit.MILLISECOND),
         reasons=[(code, _reason(code)) for code in ask.reasons],
         votes=[
-            (vote.approver, _ANSWER[vote.answer], _time(vote.not_after), "" if vote.active else "disabled since")
+            (vote.approver, _ANSWER[vote.answer], time_of(vote.not_after), "" if vote.active else "disabled since")
             for vote in asked.votes
         ],
     )
@@ -283,7 +283,7 @@ def _reason(code: str) -> str:
     return REASONS[Reason(code)].text if code in Reason.__members__ else "No text is known for this reason here."
 
 
-def _time(at_s: int) -> str:
+def time_of(at_s: int) -> str:
     """UTC, to the second; the bare number for a time that no calendar holds."""
     try:
         return datetime.fromtimestamp(at_s, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")

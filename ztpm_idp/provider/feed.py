@@ -16,6 +16,7 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import INT_LIMIT
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeSigned
+from ztpm_idp.domain.asking.latch_acts import ClearingSigned
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import (
     AgentRestored,
@@ -306,7 +307,8 @@ async def _answers(provider: Deployment, view: Transaction, *, audience: str, no
     opened = tuple(opening.text for opening in openings if not opening.over(as_of_ms))
     signed = await view.envelopes.lasting(since_s=as_of_ms // 1_000, audience=audience)
     enveloped = tuple(envelope.text for envelope in signed if not envelope.over(as_of_ms))
-    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in (*opened, *enveloped))
+    cleared = await view.latches.counting(audience, at_s=as_of_ms // 1_000, most=answers.CLEARINGS)
+    room = ANSWERS_BYTES - sum(len(text) + _QUOTES_BYTES for text in (*opened, *enveloped, *cleared))
     sizes = accumulate(_ASK_BYTES + sum(len(vote.text) + _QUOTES_BYTES for vote in asked.votes) for asked in ranked)
     statement = answers.Answers(
         issuer=provider.settings.issuer,
@@ -320,6 +322,7 @@ async def _answers(provider: Deployment, view: Transaction, *, audience: str, no
         ),
         openings=opened,
         envelopes=enveloped,
+        clearings=cleared,
     )
     return answers.sign(statement, provider.keys.registry)
 
@@ -389,6 +392,8 @@ def _answered(event: Event) -> str:
             return opening.audience
         case EnvelopeSigned(envelope=envelope):
             return envelope.audience
+        case ClearingSigned(audience=audience):
+            return audience
         case _:
             return ""
 

@@ -184,6 +184,25 @@ class PasskeyBody(Body):
     key: KeyText
 
 
+class LatchBody(Body):
+    """An enforcement point's signed latch."""
+
+    latch: Statement
+
+
+class ClearingBody(Body):
+    """A person's signed clearing of a latch."""
+
+    clearing: Statement
+
+
+class PasskeyClearingBody(Body):
+    """A clearing, and the assertion that makes it one."""
+
+    clearing: Json
+    assertion: AssertionBody
+
+
 class EnvelopeBody(Body):
     """An approver's signed envelope."""
 

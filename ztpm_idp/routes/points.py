@@ -1,4 +1,7 @@
-"""Enforcement points confirm how far they follow the feed, and people who revoke are shown it."""
+"""Enforcement points confirm how far they follow the feed, and people who revoke are shown it.
+
+After a restore they tell what they know to be revoked; an administrator resumes, and vouches for agents.
+"""
 
 from __future__ import annotations
 
@@ -7,11 +10,23 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from fastapi import APIRouter, Depends, Request
 from sse_starlette import EventSourceResponse, ServerSentEvent
 
+from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import RegisteredPerson
 from ztpm_idp.provider import confirmations, wire
+from ztpm_idp.provider.body_json import BODY_BYTES
 from ztpm_idp.provider.problems import Problem
-from ztpm_idp.routes.caller import Call, authenticated, body_of, parsed, provider_of, query_of, read_body, since_of
+from ztpm_idp.routes.caller import (
+    Call,
+    authenticated,
+    authenticated_within,
+    body_of,
+    parsed,
+    provider_of,
+    query_of,
+    read_body,
+    since_of,
+)
 from ztpm_idp.routes.described import query
 
 if TYPE_CHECKING:
@@ -20,6 +35,8 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.confirmations import Confirmations
 
 router = APIRouter()
+Caller = Annotated[Call, Depends(authenticated)]
+Point = Annotated[Call, Depends(authenticated_within(BODY_BYTES))]
 STREAM_S: Final = 600.0
 """Longest life of one stream of events: its client connects again, perhaps to another worker."""
 PING_S: Final = 15
@@ -92,3 +109,27 @@ async def points(request: Request, call: Annotated[Call, Depends(authenticated)]
             for point in found
         ],
     }
+
+
+@router.post("/restoring/marks", openapi_extra=body_of(wire.MarkBody))
+async def take_mark(request: Request, call: Point) -> dict[str, bool]:
+    """An enforcement point's mark, or a part of it, is taken; offering it again changes nothing."""
+    text = call.body(wire.MarkBody).mark
+    await provider_of(request).run(commands.TakeMark(call.party.id, text), actor=call.party.id)
+    return {"taken": True}
+
+
+@router.post("/restoring/resume", openapi_extra=body_of(wire.ResumeBody))
+async def resume(request: Request, call: Caller) -> dict[str, bool]:
+    """An administrator ends the restore, and names exactly the enforcement points that were not heard."""
+    unheard = frozenset(call.body(wire.ResumeBody).unheard)
+    await provider_of(request).run(commands.ResumeStore(call.party.id, unheard, call.signed), actor=call.party.id)
+    return {"resumed": True}
+
+
+@router.post("/agents/{id_}/vouch", openapi_extra=body_of(wire.ReasonBody))
+async def vouch(request: Request, id_: str, call: Caller) -> dict[str, str]:
+    """An administrator vouches for an agent that is held since a restore."""
+    reason = call.body(wire.ReasonBody).reason
+    await provider_of(request).run(commands.VouchAgent(call.party.id, id_, reason), actor=call.party.id)
+    return {"id": id_}

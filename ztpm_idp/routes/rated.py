@@ -86,6 +86,7 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("GET", "/passkeys/enrolments/{enrolment_id}/page"): _TOLD,
     ("POST", "/passkeys/enrolments/{enrolment_id}/credential"): _BEGUN,
     ("GET", "/approvals/{ask_id}/page"): _TOLD,
+    ("GET", "/latches/{latch_id}/page"): _TOLD,
 }
 """Endpoints that strangers may use, by method and path below the issuer's, or below the origin."""
 FREE: Final = frozenset(
@@ -106,6 +107,8 @@ FREE: Final = frozenset(
         ("POST", "/recoveries"),
         ("POST", "/approvals/{ask_id}/votes"),
         ("POST", "/approvals/{ask_id}/passkey-votes"),
+        ("POST", "/latches/{latch_id}/clearings"),
+        ("POST", "/latches/{latch_id}/passkey-clearings"),
         ("POST", "/openings/{opening_id}/withdraw"),
         ("POST", "/envelopes/{envelope_id}/revoke"),
         ("POST", "/oauth/scopes/{name}/end"),

@@ -310,6 +310,34 @@ envelopes = sa.Table(
     sa.Column("text", sa.Text, nullable=False),
 )
 
+latches = sa.Table(
+    "latches",
+    metadata,
+    sa.Column("latch_id", sa.String(32), primary_key=True),
+    sa.Column("digest", sa.String(64), nullable=False),
+    sa.Column("pep", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("audience", sa.String(256), nullable=False, index=True),
+    sa.Column("robot", sa.String(256), nullable=False),
+    sa.Column("cause", sa.String(64), nullable=False),
+    sa.Column("approvers", sa.Integer, nullable=False),
+    sa.Column("at", sa.BigInteger, nullable=False),
+    sa.Column("told_ms", sa.BigInteger, nullable=False),
+    sa.Column("released_ms", sa.BigInteger, nullable=True),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
+latch_clearings = sa.Table(
+    "latch_clearings",
+    metadata,
+    sa.Column("latch_id", sa.ForeignKey("latches.latch_id"), primary_key=True),
+    sa.Column("number", sa.Integer, primary_key=True),
+    sa.Column("approver", sa.ForeignKey("parties.id"), nullable=False),
+    sa.Column("not_after", sa.BigInteger, nullable=False, index=True),
+    sa.Column("latch_digest", sa.String(64), nullable=False),
+    sa.Column("signed_ms", sa.BigInteger, nullable=False),
+    sa.Column("text", sa.Text, nullable=False),
+)
+
 refusals = sa.Table(
     "refusals",
     metadata,

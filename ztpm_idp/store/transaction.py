@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple, assert_never
 import sqlalchemy as sa
 
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
+from ztpm_idp.domain.asking.latch_acts import ClearingSigned, LatchTaken
 from ztpm_idp.domain.entries import entry_of, traced
 from ztpm_idp.domain.events import (
     AgentAttested,
@@ -242,6 +243,8 @@ class Transaction(View):
                 await self.conduct.write(event)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
+            case LatchTaken() | ClearingSigned():
+                await self.latches.write(event, at_ms=at_ms)
             case EnvelopeSigned() | EnvelopeRevoked():
                 await self.envelopes.write(event, actor=actor, at_ms=at_ms)
             case StoreRestored() | LineBegun() | PointHeard() | AgentsHeld() | StoreResumed() | AgentVouched():

@@ -30,6 +30,7 @@ from ztpm_idp.store.conduct import Conduct
 from ztpm_idp.store.counters import Counters, Counting
 from ztpm_idp.store.database import postgres
 from ztpm_idp.store.envelopes import Envelopes
+from ztpm_idp.store.latches import Latches
 from ztpm_idp.store.lending import Lending, hops_by_token, refusals_by_agent
 from ztpm_idp.store.login.devices import Devices
 from ztpm_idp.store.login.enrolments import Enrolments
@@ -64,6 +65,7 @@ class View:
         self.audit = Audit(connection)
         self.enrolments = Enrolments(connection)
         self.envelopes = Envelopes(connection)
+        self.latches = Latches(connection)
         self.lending = Lending(connection)
         self.oauth = OAuth(connection)
         self.people = People(connection)
@@ -94,7 +96,9 @@ class View:
         held = await self.conduct.held(met | wanted.conduct_of, open_, made)
         since_s, mandate = young_ms // 1_000, await self.lending.mandate(wanted.mandate)
         behind = frozenset() if mandate is None else frozenset({mandate.sponsor, mandate.agent})
-        parties = await self._parties(wanted.parties | met | behind)
+        latch = await self.latches.one(wanted.latch)
+        told = frozenset() if latch is None else frozenset({latch.pep})
+        parties = await self._parties(wanted.parties | met | behind | told)
         living = met | wanted.conduct_of | (frozenset() if wanted.mandates_of is None else {wanted.mandates_of})
         waiting = await self.devices.devices() if wanted.devices else ()
         asks_of, openings_of = wanted.asks_of, wanted.openings_of
@@ -125,6 +129,8 @@ class View:
             if openings_of is None and not wanted.every_opening
             else await self.approvals.openings(since_s=since_s, audience=openings_of),
             served=frozenset() if served is None else await self.approvals.served(served),
+            latch=latch,
+            clearings=await self.latches.clearings(wanted.latch),
             envelope=await self.envelopes.one(wanted.envelope),
             envelopes=()
             if wanted.envelopes_of is None and not wanted.every_opening

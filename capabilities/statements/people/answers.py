@@ -23,7 +23,8 @@ ASKS: Final = 256
 VOTES: Final = 16
 OPENINGS: Final = 64
 ENVELOPES: Final = 8
-"""Most asks of one statement, votes on one ask, openings, and envelopes."""
+CLEARINGS: Final = 16
+"""Most asks of one statement, votes on one ask, openings, envelopes, and clearings."""
 
 
 class AnsweredAsk(Form, frozen=True):
@@ -44,6 +45,7 @@ class Answers(Form, frozen=True):
         asks: each once.
         openings: those that are not withdrawn, as they were signed.
         envelopes: likewise.
+        clearings: those of the newest latch, as people made them.
     """
 
     issuer: Url
@@ -53,6 +55,7 @@ class Answers(Form, frozen=True):
     asks: Annotated[tuple[AnsweredAsk, ...], upto(ASKS)]
     openings: Annotated[tuple[str, ...], upto(OPENINGS)]
     envelopes: Annotated[tuple[str, ...], upto(ENVELOPES)] = ()
+    clearings: Annotated[tuple[str, ...], upto(CLEARINGS)] = ()
 
 
 def sign(answers: Answers, key: PrivateKey) -> str:

@@ -3,7 +3,7 @@
 Pure: what an enforcement point believes of a passkey is decided here, without any library of WebAuthn. A challenge is
 the SHA-256 of a domain word and of what the person agrees to, so that a login never counts as a vote. The counter of an
 authenticator decides nothing: synchronised passkeys keep it at 0, and each challenge is good for one act alone.
-Clauses [PSK-1] to [PSK-6] in docs/spec.md.
+Clauses [PSK-1] to [PSK-7] in docs/spec.md.
 """
 
 from __future__ import annotations
@@ -51,6 +51,7 @@ class Word(StrEnum):
     """Domain word of a challenge: for which kind of act the assertion is, and for no other."""
 
     VOTE = "ztpm-passkey-vote/1"
+    CLEARING = "ztpm-passkey-clearing/1"
     LOGIN = "ztpm-passkey-login/1"
     AUTHORIZATION = "ztpm-passkey-consent/1"
     ENROLMENT = "ztpm-passkey-enrolment/1"

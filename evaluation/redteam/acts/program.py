@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import threading
 import time
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, nullcontext, suppress
 from typing import TYPE_CHECKING, ClassVar, Final
 
 from rtde_control import RTDEControlInterface
@@ -16,10 +15,10 @@ from evaluation.redteam.acts.act import Act
 from evaluation.redteam.acts.arm import driven, worst
 from evaluation.redteam.acts.steps import AnyStep, Custom
 from evaluation.redteam.parts import Came, Effect
-from ztpm_idp.client import ClientError
+from ztpm.stage.approving import approving
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from evaluation.redteam.bare import BareArena
     from evaluation.redteam.guarded import GuardedArena
@@ -29,7 +28,7 @@ ASKED: Final = frozenset({"TIER_NEEDS_APPROVAL", "TIER_SAFETY_CRITICAL", "APPROV
 MOVED_RAD: Final = 1e-3
 """Less than this on every joint is standing still."""
 LOOKS_S: Final = 0.2
-"""Pause between two looks of the approver at the open questions."""
+"""Pause between two looks at a script of its own."""
 OWN_S: Final = 60.0
 """Longest wait for the end of a script of its own: the longest one of a scenario lasts fifteen seconds."""
 OWN: Final = """
@@ -133,26 +132,6 @@ def reason(told: Sequence[str]) -> str:
     return told[0].partition(":")[0] if told else ""
 
 
-@contextmanager
-def _answers(arena: GuardedArena) -> Iterator[None]:
+def _answers(arena: GuardedArena) -> AbstractContextManager[object]:
     """The approver says yes to every open question meanwhile, if there is one."""
-    if arena.approver is None:
-        yield
-        return
-    person, over = arena.stage.person(arena.approver), threading.Event()
-
-    def answer() -> None:
-        answered: set[str] = set()
-        while not over.wait(LOOKS_S):
-            for ask_id in {str(row["ask_id"]) for row in person.approvals()} - answered:
-                answered.add(ask_id)
-                with suppress(ClientError):  # one that has ended meanwhile
-                    person.approve(ask_id, sees_clear=True)
-
-    thread = threading.Thread(target=answer, name="approver")
-    thread.start()
-    try:
-        yield
-    finally:
-        over.set()
-        thread.join()
+    return nullcontext() if arena.approver is None else approving(arena.stage.person(arena.approver))

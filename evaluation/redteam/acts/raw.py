@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, ClassVar, Final, Literal
 
 from evaluation.redteam.acts.act import Act
 from evaluation.redteam.parts import Came, Effect
-from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
-from pep.rtde.robot.gripper import PORT as FINGERS
+from pep.rtde.robot.connections import DASHBOARD, GRIPPER, PRIMARY, REALTIME, RTDE, SECONDARY
 
 if TYPE_CHECKING:
     from evaluation.redteam.bare import BareArena
@@ -23,7 +22,7 @@ PORTS: Final = {
     "secondary": SECONDARY,
     "realtime": REALTIME,
     "rtde": RTDE,
-    "gripper": FINGERS,
+    "gripper": GRIPPER,
 }
 TIMEOUT_S: Final = 5.0
 STARTS_S: Final = 1.5

@@ -19,7 +19,19 @@ from pep.pit.assessment.output_index import output_cause
 from pep.pit.assessment.readiness import compile_all
 from pep.pit.assessment.straight_assessment import MoveQuestion
 from pep.pit.base.errors import PitError
-from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
+from pep.pit.base.motion import (
+    BlendedPath,
+    GripperMove,
+    JointPath,
+    JointTrajectory,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+)
 from pep.pit.base.tier import MOVING, tier_of
 from pep.pit.scene.view import view_of
 from pep.pit.search.question import as_run, deadline, refuse_nonsense, view_around
@@ -93,7 +105,7 @@ def _assess(
             return DriveQuestion(
                 robot, view, motion.start, drive, cell, touch=touch, seed=seed, check_time=check_time
             ).answer()
-        case JointPath() | LinePath():
+        case JointPath() | LinePath() | JointTrajectory() | BlendedPath():
             view = view_around(robot, scene, age_s, motion.start, cell)
             return PathQuestion(robot, view, cell, touch=touch, seed=seed, check_time=check_time).answer(motion)
         case GripperMove():

@@ -10,12 +10,14 @@ import numpy as np
 from pep.pit.assessment.assessment import milli
 from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
 from pep.pit.assessment.straight_remaining import JOINT_LIMIT, MOVES, OFF_PATH, Remaining, RemainingRun, strays_m
-from pep.pit.base.motion import STILL_RAD, JointPath, LinePath, MoveL, Run, ServoJ, SpeedL
+from pep.pit.base.motion import STILL_RAD, BlendedPath, JointPath, JointTrajectory, LinePath, MoveL, Run, ServoJ, SpeedL
 from pep.pit.base.tier import HIGHEST, MOVING
 from pep.pit.path.straight_path import GRID
+from pep.pit.search.blended_course import blended_drives
 from pep.pit.search.course_limits import Effort
 from pep.pit.search.question import as_run
 from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse
+from pep.pit.search.trajectory_pieces import piece_drives
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
@@ -27,6 +29,11 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Scene
     from pep.pit.search.timed_course import Drive
 
+HORIZON_S: Final = 1.0
+"""Ours (PHY-59): horizon of a look at a path.
+
+A look, its answer and a stop together take less.
+"""
 PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
 
 
@@ -109,8 +116,17 @@ def _place(course: Course, at: Floats) -> float:
 class RemainingLegs:
     """Rest of a path: of the first leg that the arm can be on, and all of every later one."""
 
-    def __init__(self, legs: Iterable[RemainingRun], check_time: Callable[[], None]) -> None:
-        """Takes the legs in order; each is looked at only when it has to be."""
+    def __init__(
+        self, legs: Iterable[RemainingRun], check_time: Callable[[], None], *, horizon_s: float = math.inf
+    ) -> None:
+        """Takes the legs in order; each is looked at only when it has to be, and none beyond the horizon.
+
+        Args:
+            legs: of the path, or what may be left of them.
+            check_time: raises when the answer would come too late.
+            horizon_s: what the arm cannot reach in that time is not looked at now (PHY-59).
+        """
+        self._horizon_s = horizon_s
         self._legs = iter(legs)
         self.check_time = check_time  # of every leg that is asked
         self._known: list[tuple[RemainingRun, Remaining | None]] = []
@@ -127,7 +143,16 @@ class RemainingLegs:
 
     def at(self, fraction: float) -> Remaining:
         """The first answer that does not hold, or the highest of those that do."""
-        return self._worst(lambda leg: (leg.at(fraction), True))
+        left_s, first = self._horizon_s, True
+
+        def ask(leg: RemainingRun) -> tuple[Remaining, bool]:
+            nonlocal left_s, first
+            if not first and isinstance(leg, RemainingCourse) and isinstance(leg.drive, TimedCourse):
+                left_s -= leg.drive.least_s
+            first = False
+            return leg.at(fraction), left_s > 0
+
+        return self._worst(ask)
 
     def near(self, fraction: float, seconds: float) -> Remaining:
         """First answer that does not hold, or the highest, of the legs in reach.
@@ -160,7 +185,7 @@ class RemainingLegs:
 
 def rests_of(
     robot: Robot,
-    motion: Driven | Paths,
+    motion: Driven | Paths | JointTrajectory,
     cell: CellParameters,
     *,
     at_rad: Joints,
@@ -181,10 +206,16 @@ def rests_of(
     match motion:
         case MoveL() | SpeedL() | ServoJ():
             return of_drive(motion.start, drive_of(robot, motion, cell, perception_age_s=age_s, check_time=check_time))
+        case BlendedPath():
+            drives = blended_drives(robot, motion, at_rad=at_rad, check_time=check_time)
+            return RemainingLegs((of_drive(start, drive) for start, drive in drives), check_time, horizon_s=HORIZON_S)
         case JointPath():
             return RemainingLegs((of_run(as_run(move, cell)) for move in joint_moves(motion)), check_time)
-        case LinePath():
-            drives = line_drives(robot, motion, check_time=check_time)
+        case LinePath() | JointTrajectory():
+            if isinstance(motion, LinePath):
+                drives = line_drives(robot, motion, check_time=check_time)
+            else:
+                drives = piece_drives(robot, motion, cell)
             return RemainingLegs((of_drive(start, drive) for start, drive in drives), check_time)
         case _:
             assert_never(motion)

@@ -7,15 +7,27 @@ from typing import TYPE_CHECKING, assert_never
 from pep.pit.assessment.course_assessment import DriveQuestion
 from pep.pit.assessment.path_legs import AssessedLeg, as_one
 from pep.pit.assessment.straight_assessment import MoveQuestion
-from pep.pit.base.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedL, profile_of
+from pep.pit.base.motion import (
+    BlendedPath,
+    JointPath,
+    JointTrajectory,
+    LinePath,
+    MoveJ,
+    MoveL,
+    ServoJ,
+    SpeedL,
+    profile_of,
+)
 from pep.pit.scene.separation import stopping
+from pep.pit.search.blended_course import blended_drives
 from pep.pit.search.question import as_run
 from pep.pit.search.stream_course import servo_drive, speed_drive
 from pep.pit.search.timed_course import PastLimit, TimedCourse, line_drive
+from pep.pit.search.trajectory_pieces import piece_drives
 from policies.evidence.evidence import ImpactFault
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
     from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Driven, Joints, Paths
@@ -71,16 +83,25 @@ class PathQuestion:
         self.robot, self.view, self.cell, self.touch = robot, view, cell, touch
         self.seed, self.check_time = seed, check_time
 
-    def answer(self, motion: Paths) -> Assessment | ImpactFault:
+    def answer(self, motion: Paths | JointTrajectory) -> Assessment | ImpactFault:
         """Answer for the whole path, up to the first leg that goes beyond a joint's limit."""
         match motion:
+            case JointTrajectory():
+                drives = list(piece_drives(self.robot, motion, self.cell))
+                return as_one(motion.start, len(drives), self._driven(drives))
+            case BlendedPath():
+                return self._blended(motion)
             case JointPath():
                 legs = self._joint_legs(motion)
             case LinePath():
-                legs = self._line_legs(motion)
+                legs = self._driven(line_drives(self.robot, motion, check_time=self.check_time))
             case _:
                 assert_never(motion)
         return as_one(motion.start, len(motion.legs), legs)
+
+    def _blended(self, path: BlendedPath) -> Assessment | ImpactFault:
+        drives = list(blended_drives(self.robot, path, check_time=self.check_time))
+        return as_one(path.start, len(drives), self._driven(drives))
 
     def _seed(self, number: int) -> bytes:
         return self.seed + number.to_bytes(4, "big")  # 4 bytes: more legs than any path may have
@@ -104,8 +125,8 @@ class PathQuestion:
                 else AssessedLeg(answer, profile.duration_s if profile else 0.0)
             )
 
-    def _line_legs(self, path: LinePath) -> Iterator[AssessedLeg | ImpactFault]:
-        for number, (start, drive) in enumerate(line_drives(self.robot, path, check_time=self.check_time)):
+    def _driven(self, drives: Iterable[tuple[Joints, Drive]]) -> Iterator[AssessedLeg | ImpactFault]:
+        for number, (start, drive) in enumerate(drives):
             answer = DriveQuestion(
                 self.robot,
                 self.view,

@@ -30,7 +30,19 @@ from pep.pit.assessment.straight_remaining import (
     strays_m,
 )
 from pep.pit.base.errors import MotionError, PitError
-from pep.pit.base.motion import GripperMove, JointPath, LinePath, MoveJ, MoveL, OutputSet, ServoJ, SpeedJ, SpeedL
+from pep.pit.base.motion import (
+    BlendedPath,
+    GripperMove,
+    JointPath,
+    JointTrajectory,
+    LinePath,
+    MoveJ,
+    MoveL,
+    OutputSet,
+    ServoJ,
+    SpeedJ,
+    SpeedL,
+)
 from pep.pit.base.tier import HIGHEST
 from pep.pit.scene.view import view_of
 from pep.pit.search.question import as_run, deadline, refuse_nonsense, six_finite
@@ -145,7 +157,7 @@ def _remaining(
                 robot, run, cell, at_rad=at_rad, authorised_milli=authorised_milli, check_time=check_time
             )
             return told(rest, stretches=isinstance(move, MoveJ))
-        case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath():
+        case MoveL() | SpeedL() | ServoJ() | JointPath() | LinePath() | JointTrajectory() | BlendedPath():
             rests = rests_of(
                 robot,
                 move,
@@ -155,7 +167,7 @@ def _remaining(
                 age_s=age_s or 0.0,
                 check_time=check_time,
             )
-            return told(rests, stretches=not isinstance(move, SpeedL | ServoJ))
+            return told(rests, stretches=not isinstance(move, SpeedL | ServoJ | JointTrajectory))
         case GripperMove():
             if not strays_m(robot, np.array(at_rad) - np.array(move.q)) <= cell.tracking_tolerance_m:
                 return Remaining(holds=False, index_milli=milli(HIGHEST), cause=OFF_PATH)

@@ -144,6 +144,39 @@ class LinePath:
 
 
 @dataclass(frozen=True, slots=True)
+class JointTrajectory:
+    """Joint angles at stated times, gone through without a stop at each; from rest to rest.
+
+    Attributes:
+        times_s: of the points, rising from 0; two at least.
+        points: joint angles at each time, rad.
+        speeds: joint speeds at each time, rad/s; none where the points state none.
+    """
+
+    times_s: tuple[float, ...]
+    points: tuple[Joints, ...]
+    speeds: tuple[Joints, ...] = ()
+
+    @property
+    def start(self) -> Joints:
+        """Joint angles of the first point."""
+        return self.points[0]
+
+
+@dataclass(frozen=True, slots=True)
+class BlendedPath:
+    """Joint moves and lines in any order, each of its own speed; corners with a blend are cut.
+
+    Attributes:
+        start: joint angles, rad.
+        legs: in order, at least one; the last has no blend.
+    """
+
+    start: Joints
+    legs: tuple[JointLeg | LineLeg, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class SpeedL:
     """A tool velocity held for a while: a ramp up, the hold, and the cell's own stop at the end.
 
@@ -206,9 +239,9 @@ class Run:
 
 Driven: TypeAlias = MoveL | SpeedL | ServoJ
 """Motions of the whole arm that are no straight run."""
-Paths: TypeAlias = JointPath | LinePath
-"""Motions of several legs, each from rest to rest."""
-Motion: TypeAlias = MoveJ | SpeedJ | Driven | Paths | GripperMove | OutputSet
+Paths: TypeAlias = JointPath | LinePath | BlendedPath
+"""Motions of several legs."""
+Motion: TypeAlias = MoveJ | SpeedJ | Driven | Paths | JointTrajectory | GripperMove | OutputSet
 Straight: TypeAlias = MoveJ | Run
 
 

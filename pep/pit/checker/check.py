@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
@@ -17,6 +18,7 @@ from pep.pit.checker.motion import (
     CheckerLine,
     CheckerRun,
     CheckerServo,
+    CheckerTimedPiece,
     Timing,
     motion_of,
 )
@@ -24,6 +26,7 @@ from pep.pit.checker.question import VIOLABLE, cell_of, latest_of, obstacles_of,
 from pep.pit.checker.robot import robot_of
 from pep.pit.checker.rows import PAIRS_MOST, attained, pairs_of
 from pep.pit.checker.text import BYTES_MOST, canonical, exact, listed, parsed, sha256, table, whole, word
+from pep.pit.checker.timed_piece import pieces, timed_piece
 from pep.pit.checker.torque import NO_RATES, TorquePlace, torque_ratio
 from pep.pit.checker.trace_pieces import PLACE
 from pep.pit.checker.traced_line import followed_line
@@ -122,7 +125,11 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
     if not motion.path:
         return _leg_proven(asked, start, motion.legs[0], answer, proof)[0]
     place = "proof.legs"
-    legs = listed(table(proof, "proof", ("legs",))["legs"], place, least=1, most=LEGS_MOST)
+    parts = table(proof, "proof", ("legs",) if motion.timed is None else ("legs", "until_s"))
+    legs = listed(parts["legs"], place, least=1, most=LEGS_MOST)
+    if motion.timed is not None:
+        motion = replace(motion, legs=pieces(asked.robot, motion.timed, parts["until_s"]))
+        need(len(legs) == len(motion.legs), Code.LEGS_WRONG, place)
     need(len(legs) <= len(motion.legs), Code.LEGS_WRONG, place)
     claims: list[CheckerAnswer] = []
     rows = 0
@@ -134,7 +141,8 @@ def _legs_proven(asked: CheckerQuestion, motion: CheckerMotion, answer: CheckerA
         rows += count
         # What comes after a leg that goes beyond a joint's limit is not looked at.
         last = number == len(legs) - 1
-        need(last if end is None else not last or len(legs) == len(motion.legs), Code.LEGS_WRONG, place)
+        whole = motion.timed is None or exact(parts["until_s"][-1], place, low=0) == motion.timed.times[-1]
+        need(last if end is None else not last or (whole and len(legs) == len(motion.legs)), Code.LEGS_WRONG, place)
         start = start if end is None else end
     worst = CheckerAnswer(
         max(claim.index for claim in claims),
@@ -169,6 +177,8 @@ def _drive(asked: CheckerQuestion, start: Six, motion: Curved, row: dict[str, An
             return held_speed(asked.robot, asked.cell, start, motion, row)
         case CheckerServo():
             return servo_target(asked.robot, asked.cell, start, motion, row, view=asked.view)
+        case CheckerTimedPiece():
+            return timed_piece(asked.robot, asked.cell, motion, row)
         case _:
             assert_never(motion)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, Final
 
 from pep.pit.checker.robot import JOINTS
@@ -19,6 +20,9 @@ ANGLE_MOST_RAD: Final = 1e4  # no joint turns farther
 LARGEST: Final = 200.0  # m, m/s, m/s2, s: about a tool
 TURN_MOST_RAD: Final = 2 * math.pi  # of a rotation vector; a longer one is another pose than it says
 LEGS_MOST: Final = 256  # of one path
+POINTS_MOST: Final = 256  # of one trajectory
+DURATION_MOST_S: Final = 120.0  # of one trajectory
+CLOSEST_S: Final = 0.001 * (1 - 1e-9)  # between two of its points
 MOVE_J: Final = ("form", "start", "target", "speed_rad_s", "acceleration_rad_s2")
 SPEED_J: Final = ("form", "start", "qd_rad_s", "acceleration_rad_s2", "duration_s")
 MOVE_L: Final = ("form", "start", "target", "speed_m_s", "acceleration_m_s2", "stated_start")
@@ -26,6 +30,7 @@ SPEED_L: Final = ("form", "start", "twist", "acceleration_m_s2", "duration_s")
 SERVO_J: Final = ("form", "start", "qd_rad_s", "target", "period_s", "lookahead_s")
 PATH: Final = ("form", "start", "legs")
 JOINT_LEG: Final = ("target", "speed_rad_s", "acceleration_rad_s2")
+TRAJECTORY: Final = ("form", "times_s", "points", "speeds")
 LINE_LEG: Final = ("target", "speed_m_s", "acceleration_m_s2")
 
 Joints = tuple[float, ...]
@@ -87,7 +92,35 @@ class CheckerServo:
     lookahead_s: float
 
 
-Curved = CheckerLine | CheckerHeldSpeed | CheckerServo
+@dataclass(frozen=True, slots=True)
+class CheckerTimedPiece:
+    """A piece of a trajectory: even joint rates from `start` for `seconds`, and what differs from them at most.
+
+    Attributes:
+        start, speed: joint angles at its beginning, rad, and the even rates, rad/s.
+        seconds: how long it lasts.
+        tube, hurry: difference of the arm's angles and rates, rad and rad/s.
+        acceleration: of each joint, the greatest either way, rad/s2.
+    """
+
+    start: Joints
+    seconds: float
+    speed: Joints
+    tube: Joints
+    hurry: Joints
+    acceleration: Joints
+
+
+@dataclass(frozen=True, slots=True)
+class CheckerTrajectory:
+    """Joint angles at rising times from 0, with joint rates at each or none; from rest to rest."""
+
+    times: Joints
+    points: tuple[Joints, ...]
+    speeds: tuple[Joints, ...]
+
+
+Curved = CheckerLine | CheckerHeldSpeed | CheckerServo | CheckerTimedPiece
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,11 +131,13 @@ class CheckerMotion:
         start: joint angles where the first leg begins, rad; every other begins where the one before ends.
         legs: all straight joint motions, or none.
         path: whether it is one of legs.
+        timed: the trajectory that its legs are pieces of; the proof says where these end. None for any other.
     """
 
     start: Joints
     legs: tuple[CheckerRun | Curved, ...]
     path: bool
+    timed: CheckerTrajectory | None = None
 
 
 def motion_of(value: Any, cell: Cell) -> CheckerMotion:
@@ -144,8 +179,26 @@ def motion_of(value: Any, cell: Cell) -> CheckerMotion:
                 for leg in legs
             )
             return CheckerMotion(_six(row["start"]), tuple(lines), path=True)
+        case "joint_trajectory":
+            timed = _trajectory(table(value, place, TRAJECTORY))
+            return CheckerMotion(timed.points[0], (), path=True, timed=timed)
         case _:
             raise Refusal(Code.FORM_UNKNOWN, place)
+
+
+def _trajectory(row: dict[str, Any]) -> CheckerTrajectory:
+    place = "question.motion"
+    points = tuple(_six(each) for each in listed(row["points"], place, least=2, most=POINTS_MOST))
+    speeds = tuple(_six(each) for each in listed(row["speeds"], place, least=0, most=POINTS_MOST))
+    times = tuple(
+        exact(each, place, low=0, high=DURATION_MOST_S)
+        for each in listed(row["times_s"], place, least=len(points), most=len(points))
+    )
+    need(len(speeds) in (0, len(points)) and times[0] == 0, Code.MEMBER_WRONG, place)
+    need(all(b - a >= CLOSEST_S for a, b in pairwise(times)), Code.MEMBER_WRONG, place)
+    for rest in (speeds[0], speeds[-1]) if speeds else ():
+        need(max(map(abs, rest)) <= LEAST_RATE, Code.MEMBER_WRONG, place)
+    return CheckerTrajectory(times, points, speeds)
 
 
 def _joint_path(row: dict[str, Any]) -> CheckerMotion:

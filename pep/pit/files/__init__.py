@@ -1,1 +1,1 @@
-"""Scene and motion files, read strictly, and their published schemas."""
+"""World and motion files, read strictly, and their published schemas."""

@@ -16,9 +16,11 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args, get_
 from pydantic import Field, TypeAdapter, create_model
 
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
     JointLeg,
     JointPath,
+    JointTrajectory,
     LineLeg,
     LinePath,
     MoveJ,
@@ -53,8 +55,10 @@ KINDS: Final[Mapping[str, MotionForm]] = MappingProxyType(
     {
         "move_j": MotionForm(MoveJ, {"start": _RAD, "target": _RAD}),
         "move_l": MotionForm(MoveL, {"start": _RAD, "target": _POSE, "stated_start": _POSE}),
+        "joint_trajectory": MotionForm(JointTrajectory, {"points": _RAD, "speeds": "_rad_s"}),
         "joint_path": MotionForm(JointPath, {"start": _RAD}),
         "line_path": MotionForm(LinePath, {"start": _RAD}),
+        "path": MotionForm(BlendedPath, {"start": _RAD}),
         "speed_j": MotionForm(SpeedJ, {"start": _RAD}),
         "speed_l": MotionForm(SpeedL, {"start": _RAD, "twist": "_m_s_rad_s"}),
         "servo_j": MotionForm(ServoJ, {"start": _RAD, "target": _RAD}),
@@ -78,10 +82,11 @@ def _form(kind: MotionForm, heading: Mapping[str, Any]) -> Any:
 
 def _told(hint: Any) -> Any:
     """Type of a field as a file spells it: unchanged, or, for legs, their forms."""
-    leg = next((kind for kind in _LEGS if kind.made in get_args(hint)), None)
-    if leg is None:
+    members = {member for part in get_args(hint) for member in (get_args(part) or (part,))}
+    forms: list[Any] = [_form(kind, {}) for kind in _LEGS if kind.made in members]
+    if not forms:
         return hint
-    form: Any = _form(leg, {})
+    form: Any = reduce(or_, forms)
     return tuple[form, ...]
 
 
@@ -111,8 +116,8 @@ def _made(kind: MotionForm, stated: Any) -> Any:
     def plain(part: Any) -> Any:
         if not isinstance(part, tuple):
             return part
-        leg = next((leg for leg in _LEGS if part and type(part[0]).__name__ == leg.made.__name__), None)
-        return part if leg is None else tuple(_made(leg, each) for each in part)
+        legs = [next((leg for leg in _LEGS if type(each).__name__ == leg.made.__name__), None) for each in part]
+        return tuple(each if leg is None else _made(leg, each) for leg, each in zip(legs, part, strict=True))
 
     given = {f.name: plain(getattr(stated, f.name + kind.units.get(f.name, ""))) for f in fields(kind.made)}
     return kind.made(**given)

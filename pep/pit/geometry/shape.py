@@ -135,3 +135,28 @@ def shape_of(observed: Any) -> Shape:
             return Convex(corners, si(observed.radius_um, Unit.MICROMETRE))
         case _:
             raise SceneError("PERCEPTION_INVALID", "a shape that is not declared")
+
+
+def stated(shape: Shape) -> wire.Shape:
+    """The body as a statement has it: whole micrometres and millionths, each number rounded."""
+    match shape:
+        case Capsule(a, b, radius):
+            return wire.Capsule(_micrometres(a), _micrometres(b), _micrometre(radius))
+        case Sphere(center, radius):
+            return wire.Sphere(_micrometres(center), _micrometre(radius))
+        case Box(center, half, quaternion):
+            w, x, y, z = (round(each * wire.PPM) for each in quaternion)
+            return wire.Box(_micrometres(center), _micrometres(half), (w, x, y, z))
+        case Convex(vertices, radius):
+            return wire.Convex(tuple(map(_micrometres, vertices)), _micrometre(radius))
+        case _:
+            assert_never(shape)
+
+
+def _micrometre(metres: float) -> int:
+    return round(metres * Unit.MICROMETRE.per_si)
+
+
+def _micrometres(point_m: Vector) -> tuple[int, int, int]:
+    x, y, z = point_m
+    return (_micrometre(x), _micrometre(y), _micrometre(z))

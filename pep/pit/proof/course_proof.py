@@ -23,7 +23,7 @@ from pep.pit.search.kernel.compiled_course import CompiledCourse
 from pep.pit.search.stream_course import AT_ONCE
 
 if TYPE_CHECKING:
-    from pep.pit.base.motion import Driven, Floats, Joints, LineLeg
+    from pep.pit.base.motion import Driven, Floats, Joints, JointTrajectory, LineLeg
     from pep.pit.robot.robot import Robot
     from pep.pit.robot.twist import Twist
     from pep.pit.search.timed_course import TimedCourse
@@ -111,7 +111,7 @@ def _spelt(bounds: Floats, bits: int) -> Floats:
     return np.asarray(np.ldexp(np.ceil(np.ldexp(fraction, bits)), exponent - bits))
 
 
-def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[str, Any]:
+def followed(way: Recorded, places: set[int], motion: Driven | LineLeg | JointTrajectory) -> dict[str, Any]:
     """The record of a course.
 
     Args:
@@ -125,7 +125,9 @@ def followed(way: Recorded, places: set[int], motion: Driven | LineLeg) -> dict[
     return way.record(places, drive.profile.way_rad if isinstance(motion, SpeedL) else None)
 
 
-def past_limit(robot: Robot, start: Joints, shown: TimedCourse | None, motion: Driven | LineLeg) -> dict[str, Any]:
+def past_limit(
+    robot: Robot, start: Joints, shown: TimedCourse | None, motion: Driven | LineLeg | JointTrajectory
+) -> dict[str, Any]:
     """Record of a motion beyond a joint's limit, with the piece of its line that shows it.
 
     Raises:

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, TypeAlias, assert_never
 
-from pep.pit.base.motion import JointPath, LinePath, MoveJ, MoveL, ServoJ, SpeedJ, SpeedL
+from pep.pit.base.motion import JointPath, JointTrajectory, LinePath, MoveJ, MoveL, ServoJ, SpeedJ, SpeedL
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-Moving: TypeAlias = MoveJ | SpeedJ | MoveL | SpeedL | ServoJ | JointPath | LinePath
+Moving: TypeAlias = MoveJ | SpeedJ | MoveL | SpeedL | ServoJ | JointPath | LinePath | JointTrajectory
 """Motions of the whole arm."""
 
 
@@ -93,6 +93,13 @@ def motion_text(motion: Moving) -> dict[str, Any]:
                     }
                     for leg in line_legs
                 ],
+            }
+        case JointTrajectory(times, points, rates):
+            return {
+                "form": "joint_trajectory",
+                "times_s": hexed(times),
+                "points": [hexed(point) for point in points],
+                "speeds": [hexed(row) for row in rates],
             }
         case _:
             assert_never(motion)

@@ -18,8 +18,10 @@ from pep.pit.assessment.dispatch import drive_of, joint_moves, line_drives
 from pep.pit.assessment.path_legs import LegsCertificate
 from pep.pit.base.errors import ProofError
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
     JointPath,
+    JointTrajectory,
     LinePath,
     MoveJ,
     MoveL,
@@ -31,7 +33,7 @@ from pep.pit.base.motion import (
 )
 from pep.pit.path.straight_path import GRID
 from pep.pit.proof.course_proof import NOT_TRACED, SLACK, Recorded, followed, past_limit
-from pep.pit.proof.motion_proof import hex_of, motion_text
+from pep.pit.proof.motion_proof import hex_of, hexed, motion_text
 from pep.pit.proof.row_proofs import DIGITS, Claimed, ProofRows
 from pep.pit.scene.pairs import pairs_of
 from pep.pit.scene.separation import stopping
@@ -39,6 +41,7 @@ from pep.pit.search.engine import chosen
 from pep.pit.search.question import as_run, view_around
 from pep.pit.search.start_violations import joint_limits
 from pep.pit.search.timed_course import Nowhere, PastLimit, TimedCourse
+from pep.pit.search.trajectory_pieces import piece_drives, pieces_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -56,7 +59,7 @@ if TYPE_CHECKING:
     from pep.pit.search.timed_course import Drive
 
 VERSION: Final = "ztpm-pit-proof/4"
-NO_FORM: Final = "only motions of the arm have a certificate that can be written down"
+NO_FORM: Final = "only motions of the arm without blends have a certificate that can be written down"
 CELL_NUMBERS: Final = (
     "stop_deceleration_rad_s2",
     "stop_delay_s",
@@ -119,7 +122,7 @@ def document(
             answer's index.
         PitError: a question that no answer could have been given to.
     """
-    if isinstance(motion, GripperMove | OutputSet):
+    if isinstance(motion, GripperMove | OutputSet | BlendedPath):
         raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     same = (answer.model_digest, answer.scene_digest, answer.start, answer.perception_age_s, answer.perception)
@@ -134,6 +137,15 @@ def document(
             proofs = prover.legs(motion, answer.certificate)
             legs = zip(answer.certificate.answers, proofs, strict=True)
             proof: dict[str, Any] = {"legs": [{"answer": _claim(said), "proof": each} for said, each in legs]}
+        case JointTrajectory():
+            if not isinstance(answer.certificate, LegsCertificate):
+                raise ProofError("PARAMETERS_WRONG", "the answer to another question")
+            answers = answer.certificate.answers
+            timed = zip(answers, prover.timed(motion, answers), strict=True)
+            proof = {
+                "legs": [{"answer": _claim(said), "proof": each} for said, each in timed],
+                "until_s": hexed(pieces_of(motion).ends_s[: len(answers)]),
+            }
         case MoveJ() | SpeedJ():
             proof = prover.straight(motion, answer)
         case MoveL() | SpeedL() | ServoJ():
@@ -165,7 +177,7 @@ def question_digest(
         ProofError: a motion that moves no joint.
         PitError: a scene that must not be reasoned about.
     """
-    if isinstance(motion, GripperMove | OutputSet):
+    if isinstance(motion, GripperMove | OutputSet | BlendedPath):
         raise ProofError("PARAMETERS_WRONG", NO_FORM)
     view = view_around(robot, scene, perception_age_s, motion.start, cell)
     return hashlib.sha256(rfc8785.dumps(_question(robot, view, motion, cell, touch))).hexdigest()
@@ -201,6 +213,11 @@ class _Prover:
             case _:
                 assert_never(path)
 
+    def timed(self, motion: JointTrajectory, answers: tuple[Assessment, ...]) -> Iterator[dict[str, Any]]:
+        """The proof of each piece of a trajectory."""
+        for (start, drive), said in zip(piece_drives(self.robot, motion, self.cell), answers, strict=False):
+            yield self.driven(start, drive, motion, said)
+
     def straight(self, motion: MoveJ | SpeedJ, answer: Assessment) -> dict[str, Any]:
         """The proof of a straight joint motion's answer."""
         run = as_run(motion, self.cell)
@@ -216,7 +233,9 @@ class _Prover:
         met = [[pair, (low + high) // 2] for pair, low, high in members["met"]]
         return members | {"met": met, "cut": _cut(*demands.intervals(profile))}
 
-    def driven(self, start: Joints, drive: Drive, motion: Driven | LineLeg, answer: Assessment) -> dict[str, Any]:
+    def driven(
+        self, start: Joints, drive: Drive, motion: Driven | LineLeg | JointTrajectory, answer: Assessment
+    ) -> dict[str, Any]:
         """The proof of a curved motion's answer.
 
         Raises:
@@ -233,7 +252,7 @@ class _Prover:
                 assert_never(drive)
 
     def _followed(
-        self, start: Joints, drive: TimedCourse, motion: Driven | LineLeg, answer: Assessment
+        self, start: Joints, drive: TimedCourse, motion: Driven | LineLeg | JointTrajectory, answer: Assessment
     ) -> dict[str, Any]:
         way = Recorded(self.robot, start, drive)
         profile = drive.profile

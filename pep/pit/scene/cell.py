@@ -16,6 +16,7 @@ from pep.base.stop_model import STOP_DECELERATION_RAD_S2, STOP_DELAY_S
 from pep.pit.base.errors import CellError
 from pep.pit.base.strict import STRICT, FormError, read_table, read_toml
 from pep.pit.robot.calibration import NOMINAL_ERROR_M
+from pep.pit.robot.gripped_object import SIZE_LIMIT_M
 from pep.pit.scene.scene import Box, Capsule, Convex, Scene, Shape, Sphere, Thing, Vector, Workspace, Zone
 
 if TYPE_CHECKING:
@@ -86,12 +87,20 @@ class Contact:
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """Known properties of an object that the robot may carry: mass, and absence of edges (unknown: it has them)."""
+    """Known properties of an object that the robot may carry.
+
+    Attributes:
+        object: its id in the scene.
+        mass_kg: more than 0.
+        blunt: it is known to have no edges.
+        centre_m: centre of its mass in the flange frame while a program says that it is held; None is the tool's tip.
+    """
 
     __pydantic_config__: ClassVar[ConfigDict] = STRICT
     object: str
     mass_kg: float
     blunt: bool = False
+    centre_m: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -291,6 +300,8 @@ def _defect(cell: CellParameters) -> str | None:
         return "names, contacts, parts or outputs repeat"
     if not all(contact.object and contact.by in ("tool", "payload") for contact in cell.contacts):
         return "a contact without an object, or by neither tool nor payload"
+    if not all(abs(n) <= SIZE_LIMIT_M for part in cell.parts for n in part.centre_m or ()):
+        return "parts.centre_m"
     if not all(math.isfinite(part.mass_kg) and part.mass_kg > 0 for part in cell.parts):
         return "a part without mass"
     if not all(0 <= o.pin <= HIGHEST_PIN and o.tier in (0, 1, 2, 3, 4) for o in cell.outputs):

@@ -25,13 +25,23 @@ if TYPE_CHECKING:
 
     from pep.pit.base.motion import Floats, Joints
     from pep.pit.robot.robot import Robot
-    from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.cell import CellParameters, Part
     from pep.pit.scene.scene import Scene, Shape, Thing, Vector
 
 
 def unknown_part(robot: Robot, cell: CellParameters) -> GrippedObject:
     """Body for a held object that nothing is known of: the whole payload, about the tip."""
     return GrippedObject("", Sphere(robot.tool.tcp_m, cell.unknown_part_m), None)
+
+
+def declared_part(robot: Robot, cell: CellParameters, part: Part) -> GrippedObject:
+    """Body for a known part that nobody has seen in the gripper.
+
+    It has the part's mass, in a ball about its centre that holds an unknown part at the tip.
+    """
+    centre = part.centre_m or robot.tool.tcp_m
+    radius_m = cell.unknown_part_m + math.dist(centre, robot.tool.tcp_m)
+    return GrippedObject(part.object, Sphere(centre, radius_m), part.mass_kg, part.blunt).checked()
 
 
 def gripped(robot: Robot, q: Joints, objects: Iterable[Thing], cell: CellParameters) -> GrippedObject | None:

@@ -23,7 +23,7 @@ from pep.pit.scene.cell import CellParameters, Contact, Output, StaticObject, St
 from pep.pit.scene.scene import Workspace
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from capabilities.statements.cell import Cell
     from capabilities.statements.observation import Point, Shape
@@ -76,7 +76,8 @@ def surveyed(cell: Cell, numbers: CellParameters) -> CellParameters:
     Raises:
         SurveyError: the file contradicts itself.
     """
-    _check(cell)
+    for error in contradictions(cell):
+        raise error
     area = cell.workspace
     parameters = replace(
         numbers,
@@ -97,39 +98,41 @@ def surveyed(cell: Cell, numbers: CellParameters) -> CellParameters:
     return parameters
 
 
-def _check(cell: Cell) -> None:
+def contradictions(cell: Cell) -> Iterator[SurveyError]:
+    """Everything in which a cell file contradicts itself."""
     objects = {thing.name: thing.shape for thing in cell.objects}
     hard = {zone.name: zone.shape for zone in cell.zones if zone.tier is None}
     for name, shape in (*objects.items(), *((zone.name, zone.shape) for zone in cell.zones)):
         if _furthest_um(shape) > CELL_REACH_UM:
-            raise SurveyError(SurveyFault.OUT_OF_REACH, name)
+            yield SurveyError(SurveyFault.OUT_OF_REACH, name)
         if isinstance(shape, wire.Convex):
-            _refuse_flat(name, shape)
+            yield from _flat(name, shape)
     area = cell.workspace
     if area is not None:
         if max(map(abs, (*area.low_um, *area.high_um))) > CELL_REACH_UM:
-            raise SurveyError(SurveyFault.OUT_OF_REACH, "workspace")
+            yield SurveyError(SurveyFault.OUT_OF_REACH, "workspace")
         # The base is the origin. An arm whose base is outside would be in violation for ever.
         if not all(low <= 0 <= high for low, high in zip(area.low_um, area.high_um, strict=True)):
-            raise SurveyError(SurveyFault.BASE_OUTSIDE_WORKSPACE, "workspace")
+            yield SurveyError(SurveyFault.BASE_OUTSIDE_WORKSPACE, "workspace")
     taken = {*objects, *(zone.name for zone in cell.zones)}
     for contact in cell.contacts:
         if contact.observed:
             if contact.object in taken:
-                raise SurveyError(SurveyFault.CONTACT_AMBIGUOUS, contact.object)
+                yield SurveyError(SurveyFault.CONTACT_AMBIGUOUS, contact.object)
             continue
         if contact.object not in objects:
-            raise SurveyError(SurveyFault.CONTACT_WITH_NOTHING, contact.object)
+            yield SurveyError(SurveyFault.CONTACT_WITH_NOTHING, contact.object)
+            continue
         around = next((z for z, shape in hard.items() if _inside(objects[contact.object], shape)), None)
         if around is not None:
-            raise SurveyError(SurveyFault.CONTACT_IN_HARD_ZONE, f"{contact.object} in {around}")
+            yield SurveyError(SurveyFault.CONTACT_IN_HARD_ZONE, f"{contact.object} in {around}")
 
 
-def _refuse_flat(name: str, shape: wire.Convex) -> None:
+def _flat(name: str, shape: wire.Convex) -> Iterator[SurveyError]:
     try:
         hull_of(tuple(map(_metres, shape.vertices_um)))
     except SceneError as error:
-        raise SurveyError(SurveyFault.NOT_SURVEYED, f"{name}: {error.detail}") from error
+        yield SurveyError(SurveyFault.NOT_SURVEYED, f"{name}: {error.detail}")
 
 
 def _furthest_um(shape: Shape) -> int:

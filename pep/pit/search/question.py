@@ -10,8 +10,12 @@ from typing import TYPE_CHECKING, Final, assert_never
 
 from pep.pit.base.errors import MotionError, PitError, WorkLimitError
 from pep.pit.base.motion import (
+    BlendedPath,
     GripperMove,
+    JointLeg,
     JointPath,
+    JointTrajectory,
+    LineLeg,
     LinePath,
     MoveJ,
     MoveL,
@@ -21,13 +25,14 @@ from pep.pit.base.motion import (
     SpeedL,
     run_of,
 )
+from pep.pit.base.timed_points import refuse_untimed
 from pep.pit.scene.grip_sightings import without_held
 from pep.pit.scene.view import view_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from pep.pit.base.motion import Joints, Motion, Run
+    from pep.pit.base.motion import Joints, Motion, Pose, Run
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Scene
@@ -106,6 +111,12 @@ def refuse_unreal(motion: Motion) -> None:
             joints = (motion.start,)
             rates = tuple(rate for leg in motion.legs for rate in (leg.speed_m_s, leg.acceleration_m_s2))
             poses = tuple(leg.target for leg in motion.legs)
+        case JointTrajectory():
+            refuse_untimed(motion)
+            joints = (*motion.points, *motion.speeds)
+            rates = ()
+        case BlendedPath():
+            joints, rates, poses = _mixed(motion)
         case GripperMove():
             joints = (motion.q,)
             rates = (motion.speed_m_s, motion.force_n)
@@ -131,6 +142,23 @@ def refuse_unreal(motion: Motion) -> None:
     if poses is not None:
         twist = motion.twist if isinstance(motion, SpeedL) else ()
         _refuse_vast((*rates, *twist, *(part for pose in poses for part in pose[:3])), poses)
+
+
+def _mixed(path: BlendedPath) -> tuple[tuple[Joints, ...], tuple[float, ...], tuple[Pose, ...]]:
+    """Joint angles, rates and poses of a path.
+
+    Raises:
+        MotionError: no legs or too many, a blend that is no radius, or one at the end, where nothing follows.
+    """
+    blends = tuple(leg.blend_m for leg in path.legs)
+    _refuse_legs(tuple(0.0 * blend for blend in blends))
+    if not (all(blend >= 0 for blend in blends) and blends[-1] == 0):
+        raise MotionError("OUT_OF_RANGE", "a blend below 0, or one at the end of a path")
+    joints = [leg for leg in path.legs if isinstance(leg, JointLeg)]
+    lines = [leg for leg in path.legs if isinstance(leg, LineLeg)]
+    rates = [rate for leg in joints for rate in (leg.speed_rad_s, leg.acceleration_rad_s2)]
+    rates += [rate for leg in lines for rate in (leg.speed_m_s, leg.acceleration_m_s2)]
+    return (path.start, *(leg.target for leg in joints)), tuple(rates), tuple(leg.target for leg in lines)
 
 
 def _refuse_vast(sizes: tuple[float, ...], poses: tuple[tuple[float, ...], ...]) -> None:

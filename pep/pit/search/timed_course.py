@@ -46,6 +46,7 @@ class TimedCourse:
             and backward.
         tool_speed_m_s: that is commanded for the tool point, 0 when none is.
         slower: whether another commanded speed is the same motion, only slower.
+        least_s: time that the arm takes between the blends at its ends, at least, s; 0 where that is not known.
     """
 
     course: CompiledCourse
@@ -53,6 +54,7 @@ class TimedCourse:
     push: tuple[float, float]
     tool_speed_m_s: float = 0.0
     slower: bool = True
+    least_s: float = 0.0
 
     @property
     def twist(self) -> Twist | None:

@@ -128,6 +128,25 @@ def decode_io(image: RegisterImage, written: Collection[str]) -> tuple[IoCommand
         return InputRefusal(wrong.reason, wrong.place)
 
 
+def method_of(command: IoCommand) -> str:
+    """ur_rtde's method for a command, with which a refusal names it to the program's author."""
+    match command:
+        case SetDigitalOutputs(bank=bank):
+            return f"set{bank.name.capitalize()}DigitalOut"
+        case SetAnalogOutput(quantity=quantity):
+            return f"setAnalogOutput{quantity.name.capitalize()}"
+        case SetSpeedSlider():
+            return "setSpeedSlider"
+        case SetInputInteger():
+            return "setInputIntRegister"
+        case SetInputDouble():
+            return "setInputDoubleRegister"
+        case SetExternalWrench():
+            return "setExternalForceTorque"
+        case _:
+            assert_never(command)
+
+
 MASKS: Final = (*(f"{bank.value}_mask" for bank in Bank), _ANALOG + "mask", _SLIDER + "mask")
 """Variables that make a package set anything; zero where nothing is meant."""
 

@@ -73,8 +73,8 @@ MODES: Final[Mapping[int, Stop]] = MappingProxyType(
 )
 """Modes that outlast their command, by command id, with the stop that ends each, still to be raised."""
 
-STREAMS: Final = frozenset(mode for mode, stop in MODES.items() if stop in (_SPEED, _SERVO))
-"""Modes that move the arm in a thread of the control script, until their stop."""
+STREAMS: Final = frozenset({9, 10, 11, 12, 24, 6, 18, 52})
+"""Modes that move the arm, or let it be moved, until their stop; no other one ends them."""
 
 STOPS: Final[Mapping[int, Stop]] = MappingProxyType(
     {

@@ -13,6 +13,7 @@ import hashlib
 import secrets
 from contextlib import suppress
 from functools import partial
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
 from capabilities import tracing
@@ -22,9 +23,12 @@ from pep.base.errors import JournalError
 from pep.base.traced import tell
 from pep.people.deferral import AskState
 from pep.request.call import Call
-from pep.rtde.judge.command_requests import CommandedOperation, NoDecisionNeeded, asked_of, request_of
+from pep.rtde.command import command_values as v
+from pep.rtde.command.led_limits import granted
+from pep.rtde.judge.command_requests import CommandedOperation, NoDecisionNeeded, as_granted, asked_of, request_of
 from pep.rtde.judge.execution import ActiveCommand
 from pep.rtde.judge.line_refusals import LineRefusals, refusal_of
+from pep.rtde.judge.pose_targets import POSED
 from pep.rtde.wire.client_texts import told
 from pep.rtde.wire.refusal import InputRefusal
 from policies.evidence.evidence import ToolReading
@@ -32,7 +36,7 @@ from policies.evidence.model import Effect
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock, Readiness, Registry
@@ -55,6 +59,14 @@ SETTLES_S: Final = 0.25
 
 A program knows it some milliseconds before it is on record.
 """
+MODE_ENDS: Final[Mapping[type, str]] = MappingProxyType(
+    {
+        v.ForceMode: "force mode is on: forceModeStop() first",
+        v.FreedriveMode: "freedrive is on: endFreedriveMode() first",
+        v.TeachMode: "teach mode is on: endTeachMode() first",
+    }
+)
+"""Ends of the modes in which the arm is led, by the command that begins each."""
 CLOSE_S: Final = 6.0
 """Longest wait for the end of a forwarded command, once it has been told to stop."""
 
@@ -147,11 +159,19 @@ class LeasedJudge:
         while True:
             # Anew for each run of the gate: the held object may have changed while people were asked.
             fitted = self._fitted()
-            asked = asked_of(case.command, path=held.path, fitted=fitted)
+            said = await self._effects.rewritten(case.command) if isinstance(case.command, POSED) else case.command
+            if isinstance(said, InputRefusal):
+                await self._refuse(held, said)
+                return
+            case.rewritten = said
+            has = partial(granted, held.lease.credentials.chain)
+            asked = asked_of(said, path=held.path, fitted=fitted, granted=has)
             if isinstance(asked, NoDecisionNeeded):
                 case.forwarded = True
                 held.forward()
                 return
+            if not isinstance(asked, InputRefusal) and (led := self._led()):
+                asked = InputRefusal(Reason.BUSY, led)
             answer = asked if isinstance(asked, InputRefusal) else await self._run(case, asked, fitted)
             if isinstance(answer, InputRefusal):
                 await self._refuse(held, answer)
@@ -170,12 +190,19 @@ class LeasedJudge:
                 held.deny(Reason.APPROVAL_TIMEOUT, told(Reason.APPROVAL_TIMEOUT))
                 return
 
+    def _led(self) -> str:
+        """End of the mode that leads the arm now ([LSD-20]); "" for none."""
+        ends = (MODE_ENDS.get(type(each.command), "") for each in self._cases if each.forwarded)
+        return next(filter(None, ends), "")
+
     async def _run(
         self, case: ActiveCommand, asked: CommandedOperation, fitted: ToolSetup
     ) -> GateResult | InputRefusal:
         """One run of the gate, from now."""
         lease = case.held.lease
         case.credentials = credentials = lease.credentials
+        if isinstance(credentials.chain, Chain):
+            asked = as_granted(asked, credentials.chain)
         request = request_of(asked, request_id=secrets.token_hex(16), audience=self._audience, at=self._clock.wall_s())
         if isinstance(request, InputRefusal):
             return request
@@ -207,7 +234,7 @@ class LeasedJudge:
         tier, registered = operation.base_tier, self._registry.tool(operation.name)
         if registered is not None and registered.operation == operation.name:
             tier = max(tier, registered.base_tier)
-        spelt = [operation.object, operation.name, *(f"{p.name}:{p.unit}" for p in operation.parameters)]
+        spelt = [operation.object, operation.name, *(f"{p.name}:{p.kind}" for p in operation.parameters)]
         digest = hashlib.sha256(" ".join(spelt).encode()).hexdigest()
         return ToolReading(operation.name, digest, digest, tier)
 
@@ -227,10 +254,11 @@ class LeasedJudge:
         held.deny(refused.reason, told(refused.reason, refused.place))
 
 
+_TOLD: Final = ("parameter", "unit", "nearest_permitted", "highest_speed_of_lower_tier", "latch_id")
+
+
 def _why(decision: Decision) -> str:
     """Text of a denial for the program: the parameter, and the values that would be permitted."""
     detail = decision.findings[0].detail if decision.findings else {}
-    said = [
-        f"{name}={detail[name]}" for name in ("parameter", "unit", "nearest_permitted") if detail.get(name) is not None
-    ]
+    said = [f"{name}={detail[name]}" for name in _TOLD if detail.get(name) is not None]
     return told(decision.reason, ", ".join(said))

@@ -27,13 +27,14 @@ class LeaseBounds:
         credentials: by which it was decided.
 
     Attributes:
-        operation: the same.
+        operation, grant: the same.
     """
 
     def __init__(
         self, operation: Operation, grant: Grant, lease: ProgramOwner, credentials: Credentials | None
     ) -> None:
         self.operation = operation
+        self.grant = grant
         self._opened = StreamBounds(operation, grant)
         self._lease = lease
         # One place for both, which the loop and the watch's thread replace whole.

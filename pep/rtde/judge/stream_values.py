@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Final, Protocol
 
 from capabilities.values.algebra import bound_to_json
 from capabilities.values.units import Unit
+from pep.base.operation_row import Moves
 from pep.base.ports import RemainingVerdict
 from pep.base.stop_model import ESCALATE_MS
 from pep.rtde.command import command_values as v
@@ -21,6 +22,7 @@ from pep.rtde.motion.motion_follower import Over
 from pep.rtde.robot.state_receiver import FRESH_MS
 from pep.watch.watch import MotionOutcome
 from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
+from pep.world.led_motion import AGAIN_MS, LedArm, LedTool
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from pep.rtde.command.command_values import Command, Six
     from pep.rtde.judge.command_requests import ToolSetup
     from pep.rtde.judge.lease_bounds import LeaseBounds
+    from pep.rtde.judge.pose_targets import Posing
     from pep.rtde.robot.judge_port import Stopper
     from pep.rtde.robot.newest_state import NewestState
     from pep.rtde.robot.state_receiver import JointState
@@ -53,8 +56,10 @@ The arm is elsewhere by the time of a later answer.
 FREE_MILLI: Final = 2_000
 """Above the tiers that need nobody, only an approval authorises: then what approvals bind holds for every value."""
 
+JUDGED_MS: Final = 20
+"""Ours: time after which a led arm is judged again, from where it is then."""
 _SIX: Final = 6
-"""Angles or speeds, the first parameters of what is streamed."""
+"""Angles, speeds, or the task frame, the first parameters of what is streamed."""
 _NO_VALUE: Final = (0.0,) * _SIX
 
 
@@ -69,6 +74,10 @@ class Certifying(Protocol):
         """Judges all motion that a value allows until the arm stands."""
         ...
 
+    def strays(self, state: JointState) -> str:
+        """Quantity of a led motion that is above its bound, as a word; "" for none."""
+        ...
+
 
 class LeasedStream:
     """One stream under its permit: `pep.rtde.robot.judge_port.Steps` for its line, `RemainingImpact` for its watch.
@@ -78,6 +87,7 @@ class LeasedStream:
         permit: of the request that opens it.
         bounds: of every value.
         parameters: of the policies: what an approval binds.
+        posing: kinematics of the arm, for targets that are poses.
         fitted: as for the first value.
         arm: newest state of the robot, heard by the follower of the stream.
         stopper: knows of stops.
@@ -91,6 +101,7 @@ class LeasedStream:
         *,
         bounds: LeaseBounds,
         parameters: Parameters,
+        posing: Posing,
         fitted: ToolSetup,
         arm: NewestState,
         stopper: Stopper,
@@ -100,6 +111,7 @@ class LeasedStream:
         self._permit = permit
         self._bounds = bounds
         self._parameters = parameters
+        self._posing = posing
         self._fitted = fitted
         self._arm = arm
         self._stopper = stopper
@@ -110,6 +122,8 @@ class LeasedStream:
         self._form: _Form | None = None  # of the command that was stepped last
         self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
         self._numbers: tuple[float, ...] | None = None  # of the value that stands
+        self._opened: tuple[float, ...] | None = None  # the first value
+        self._judged_ms = self._began_ms
         self._lost: Reason | None = None
         self._ended_ms: int | None = None
         self._taken: list[tuple[int, tuple[float, ...]]] = []
@@ -118,9 +132,9 @@ class LeasedStream:
 
     def step(self, command: Command) -> Reason | None:
         """See `Steps.step`. A value that is not taken ends the stream for good."""
-        asked = asked_of(command, path=(), fitted=self._fitted)
+        asked = asked_of(command, path=(), fitted=self._fitted, granted=lambda _: self._bounds.grant)
         if isinstance(asked, CommandedOperation) and asked.operation == self._bounds.operation:
-            self._form = _Form.of(command, asked.numbers)
+            self._form = self._form_of(command, asked.numbers)  # type: ignore[arg-type]  # a stream has no lists
             return self.follow(asked.numbers[:_SIX])  # type: ignore[arg-type]  # these are six
         self._form = None
         return self.follow(_NO_VALUE)
@@ -131,6 +145,29 @@ class LeasedStream:
         if reason is not None:
             self._lost = self._lost or reason
         return reason
+
+    def written(self, command: Command) -> Command:
+        """See `Steps.written`: a pose is written as the joint angles that were judged ([LSD-15])."""
+        if not (isinstance(command, v.ServoL) and self._stands is not None):
+            return command
+        return v.ServoJ(self._stands[0].q_rad, command.time_s, command.lookahead_s, command.gain)  # type: ignore[union-attr,arg-type]  # of a pose
+
+    def _form_of(self, command: Command, numbers: tuple[float, ...]) -> _Form:
+        match command:
+            case v.ServoL(_, time_s, lookahead_s, _):
+                return _Form(numbers[_SIX:], lambda pose: self._joints_of(pose, time_s, lookahead_s), None)
+            case _:
+                return _Form.of(command, numbers)
+
+    def _joints_of(self, pose: Six, time_s: float, lookahead_s: float) -> Value | Reason:
+        """Joint angles of a pose, on the branch of the value before, or of where the arm is."""
+        state = self._state()
+        if state is None:
+            return Reason.EVIDENCE_MISSING
+        stands = None if self._stands is None else self._stands[0]
+        near = stands.q_rad if isinstance(stands, JointAngles) else state.q_rad
+        found = self._posing.followed(pose, near)  # type: ignore[arg-type]  # six, counted where they were read
+        return Reason(found.reason) if isinstance(found, ImpactFault) else JointAngles(found, time_s, lookahead_s)
 
     def ended(self) -> None:
         """See `Steps.ended`."""
@@ -148,10 +185,12 @@ class LeasedStream:
         if form is None:
             return Reason.NOT_WHAT_WAS_DECIDED
         numbers = six + form.rest
-        reason = self._bounds.outside(numbers)
+        reason = self._bounds.outside(numbers) or (Reason.NOT_WHAT_WAS_DECIDED if self._grows(numbers) else None)
         if reason is not None:
             return reason
         value = form.value(six)
+        if isinstance(value, Reason):
+            return value
         reason = self._certified(value, self._permit.index_milli)
         now_ms = self._clock.monotonic_ms()
         if reason is None and now_ms - began_ms > SLOW_MS:
@@ -159,8 +198,39 @@ class LeasedStream:
         if reason is None:
             self._stands = value, None if form.stands_ms is None else now_ms + form.stands_ms
             self._numbers = numbers
+            if self._opened is None:
+                self._opened = numbers
+                if form.lasts_ms is not None:
+                    self._until_ms = min(self._until_ms, began_ms + form.lasts_ms)
+            self._judged_ms = now_ms
             self._taken.append((now_ms, numbers))
         return reason
+
+    def _grows(self, numbers: tuple[float, ...]) -> bool:
+        """True where a later value of force mode has another frame, or a stronger or faster axis, than the first.
+
+        People may have been asked about that one, and a push and a pull are alike to what is in between.
+        """
+        first = self._opened
+        if first is None or self._bounds.operation.moves is not Moves.BY_FORCE:
+            return False
+        same = numbers[:_SIX] == first[:_SIX]
+        return not (same and all(abs(now) <= abs(most) for now, most in zip(numbers[_SIX:], first[_SIX:], strict=True)))
+
+    def saw(self, state: JointState) -> None:
+        """Looks at a led arm: within its bounds, and judged anew from where it is. On the follower's thread."""
+        stands = self._stands
+        if self._lost is not None or stands is None or not isinstance(stands[0], LedTool | LedArm):
+            return
+        now_ms = self._clock.monotonic_ms()
+        since_ms = now_ms - self._judged_ms
+        if self._certifying.strays(state):
+            self._lost = Reason.LED_OUT_OF_BOUNDS
+        elif since_ms > AGAIN_MS:
+            self._lost = Reason.WATCH_LATE
+        elif since_ms >= JUDGED_MS:
+            self._lost = self._certified(stands[0], self._permit.index_milli)
+            self._judged_ms = now_ms
 
     def _certified(self, value: Value, authorised_milli: int) -> Reason | None:
         state = self._state()
@@ -277,8 +347,10 @@ class StreamProgress:
     def look(self, state: JointState) -> Over | None:
         """Stopped, where a value was not taken; ended, by its time or by its program, which has stopped it then."""
         stream = self._stream
+        if stream.ended_ms is None:
+            stream.saw(state)
         if stream.lost is not None:
-            return Over(MotionOutcome.STOPPED, stream.lost)
+            return Over(MotionOutcome.STOPPED, stream.lost, str(stream.lost))
         if stream.over:
             return Over(MotionOutcome.ENDED, Reason.VERDICT_EXPIRED)
         if stream.ended_ms is None:
@@ -309,13 +381,15 @@ class _Form:
 
     Attributes:
         rest: parameters after the six angles or speeds.
-        value: makes the value for physics from those six.
+        value: makes the value for physics from those six; a reason where there is none.
         stands_ms: time for which a value stands; None for ever: a servo target ends by itself.
+        lasts_ms: longest time for all values together; None where the command says none.
     """
 
     rest: tuple[float, ...]
-    value: Callable[[Six], Value]
+    value: Callable[[Six], Value | Reason]
     stands_ms: int | None
+    lasts_ms: int | None = None
 
     @classmethod
     def of(cls, command: Command, numbers: tuple[float, ...]) -> _Form:
@@ -327,8 +401,18 @@ class _Form:
             case v.SpeedJ(_, acceleration_rad_s2, time_s):
                 stands_ms = round(stands_s(time_s) * Unit.MILLISECOND.per_si)
                 return cls(rest, lambda qd_rad_s: JointSpeeds(qd_rad_s, acceleration_rad_s2), stands_ms)
+            case v.ForceMode():
+                speeds, (lasts_s, far_m) = rest[6:12], rest[12:]
+                return cls(rest, lambda frame: LedTool(frame, speeds, far_m), None, _ms(lasts_s))
+            case v.FreedriveMode() | v.TeachMode():
+                tool_m_s, joint_rad_s, lasts_s, far_m = rest
+                return cls(rest, lambda _: LedArm(tool_m_s, joint_rad_s, far_m), None, _ms(lasts_s))
             case _:
                 raise AssertionError(f"{type(command).__name__} is no stream")
+
+
+def _ms(seconds: float) -> int:
+    return round(seconds * Unit.MILLISECOND.per_si)
 
 
 def _reason(fault: ImpactFault) -> Reason:

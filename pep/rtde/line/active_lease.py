@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+from dataclasses import replace
 from typing import TYPE_CHECKING, Final, Protocol
 
 from pep.rtde.line.control_program import ControlProgram, ControlStep, Phase
 from pep.rtde.line.lease_stop import StopMeans
+from pep.rtde.script.move_path import path_on_grid
 from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
@@ -132,6 +134,8 @@ class ActiveLease:
         self.ports.stop(StopMeans.PROGRAM)
         self.script_over(Reason.BUSY)
         self._sender = port
+        # What is judged is what is sent, to the last digit ([LSD-16]).
+        upload = replace(upload, path=path_on_grid(upload.path))
         self.program.begin(upload, at_ms=self.ports.clock.monotonic_ms())
         self._show()
         return None

@@ -2,13 +2,12 @@
 
 The program writes into an image of its own; the controller has another one, and only this module writes it. Questions,
 ends of modes and stops pass; everything else waits for the judge, and a permitted command is written out whole. A stop
-is raised to the cell's, and stays until the script has carried it out, also when the program writes meanwhile. Pure:
-packages, the controller's word, the judge's answers and the time are arguments; the result is a list of acts.
+is raised to the cell's, and stays until the script has carried it out. Pure: the time is an argument, acts the result.
 """
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 from pep.rtde.command import command_values as v
 from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, Wait, decode, encode, row_of
@@ -17,6 +16,7 @@ from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS, ended_by, of_stream, raised
 from pep.rtde.lease.lease import LEASE_OVER, LeaseEnding
+from pep.rtde.line.client_registers import ClientRegisters
 from pep.rtde.line.effects import (
     ERROR,
     INFORMATION,
@@ -32,10 +32,11 @@ from pep.rtde.line.effects import (
     Withdraw,
     Write,
 )
+from pep.rtde.line.refused_stream import FOLLOWS, UNWAITED, RefusedStream
 from pep.rtde.line.register_echo import QUIET, RegisterEcho
 from pep.rtde.line.script_terms import DONE, END_MS, NO_SCRIPT, NOT_OVER, READY, TAKEN_MS, WATCHDOG_HZ, occupies
 from pep.rtde.wire.client_texts import said, told
-from pep.rtde.wire.recipes import DOUBLE, INT
+from pep.rtde.wire.recipes import INT
 from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_table import Reason
 
@@ -58,7 +59,7 @@ class LeasedCommands:
         stop_deceleration_rad_s2: of the cell's stop model.
 
     Attributes:
-        denied: whether the program sees its command as failed, until it clears it.
+        denied: whether the program sees its command as failed, until it clears it; never one that it does not wait for.
         stands: a value of a stream that goes on, where the controller has nothing newer but what follows it; else None.
     """
 
@@ -67,8 +68,7 @@ class LeasedCommands:
     ) -> None:
         self._claimed = frozenset(claimed)
         self._deceleration = stop_deceleration_rad_s2
-        self._blank = self._client = RegisterImage.blank(profile)
-        self._later: v.Six | None = None  # first doubles that the client has written since
+        self._blank, self._client = RegisterImage.blank(profile), ClientRegisters(profile)
         self._zeros = {name: value for name, value in self._blank.values.items() if name in self._claimed}
         self._acts: list[Act] = []
         self._running = self._left = False
@@ -78,6 +78,7 @@ class LeasedCommands:
         self._early: tuple[str, int] | None = None  # a command that came before the last one's end, and when
         self._last: CommandQuestion | None = None  # forwarded
         self._stream: tuple[int, Steps | None] | None = None
+        self._refused = RefusedStream()
         self._modes: set[int] = set()
         self._sent = 0  # id that the controller has
         # A command that the script carries out once, until the script is seen idle; whether it may still be in it.
@@ -126,7 +127,7 @@ class LeasedCommands:
         waited = self._held is not None or self._early is not None
         self._over()
         if waited:
-            self._deny(reason, "the control script has ended")
+            self._fail(said(reason, "the control script has ended"), stopped=True)
         if self._running or self._sent:
             self._running = False
             self._blanked()
@@ -149,7 +150,7 @@ class LeasedCommands:
         running, self._running, self._left = self._running, False, True
         self._over()
         if running:
-            self._fail(f"{LEASE_OVER}: {ending}")
+            self._fail(f"{LEASE_OVER}: {ending}", stopped=True)
             self._acts += (Refresh(), Halt())
 
     # ---- the program
@@ -159,13 +160,12 @@ class LeasedCommands:
         if self._left:
             return
         self.stands = None
-        before = self._merged({})
-        after = self._merged(values)
+        before, after = self._merged({}), self._merged(values)
         if INT[self.offset] in values:
             self._wrote_ms = at_ms
         match changes(before, after):
             case Unchanged():
-                self._again(after)
+                self._again(after, at_ms)
             case Staged():
                 pass
             case Cleared():
@@ -173,7 +173,7 @@ class LeasedCommands:
             case Commanded(command):
                 self._commanded(command, before.whole(0), at_ms)
             case Drifted(command):
-                self._drifted(command)
+                self._drifted(command, at_ms)
             case Swapped(command):
                 if not isinstance(command, v.Stop):  # a stop is carried out as it was first said
                     changed = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "it was changed after it was given")
@@ -192,33 +192,28 @@ class LeasedCommands:
             True where it is to be written now, as that one was; False where the stream has ended with it.
         """
         assert self.stands is not None
-        self._later = six
+        self._client.later(six)
         self._wrote_ms = at_ms
         return self._certain(self.stands, six)
 
     def _merged(self, values: Mapping[str, Value]) -> RegisterImage:
-        """Image of all that the client has written, these values included."""
-        six, self._later = self._later, None
-        if six is not None:
-            values = {**dict(zip(DOUBLE[self.offset :], six, strict=False)), **values}
-        if not values:
-            return self._client
-        after = self._client.merge(values)
-        if isinstance(after, InputRefusal):  # a recipe is of the profile's variables, and types are the wire's
-            raise TypeError(after.place)
-        self._client = after
-        return after
+        """Image of all that the client has written, as it may be: the only way in which it is read."""
+        return self._client.merged(values)
 
-    def _again(self, image: RegisterImage) -> None:
-        """Steps a stream whose value the program repeats: it goes on, and its judge hears that."""
-        if self._stream is None or self._stream[1] is None or self._held is not None or self.denied:
-            return
+    def _again(self, image: RegisterImage, at_ms: int) -> None:
+        """Steps a stream whose value the program repeats, or asks again where it was refused."""
         command = decode(image)
-        if not isinstance(command, InputRefusal) and row_of(command).id == self._stream[0]:
+        if self._held is not None or self.denied or isinstance(command, InputRefusal):
+            return
+        number = row_of(command).id
+        if self._stream is not None and self._stream[1] is not None and number == self._stream[0]:
             self._step(command)
+        elif number and number == self._refused.command:
+            self._drifted(command, at_ms)
 
     def _cleared(self) -> None:
         self._withdraw()
+        self._refused.over()
         if self.denied:
             self.denied = False
             self._acts.append(Refresh())
@@ -235,6 +230,7 @@ class LeasedCommands:
     def _commanded(self, command: Command, before: int, at_ms: int) -> None:
         self._withdraw()
         row = row_of(command)
+        before = self._refused.turns(row.id, before)
         if isinstance(command, v.Stop):
             self._stop(command, at_ms)
         elif self.denied:
@@ -261,7 +257,7 @@ class LeasedCommands:
             self._held_ms = at_ms
             self._acts.append(AskJudge(self._held))
 
-    def _drifted(self, command: Command) -> None:
+    def _drifted(self, command: Command, at_ms: int) -> None:
         row = row_of(command)
         if self._held is not None or self._early is not None or self.denied:
             return  # what stands when it is forwarded is judged then
@@ -269,12 +265,12 @@ class LeasedCommands:
             self._write(command)
         elif self._stream is not None and self._stream[0] == row.id:
             self._step(command)
-        else:
-            self._refuse(_FOLLOWS, row.name)
+        elif self._refused.due(row.id, at_ms=at_ms):
+            self._commanded(command, 0, at_ms)
 
     def _step(self, command: Command) -> None:
         if self._certain(command):
-            self._write(command)
+            self._write(self._stream[1].written(command))  # type: ignore[index,union-attr]  # it has just judged this one
             self.stands = command
 
     def _certain(self, command: Command, six: v.Six | None = None) -> bool:
@@ -282,7 +278,7 @@ class LeasedCommands:
         assert self._stream is not None
         steps = self._stream[1]
         if steps is None:
-            self._refuse(_FOLLOWS, row_of(command).name)
+            self._refuse(FOLLOWS, row_of(command).name)
             return False
         try:
             reason = steps.step(command) if six is None else steps.follow(six)
@@ -309,8 +305,10 @@ class LeasedCommands:
 
     # ---- the judge
 
-    def forward(self, question: CommandQuestion, steps: Steps | None, *, at_ms: int) -> bool:
-        """True once the permitted command is written; False where it waits no longer, or no script takes it."""
+    def forward(
+        self, question: CommandQuestion, steps: Steps | None, *, at_ms: int, written: Command | None = None
+    ) -> bool:
+        """True once the permitted command, or `written` for it ([LSD-14]), is written; False where nobody takes it."""
         if question is not self._held:
             return False
         self._held = None
@@ -321,7 +319,7 @@ class LeasedCommands:
         assert isinstance(command, v.Command)
         row = row_of(command)
         self._end_stream()
-        self._write(command)
+        self._write(written or command)
         self._last = question
         if row.every_cycle:
             self._stream = (row.id, steps)
@@ -329,7 +327,7 @@ class LeasedCommands:
             if isinstance(latest, InputRefusal):
                 self._misread(latest, at_ms)
             elif on_grid(latest) != command:
-                self._drifted(latest)
+                self._drifted(latest, at_ms)
         elif steps is not None:
             steps.ended()
         return True
@@ -339,6 +337,9 @@ class LeasedCommands:
         if question is self._held:
             self._held = None
             self._deny(reason, told)
+            latest = decode(self._merged({}))
+            if not self.denied and not isinstance(latest, InputRefusal) and on_grid(latest) != question.command:
+                self._drifted(latest, self._wrote_ms)  # the program has gone on meanwhile
 
     def defer(self, question: CommandQuestion, told: str) -> None:
         """Tells the program that its command waits; one that would go on as if it moved fails instead."""
@@ -355,9 +356,7 @@ class LeasedCommands:
         """Stops the command that was forwarded last, and tells the program why."""
         if question is self._last and self._running:
             self._brake()
-            self._deny(reason, told)
-
-    # ---- the controller
+            self._fail(said(reason, told), stopped=True)
 
     def robot(self, command: int, said: int, *, still: bool) -> None:
         """Takes in one report: id in the command register, state of the script, standstill of the arm."""
@@ -369,8 +368,8 @@ class LeasedCommands:
         # A controller may skip the package that says DONE.
         if self._inside and ((said == DONE and over) or (newest and self._quiet > QUIET)):
             self._inside = False
-            if command in STOPS and self._client.whole(0) == 0:
-                self._blanked()  # the program did not wait for its end
+            if command in STOPS and self._client.command not in STOPS:
+                self._blanked()  # the program did not wait for its end, or the stop was ours
             self._hear_early()
         if idle and newest and not self._inside:
             self._once = None
@@ -406,12 +405,14 @@ class LeasedCommands:
             self._wanted_ms = None
             self._halt()  # what its own watchdog would have done
 
-    # ---- stops
-
     @property
     def stopping(self) -> bool:
         """True while the script is in a stop, or about to be."""
         return self._stop_next is not None or (self._inside and self._once in STOPS)
+
+    def carried_out(self, question: CommandQuestion) -> bool:
+        """True once the script is through with the command that was forwarded last."""
+        return question is self._last and not self._inside
 
     @property
     def _busy(self) -> bool:
@@ -454,8 +455,6 @@ class LeasedCommands:
         self._stop_next = None
         self._acts.append(Halt())
 
-    # ---- inside
-
     def _write(self, command: Command) -> None:
         """Writes the whole image with that command in it, from our own copy."""
         row = row_of(command)
@@ -478,12 +477,17 @@ class LeasedCommands:
     def _deny(self, reason: Reason, told: str) -> None:
         self._fail(said(reason, told))
 
-    def _fail(self, text: str) -> None:
-        """Shows the program that its command has failed, and tells it why, once."""
+    def _fail(self, text: str, *, stopped: bool = False) -> None:
+        """Tells the program why its command has failed, and shows it that where it waits or its motion was stopped."""
         self.stands = None
-        if not self.denied:
+        if not stopped and self._client.command in UNWAITED:
+            # It has gone on already: what it were shown would fail its next call, and not this one.
+            self._refused.refused(self._client.command, asked_ms=self._wrote_ms)
+        elif self.denied:
+            return
+        else:
             self.denied = True
-            self._acts.append(Tell(text, ERROR))
+        self._acts.append(Tell(text, ERROR))
 
     def _withdraw(self) -> None:
         self._early = None
@@ -495,6 +499,3 @@ class LeasedCommands:
         stream, self._stream, self.stands = self._stream, None, None
         if stream is not None and stream[1] is not None:
             stream[1].ended()
-
-
-_FOLLOWS: Final = InputRefusal(Reason.NOT_WHAT_WAS_DECIDED, "no other value may follow")

@@ -17,8 +17,9 @@ from pep.rtde.line.active_lease import ActiveLease
 from pep.rtde.line.control_program import Phase
 from pep.rtde.line.conversations import LeasedDashboardPort, LeasedRtdePort, LeasedScriptPort
 from pep.rtde.line.gateway import StatePorts, stop_text
+from pep.rtde.line.gripper_port import LeasedGripperPort
 from pep.rtde.line.lease_stop import STOPPED, LeaseStopLadder, StopMeans
-from pep.rtde.robot.connections import DASHBOARD, PRIMARY, REALTIME, RTDE, SECONDARY
+from pep.rtde.robot.connections import DASHBOARD, GRIPPER, PRIMARY, REALTIME, RTDE, SECONDARY
 from pep.rtde.robot.dashboard import stop_program
 from pep.rtde.robot.newest_state import SILENCE_MS
 from pep.rtde.robot.primary_line import PrimaryLine
@@ -131,16 +132,18 @@ class LeasedPorts:
         self, lease: ProgramOwner | None, port: int, back: ReplyChannel
     ) -> connections.ProgramConnection | Reason:
         """Connection to that port, or the reason why there is none."""
-        if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE):
+        if lease is None or port not in (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, GRIPPER):
             return await self._anybody.open(lease, port, back)
         tenant = self.taken(lease)
         if isinstance(tenant, Reason):
             return tenant
-        line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort
+        line: LeasedRtdePort | LeasedScriptPort | LeasedDashboardPort | LeasedGripperPort
         if port == RTDE:
             line = LeasedRtdePort(tenant, back)
         elif port == DASHBOARD:
             line = LeasedDashboardPort(tenant, back)
+        elif port == GRIPPER:
+            line = LeasedGripperPort(tenant, back)
         else:
             line = LeasedScriptPort(tenant, back, self.scripts)
         refused = await line.robot.reach(self.robot, port)

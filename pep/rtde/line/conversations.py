@@ -6,6 +6,7 @@ import contextlib
 import math
 from typing import TYPE_CHECKING
 
+from pep.rtde.command.led_limits import granted
 from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.line.effects import AskJudge, Halt, Note, StopWritten, Tell, Withdraw
 from pep.rtde.line.gateway import DashboardPort, StreamPort
@@ -40,7 +41,11 @@ class LeasedRtdePort(Conversation):
     def __init__(self, tenant: ActiveLease, back: ReplyChannel) -> None:
         super().__init__(back)
         self._tenant = tenant
-        self.line = LeasedLine(lambda: tenant.claim(self), stop_deceleration_rad_s2=tenant.ports.deceleration)
+        self.line = LeasedLine(
+            lambda: tenant.claim(self),
+            stop_deceleration_rad_s2=tenant.ports.deceleration,
+            granted=lambda operation: granted(tenant.lease.credentials.chain, operation),
+        )
         self.wrote_ms = 0
         self._asked: dict[CommandQuestion, _Held] = {}
         self._over = False
@@ -92,11 +97,11 @@ class LeasedRtdePort(Conversation):
             part.look(at_ms=at_ms)
         self.settle()
 
-    def answer(self, question: CommandQuestion, steps: Steps | None) -> bool:
-        """Forwards a permitted command; true where it was sent."""
+    def answer(self, question: CommandQuestion, steps: Steps | None, written: Command | None = None) -> bool:
+        """Forwards a permitted command, or what was judged in its place; true where it was sent."""
         self._asked.pop(question, None)
         if self.line.commands is not None:
-            sent = self.line.commands.forward(question, steps, at_ms=self._now())
+            sent = self.line.commands.forward(question, steps, at_ms=self._now(), written=written)
         else:
             sent = self.line.outputs is not None and self.line.outputs.forward(question)
         self.settle()
@@ -198,8 +203,13 @@ class _Held:
     def lease(self) -> ProgramOwner:
         return self._lease
 
-    def forward(self, steps: Steps | None = None) -> bool:
-        return self._port.answer(self._question, steps)
+    @property
+    def carried_out(self) -> bool:
+        commands = self._port.line.commands
+        return commands is not None and commands.carried_out(self._question)
+
+    def forward(self, steps: Steps | None = None, *, written: Command | None = None) -> bool:
+        return self._port.answer(self._question, steps, written)
 
     def deny(self, reason: Reason, told: str) -> None:
         self._port.refuse(self._question, reason, told)

@@ -15,9 +15,9 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.command.register_image import RegisterImage
-from pep.rtde.line.command_registers import LeasedCommands
 from pep.rtde.line.effects import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.line.output_registers import LeasedOutputs
+from pep.rtde.line.program_commands import ProgramCommands
 from pep.rtde.line.relay import OutgoingFrames, OwnInputs, Relay, belongs_to_others
 from pep.rtde.line.script_terms import brake_registers
 from pep.rtde.line.stream_update import Following
@@ -30,6 +30,9 @@ from pep.rtde.wire.refusal import InputRefusal
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from capabilities.values.scope import Grant
+    from pep.base.operation_row import Operation
+    from pep.rtde.line.command_registers import LeasedCommands
     from pep.rtde.line.relay import SetUpAnswer
     from pep.rtde.wire.codec import Value
     from pep.rtde.wire.messages import InputsAnswer, Request
@@ -52,10 +55,18 @@ class LeasedLine(Relay):
     Args:
         claim: whether this line may be the one that commands; asked once, when it wants to.
         stop_deceleration_rad_s2: of the cell's stop model.
+        granted: grant of an operation by the lease's token; None where there is none.
     """
 
-    def __init__(self, claim: Callable[[], bool], *, stop_deceleration_rad_s2: float) -> None:
+    def __init__(
+        self,
+        claim: Callable[[], bool],
+        *,
+        stop_deceleration_rad_s2: float,
+        granted: Callable[[Operation], Grant | None] = lambda _: None,
+    ) -> None:
         super().__init__()
+        self._granted_by = granted
         self._claim = claim
         self._deceleration = stop_deceleration_rad_s2
         self._inputs_had: InputRecipes | None = None
@@ -245,7 +256,9 @@ class LeasedLine(Relay):
         if self._controls:
             # Our stops and our watchdog are not less than that because a client has left their registers to others.
             names = tuple(dict.fromkeys((*brake_registers(self._profile.offset), *names)))
-            self.commands = LeasedCommands(self._profile, names, stop_deceleration_rad_s2=self._deceleration)
+            self.commands = ProgramCommands(
+                self._profile, names, stop_deceleration_rad_s2=self._deceleration, granted=self._granted_by
+            )
             # What an earlier client left in the registers is over.
             blank = RegisterImage.blank(self._profile).values
             self._unwritten.append({name: blank[name] for name in names})

@@ -39,6 +39,12 @@ RESTS_MS: Final = 300
 
 Between the legs of a path the arm stands for some cycles.
 """
+SETTLED_MS: Final = 60
+"""Ours: rest of an arm at the end of a path.
+
+Between two legs it stands for some cycles of 2 ms, and is not at the end. It is less than a program's next command
+waits ([LSD-6]).
+"""
 SLACK: Final = 1.5
 SLACK_MS: Final = 3_000
 """Allowance beyond the computed time of a motion: half of it, and three seconds. Time slowed down counts less."""
@@ -98,6 +104,59 @@ class TargetProgress:
         if state.still and self._arrived(state.q_rad):
             return Over(MotionOutcome.REACHED)
         return Over(MotionOutcome.ROBOT_FAILED, Reason.EFFECT_FAILED, "too slow") if self._late() else None
+
+
+class ContactProgress:
+    """A motion until a contact: over once its command is carried out and the arm stands, or after its time.
+
+    Args:
+        timed: its time, after which it is stopped.
+        carried_out: whether the control script is through with it.
+    """
+
+    stands: Final = True
+
+    def __init__(self, timed: TimedProgress, carried_out: Callable[[], bool]) -> None:
+        self._timed = timed
+        self._carried_out = carried_out
+
+    def look(self, state: JointState) -> Over | None:
+        """End as reached where the arm stands at a contact, else that of its time."""
+        if state.still and self._carried_out():
+            return Over(MotionOutcome.REACHED)
+        return self._timed.look(state)
+
+
+class SettledProgress:
+    """A path: reached once the arm has moved, and rests for so long where it ends.
+
+    A path may lead back to its beginning, or over its end and on.
+
+    Args:
+        progress: of a motion to the path's end.
+        clock: the monotonic one counts.
+    """
+
+    stands: Final = False
+
+    def __init__(self, progress: MotionProgress, clock: Clock) -> None:
+        self._progress = progress
+        self._clock = clock
+        self._moved = False
+        self._since_ms: int | None = None
+
+    def look(self, state: JointState) -> Over | None:
+        """End as of the motion, once the arm has rested there for `SETTLED_MS`."""
+        now_ms = self._clock.monotonic_ms()
+        self._moved = self._moved or not state.still
+        over = self._progress.look(state)
+        if over is None or over.outcome is not MotionOutcome.REACHED:
+            self._since_ms = None
+            return over
+        if not self._moved:
+            return None
+        self._since_ms = now_ms if self._since_ms is None else self._since_ms
+        return over if now_ms - self._since_ms >= SETTLED_MS else None
 
 
 class TimeLimit:

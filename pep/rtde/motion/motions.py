@@ -49,6 +49,20 @@ class AssessedStarts(Protocol):
         ...
 
 
+class MotionEnded(Protocol):
+    """Hears of the end of a motion."""
+
+    async def __call__(self, end: MotionEnd | None, permit: Permit, *, late: bool) -> None:
+        """Hears it.
+
+        Args:
+            end: how it ended; None where following it broke.
+            permit: of the motion.
+            late: whether it was stopped because it could not be looked at often enough.
+        """
+        ...
+
+
 class Motions:
     """One motion at a time: the gate's slot sees to that.
 
@@ -59,9 +73,11 @@ class Motions:
         stopper: of the arm.
         clock: both clocks.
         pause: lets so many seconds pass between two looks.
+        ended: told of each motion that ends, before its caller is; nothing else begins meanwhile.
 
     Attributes:
         state, stopper: as given.
+        under_way: permit of the motion that is being followed; None while there is none.
     """
 
     def __init__(
@@ -73,7 +89,10 @@ class Motions:
         stopper: Stopper,
         clock: Clock,
         pause: Callable[[float], None],
+        ended: MotionEnded | None = None,
     ) -> None:
+        self._ended = ended
+        self.under_way: Permit | None = None
         self._starts = starts
         self._hurry = hurry
         self.state = state
@@ -134,11 +153,13 @@ class Motions:
             governor=governor,
         )
         self._hurry(moving=True)
+        self.under_way, late = permit, False
         following = asyncio.get_running_loop().run_in_executor(self._watch, follower.follow, courses)
         try:
             while not following.done():
                 await asyncio.wait((following,), timeout=LOOK_S)
                 if follower.unseen_ms > UNSEEN_MS:
+                    late = True
                     brake(Reason.WATCH_LATE)
             return following.result()
         except asyncio.CancelledError:
@@ -147,6 +168,10 @@ class Motions:
             raise
         finally:
             self._hurry(moving=False)
+            if self._ended is not None:
+                broke = not following.done() or following.cancelled() or following.exception() is not None
+                await self._ended(None if broke else following.result(), permit, late=late)
+            self.under_way = None
 
     def close(self) -> None:
         """Ends both threads; nothing is followed any more."""

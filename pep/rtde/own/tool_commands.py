@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from pep.rtde.command import command_values as v
+from pep.rtde.command.command_table import row_of
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.line.command_registers import LeasedCommands
 from pep.rtde.line.script_terms import DONE, READY
@@ -29,6 +30,13 @@ class ToolCommands(LeasedCommands):
     def give(self, command: Command) -> bool:
         """True once the command is written; False while the script does something else. Stops go through `brake`."""
         if not self.ready:
+            return False
+        self._write(on_grid(command))
+        return True
+
+    def go_on(self, command: Command) -> bool:
+        """True once the next value of the stream under way is written; False where none of its kind goes on."""
+        if row_of(command).id not in self._modes or self._busy or not self._running:
             return False
         self._write(on_grid(command))
         return True

@@ -152,6 +152,10 @@ class OwnLines:
         """True once the command is written. Its follower sees whether it is carried out."""
         return self._line is not None and self.up and self._line.give(command)
 
+    def follow(self, command: Command) -> bool:
+        """True once the next value of the stream under way is written; False where it has ended."""
+        return self._line is not None and self.up and self._line.follow(command)
+
     async def equip(self, mass_kg: float, centre_m: v.Three) -> bool:
         """True once the controller reckons with a payload of that mass in kg and centre in m."""
         line = self._line

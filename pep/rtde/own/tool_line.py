@@ -44,8 +44,11 @@ BEGINS_S: Final = 2.0
 READY_S: Final = 2.0
 """Longest wait for the control script to be done with what it was told before."""
 _STATE: Final = "runtime_state"
-_COMMANDS: Final = (1, 9, 17, 29)
-"""moveJ, speedJ, setPayload, setTcp: all that is commanded here; stops and watchdog come with `brake_registers`."""
+_COMMANDS: Final = (1, 9, 11, 17, 29)
+"""moveJ, speedJ, servoJ, setPayload, setTcp: all that is commanded here.
+
+Stops and watchdog come with `brake_registers`.
+"""
 _REGISTERS: Final = tuple(
     dict.fromkeys(
         (INT[OFFSET], *brake_registers(OFFSET), *sorted(frozenset().union(*(READS[n, OFFSET] for n in _COMMANDS))))
@@ -192,6 +195,12 @@ class ToolLine:
     def give(self, command: Command) -> bool:
         """True once the command is written; a script that waits for none is given none."""
         given = self.up and self.commands.give(command)
+        self.settle()
+        return given
+
+    def follow(self, command: Command) -> bool:
+        """True once the next value of the stream is written; False where it has ended."""
+        given = self.up and self.commands.go_on(command)
         self.settle()
         return given
 

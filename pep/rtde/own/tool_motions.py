@@ -14,15 +14,20 @@ from capabilities.values.errors import QuantityError
 from capabilities.values.units import Unit, parse
 from pep.base.errors import ActuationRefusedError
 from pep.base.operation_row import Moves
-from pep.base.operations import JOINTS, SPEED_JOINT, digest_of, targets_of
+from pep.base.operations import JOINTS, SPEED_JOINT, targets_of
+from pep.base.request_digest import digest_of
 from pep.gate.motion_slot import Slot
+from pep.pit.base.errors import MotionError
+from pep.pit.path.timed_curve import curve_of
 from pep.rtde.command import command_values as v
 from pep.rtde.motion.brake import Brake
 from pep.rtde.motion.governed_move import ARRIVED_RAD, SpeedControl, least_fraction
 from pep.rtde.motion.motion_follower import HandOver, Over, TargetProgress, TimedProgress, TimeLimit
 from pep.rtde.motion.motions import finished
 from pep.rtde.motion.standstill import MotionEnd, Standstill
+from pep.rtde.own.trajectory_stream import TargetWriter, TrajectoryProgress, target
 from pep.watch.watch import PAUSE_S, Alarm, MotionOutcome
+from pep.world.timed_request import request_of, trajectory_of
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -215,10 +220,12 @@ class ToolMotions:
         match operation.moves:
             case Moves.TO_JOINTS | Moves.THROUGH_JOINTS:
                 return await self._move(operation, numbers, permit)
+            case Moves.ALONG_TRAJECTORY:
+                return await self._along(permit)
             case Moves.AT_JOINT_SPEEDS:
                 return await self._at_speeds(numbers, permit)
             case Moves.FINGERS | Moves.FINGERS_WHOLE:
-                return await self._grip(operation, numbers, permit)
+                return await self._grip(operation, numbers, permit, begun=_nothing, brake=self._brake)
             case Moves.OUTPUT:
                 pin, value = numbers
                 await self._outputs.set(int(pin), bool(value), permit)
@@ -284,6 +291,31 @@ class ToolMotions:
         """True once the next leg is written; False after a stop, or where the controller does not take it."""
         return await self._lines.ready() and not self._stopped(permit) and self._lines.give(command)
 
+    async def _along(self, permit: Permit) -> MotionEnd:
+        """Follows the decided trajectory: it is taken from the request, and no argument of the tool's counts."""
+        if permit.request is None:
+            raise ActuationRefusedError(Reason.NOT_WHAT_WAS_DECIDED, "no trajectory was decided")
+        try:
+            trajectory = trajectory_of(permit.request)
+        except MotionError as error:
+            raise ActuationRefusedError(Reason(error.reason), error.detail) from error
+        speed, acceleration = permit.request.quantities
+        arm = await self._begins(permit)
+        watch = self._watching(permit)
+        curve = curve_of(trajectory)
+        sent = request_of(trajectory, speed=speed, acceleration=acceleration, audience=self._audience)
+        permit.spend(digest=sent.digest, stopped_ms=self._motions.stopper.stopped_ms)
+        if not self._lines.give(target(curve.q[0])):
+            raise ActuationRefusedError(Reason.EFFECT_FAILED, "the controller did not take the command")
+        arm.sent()
+        writer = TargetWriter(curve, self._lines, self._loop.time)
+        writing = asyncio.ensure_future(writer.write())
+        course = TrajectoryProgress(curve, writer, self._clock)
+        try:
+            return await self._motions.follow((course,), arm, watch, permit, brake=self._brake)
+        finally:
+            writing.cancel()
+
     async def _at_speeds(self, numbers: Sequence[float], permit: Permit) -> MotionEnd:
         """Moves at joint speeds for a time. A call that prolongs the stream waits for its end too."""
         try:
@@ -329,13 +361,39 @@ class ToolMotions:
             ended.set_result(end)
         return end
 
-    async def _grip(self, operation: Operation, numbers: Sequence[float], permit: Permit) -> GripResult:
+    async def grip(
+        self, operation: Operation, numbers: Sequence[float], permit: Permit, *, begun: Callable[[], None]
+    ) -> GripResult:
+        """Moves the fingers for a leased program; what is held afterwards is committed.
+
+        Args:
+            operation: `gripper_move` or `gripper_activate`.
+            numbers: its parameters in order, in SI units.
+            permit: of exactly these numbers.
+            begun: is called once the permit is spent, before anything is sent; what it raises keeps the fingers still.
+
+        Raises:
+            ActuationRefusedError: nothing was sent.
+            RobotError: the gripper cannot be reached, or is not ready.
+        """
+        return await self._grip(operation, numbers, permit, begun=begun, brake=self._halted)
+
+    async def _grip(
+        self,
+        operation: Operation,
+        numbers: Sequence[float],
+        permit: Permit,
+        *,
+        begun: Callable[[], None],
+        brake: Callable[[Reason], None],
+    ) -> GripResult:
         """Moves the fingers, by a connection of their own; the resting arm's angles place them."""
         arm = await self._motions.heard()
         watch = self._watching(permit)
         self._spend(operation, numbers, permit)
+        begun()
         sending = self._fingers.submit(self._send_fingers, operation, tuple(numbers), permit)
-        end = await self._motions.follow((FingersProgress(sending),), arm, watch, permit, brake=self._brake)
+        end = await self._motions.follow((FingersProgress(sending),), arm, watch, permit, brake=brake)
         try:
             grip = await asyncio.wrap_future(sending)
         except BaseException:
@@ -370,6 +428,10 @@ class ToolMotions:
         self._lines.stop()
         self._halt.take()
 
+    def _halted(self, reason: Reason) -> None:  # noqa: ARG002 - likewise
+        """Begins to stop the fingers. From any thread; never waits."""
+        self._halt.take()
+
     async def stop(self) -> MotionEnd:
         """Stops arm and fingers, and waits for the standstill. No earlier request moves them any more."""
         escalate = self._motions.stopper.stop
@@ -398,6 +460,10 @@ class ToolMotions:
         for pool in (self._fingers, self._reads):
             pool.shutdown(wait=False, cancel_futures=True)
         self._outputs.close()
+
+
+def _nothing() -> None:
+    """Does nothing: nobody waits for the beginning."""
 
 
 def _near(target: v.Six) -> Callable[[tuple[float, ...]], bool]:

@@ -13,9 +13,12 @@ if TYPE_CHECKING:
     from pep.rtde.robot.judge_port import ProgramOwner
 
 DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE = 29999, 30001, 30002, 30003, 30004
+GRIPPER: Final = 63352  # Robotiq URCap's socket
 READ_ONLY: Final = (30011, 30012, 30013)
 PORTS: Final = (DASHBOARD, PRIMARY, SECONDARY, REALTIME, RTDE, *READ_ONLY)
 """Ports of a UR controller that a client library uses."""
+LEASED_PORTS: Final = (*PORTS, GRIPPER)
+"""Ports that a program finds in a lease."""
 UNREAD_BYTES: Final = 1 << 20
 """Bytes kept for a client that does not read.
 

@@ -8,7 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
-from pep.base.operations import SET_DIGITAL_OUTPUT, digest_of
+from pep.base.operations import SET_DIGITAL_OUTPUT
+from pep.base.request_digest import digest_of
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
 from policies.words.reason_table import Reason
 

@@ -9,15 +9,14 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import PepFault, RobotError
 from pep.base.operations import FINGER_SPEED_UM_S, GRIP_MN, STROKE_UM
+from pep.rtde.command.gripper_commands import CLOSED, byte_of
+from pep.rtde.robot.connections import GRIPPER
 from pep.watch.watch import MotionOutcome
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 DRIVEN: Final = "robotiq_2f85"  # of the model's tools: another one has another stroke and other forces per register
-PORT: Final = 63352  # Robotiq URCap's socket
-REGISTER: Final = 255  # G1: one byte each for speed and force, linear
-CLOSED: Final = 228  # G1: position register at which the fingers touch; 255 is never reached
 ACTIVE: Final = 3  # G1: STA register
 ACTIVATION_S: Final = 10.0
 TIMEOUT_S: Final = 2.0
@@ -79,8 +78,8 @@ class RobotiqGripper:
             self._set(
                 link,
                 POS=round((STROKE_UM - width_um) * CLOSED / STROKE_UM),
-                SPE=_register(speed_um_s, *FINGER_SPEED_UM_S),
-                FOR=_register(force_mn, *GRIP_MN),
+                SPE=byte_of(speed_um_s, *FINGER_SPEED_UM_S),
+                FOR=byte_of(force_mn, *GRIP_MN),
                 GTO=1,
             )
             deadline = time.monotonic() + MOVE_S
@@ -145,7 +144,7 @@ class RobotiqGripper:
 
     def _connected(self) -> socket.socket:
         try:
-            return socket.create_connection((self._host, PORT), timeout=TIMEOUT_S)
+            return socket.create_connection((self._host, GRIPPER), timeout=TIMEOUT_S)
         except OSError as error:
             raise RobotError(PepFault.GRIPPER_UNREACHABLE, type(error).__name__) from error
 
@@ -167,8 +166,3 @@ class RobotiqGripper:
         except OSError as error:
             raise RobotError(PepFault.GRIPPER_UNREACHABLE, type(error).__name__) from error
         return answer.decode("ascii", "replace").strip()
-
-
-def _register(value: int, low: int, high: int) -> int:
-    """Byte nearest to `value` on the scale from `low` to `high`."""
-    return round((value - low) * REGISTER / (high - low))

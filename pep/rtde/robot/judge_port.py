@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Protocol
 if TYPE_CHECKING:
     from pep.request.authority import Credentials
     from pep.rtde.command.command_values import Command, Six
+    from pep.rtde.command.gripper_commands import GripperCommand
     from pep.rtde.command.io_commands import IoCommand
     from pep.rtde.script.move_path import Waypoint
     from pep.rtde.wire.refusal import InputRefusal
@@ -33,6 +34,10 @@ class Steps(Protocol):
         """Step of the last command with these as its angles or speeds, all else unchanged."""
         ...
 
+    def written(self, command: Command) -> Command:
+        """Command to write for the value that was taken last: itself, or the one that says its joint angles."""
+        ...
+
     def ended(self) -> None:
         """Ends the stream, by its program or by the line. Nothing more will be asked."""
         ...
@@ -51,7 +56,7 @@ class PendingCommand(Protocol):
     """Command that waits for its decision. No part of it has reached the controller. Answered once."""
 
     @property
-    def command(self) -> Command | IoCommand:
+    def command(self) -> Command | IoCommand | GripperCommand:
         """Command of the program."""
         ...
 
@@ -65,12 +70,18 @@ class PendingCommand(Protocol):
         """Owner by whose authority it is asked."""
         ...
 
-    def forward(self, steps: Steps | None = None) -> bool:
+    @property
+    def carried_out(self) -> bool:
+        """True once it was forwarded and the control script is through with it; from any thread."""
+        ...
+
+    def forward(self, steps: Steps | None = None, *, written: Command | None = None) -> bool:
         """True where it was sent exactly as judged; False when it waits no longer.
 
         Args:
             steps: judges the values that follow, of a command that the script reads in each cycle. Without it none
                 may follow.
+            written: what was judged, where that is another command than the program's ([LSD-14]).
         """
         ...
 

@@ -8,10 +8,11 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
+from capabilities.values.units import Unit, nearest
 from pep.rtde.command.fields import BLEND, JOINT_ACCELERATION, JOINT_SPEED, TOOL_ACCELERATION, TOOL_SPEED
 from pep.rtde.wire.refusal import InputRefusal
 from policies.words.reason_codes import Reason
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 
     from pep.rtde.command.command_values import Six
 
-MAX_WAYPOINTS: Final = 100
-"""Ours: far more than people decide about one by one."""
+MAX_WAYPOINTS: Final = 256
+"""Ours: as many as a request holds (`pep.base.operations.WAYPOINTS_MOST`)."""
 MAX_LINE: Final = 160
 """Bytes of a line without its end; the longest that ur_rtde can write has 139."""
 
@@ -124,6 +125,28 @@ def _waypoint(line: bytes, place: str) -> Waypoint | InputRefusal:
         if not span.low <= value <= span.high:
             return InputRefusal(Reason.ROBOT_LIMIT, place)
     return Waypoint(move, bool(pose), (x, y, z, rx, ry, rz), speed, acceleration, blend_m)
+
+
+def path_on_grid(path: Iterable[Waypoint]) -> tuple[Waypoint, ...]:
+    """Waypoints with their numbers rounded to whole units of a request."""
+    return tuple(map(_rounded, path))
+
+
+def _rounded(point: Waypoint) -> Waypoint:
+    speed, ramp = (
+        (Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2)
+        if point.move is PathMove.MOVEJ
+        else (Unit.MICROMETRE_PER_SECOND, Unit.MICROMETRE_PER_SECOND2)
+    )
+    x, y, z = (nearest(number, Unit.MICROMETRE if point.is_pose else Unit.MICRORADIAN) for number in point.target[:3])
+    rx, ry, rz = (nearest(number, Unit.MICRORADIAN) for number in point.target[3:])
+    return replace(
+        point,
+        target=(x, y, z, rx, ry, rz),
+        speed=nearest(point.speed, speed),
+        acceleration=nearest(point.acceleration, ramp),
+        blend_m=nearest(point.blend_m, Unit.MICROMETRE),
+    )
 
 
 def render_path(path: Iterable[Waypoint]) -> bytes:

@@ -24,6 +24,11 @@ class Record:
         cls._WIDTHS = tuple(int(word[:-1] or 0) for word in words)
 
     @classmethod
+    def size(cls) -> int:
+        """Bytes of the record."""
+        return cls._STRUCT.size
+
+    @classmethod
     def unpack(cls, body: bytes) -> Self:
         """The record of exactly these bytes."""
         if len(body) != cls._STRUCT.size:

@@ -43,7 +43,7 @@ from capabilities.statements import (
     ticket,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, envelope, mandate, opening, vote
+from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, vote
 from capabilities.statements import (
     trust as trust_bundle,
 )
@@ -157,6 +157,21 @@ ENVELOPED = envelope.Envelope(
     not_before=NOW,
     not_after=NOW + 600,
 )
+LATCHED = latch.Latch(
+    latch_id="1a" * 16,
+    issuer=ISSUER,
+    pep="cell-pep",
+    audience=CELL,
+    robot="ur3e",
+    cause=latch.LatchCause.WATCH,
+    reason="PERSON_NEAR",
+    tier=Tier.SAFETY_CRITICAL,
+    approvers=2,
+    request_id="1b" * 16,
+    at=NOW,
+    retreat=(latch.Retreat((latch.Turn(1, -200_000),), (0, -200_000, 0, 0, 0, 0), 100_000, Tier.CONSEQUENTIAL, 1_900),),
+)
+CLEARED = clearing.Clearing("1a" * 16, HEX, CELL, "ur3e", latch.LatchCause.WATCH, "carol", NOW + 120, NOW)
 STANDING = answers.Answers(
     ISSUER, CELL, "n" * 22, NOW * 1_000, (answers.AnsweredAsk("0a" * 16, "granted", ("vote",)),), ("opening",)
 )
@@ -314,6 +329,8 @@ KINDS = {
     vote: VOTED,
     opening: OPENED,
     envelope: ENVELOPED,
+    latch: LATCHED,
+    clearing: CLEARED,
     answers: STANDING,
     cell: SURVEY,
     manifest: LISTED,

@@ -13,7 +13,8 @@ from mcp import Client, MCPError
 from mcp.client.streamable_http import streamable_http_client
 from pep.base.clock import SystemClock
 from pep.base.errors import ActuationRefusedError
-from pep.base.operations import MOVE_JOINT, digest_of
+from pep.base.operations import MOVE_JOINT
+from pep.base.request_digest import digest_of
 from pep.base.ports import RegisteredTool
 from pep.mcp.arm_server import arm_server, tool_definitions
 from pep.mcp.body_screen import screen

@@ -10,13 +10,18 @@ from capabilities.values.scope import Grant, Limit, Tier
 from pep.base.clock import SystemClock
 from pep.base.operations import (
     MOVE_LINEAR,
+    MOVE_UNTIL_CONTACT,
+    MOVE_WAYPOINTS,
     OPERATIONS,
     SERVO_JOINT,
+    SERVO_LINEAR,
     SET_PAYLOAD,
     SET_SPEED_SLIDER,
     SET_TCP,
     SPEED_LINEAR,
+    ZERO_FORCE_SENSOR,
 )
+from pep.base.request_digest import digest_of
 from pep.base.ports import RemainingVerdict
 from pep.gate.motion_slot import Slot
 from pep.perception.sensor_frames import Seen
@@ -25,31 +30,48 @@ from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.motion.motions import Motions
 from pep.rtde.lease.lease import Lease
+from pep.rtde.robot.gripper import GripResult
 from pep.rtde.robot.state_receiver import JointState
 from pep.rtde.wire.client_texts import fits
 from pep.watch.watch import Watch, WatchAges
 from pep.world.cell_stream import Judged, Shown
+from pep.world.held_object import CommittedGrip, DeclaredLoad
+from pep.world.tool_poses import ToolPoses
 from policies.words.parameters import Parameters
 from tests.pep.kit import AUDIENCE, Rig, full_scope, reading
+from tests.pep.pit.scenes import CELL, ROBOT
 from tests.pep.rtde.packages import package
 
 from pep.rtde.command import command_values as v
 
 HERE = (0.0,) * 6
 THERE = (0.5, 0.0, 0.0, 0.0, 0.0, 0.0)
-FITTED = ToolSetup((0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058))
+LOAD = DeclaredLoad("cube", 1.325, (0.0, 0.0, 0.09))
+FITTED = ToolSetup((0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058), (LOAD,))
+POSES = ToolPoses(CommittedGrip(ROBOT, CELL))
 LIMITS = {each.name: {one.parameter.name: one.bound for one in each.limits} for each in OPERATIONS}
-LEASED = (MOVE_LINEAR, SPEED_LINEAR, SERVO_JOINT, SET_SPEED_SLIDER, SET_PAYLOAD, SET_TCP)
+LEASED = (
+    MOVE_LINEAR,
+    MOVE_UNTIL_CONTACT,
+    MOVE_WAYPOINTS,
+    SPEED_LINEAR,
+    SERVO_JOINT,
+    SERVO_LINEAR,
+    SET_SPEED_SLIDER,
+    SET_PAYLOAD,
+    SET_TCP,
+    ZERO_FORCE_SENSOR,
+)
 
 
 def leased_scope(at, *, without=(), limits=None, **changes):
-    """As `full_scope`, with all that a leased program can ask for."""
+    """As `full_scope`, with all that a leased program can ask for, and without the trajectory of a tool."""
     scope = full_scope(at, **changes)
     own = {**LIMITS, **(limits or {})}
     more = [
         Grant("ur3e", each.name, tuple(Limit(p, own[each.name][p.name]) for p in each.parameters)) for each in LEASED
     ]
-    grants = [grant for grant in (*scope.grants, *more) if grant.operation not in without]
+    grants = [grant for grant in (*scope.grants, *more) if grant.operation not in {*without, "follow_trajectory"}]
     return replace(scope, grants=tuple(sorted(grants, key=lambda grant: grant.operation)))
 
 
@@ -139,16 +161,20 @@ class Held:
     answers: list = field(default_factory=list)
     steps: object = None
     before: object = None
+    written: object = None
 
-    def forward(self, steps=None):
+    def forward(self, steps=None, *, written=None):
         if not self.waits:
             return False
+        self.written = written or self.command
         self.answers.append("forward")
         self.steps = steps
         if self.before is not None:
             self.before()
-        self.arm.take(self.command)
+        self.arm.take(self.written)
         return True
+
+    carried_out = False
 
     def deny(self, reason, told):
         assert told.startswith(str(reason))
@@ -183,6 +209,9 @@ class Certifying:
         self.values.append((value, state, authorised_milli))
         return self.answer() if callable(self.answer) else self.answer
 
+    def strays(self, state):
+        return ""
+
 
 class House(Rig):
     """A robot with a judge before it, and a lease. The gate's physics says what a test says."""
@@ -191,7 +220,7 @@ class House(Rig):
         super().__init__(tmp, clock=SystemClock())
 
     def __post_init__(self):
-        self.arm, self.certifying, self.hurried = Arm(), Certifying(), []
+        self.arm, self.certifying, self.hurried, self.loads, self.grips = Arm(), Certifying(), [], [], []
         self.rest = RemainingVerdict(holds=True, index_milli=900, cause="", fault="", age_ms=20)
         self.seen, self.starts = Seen((), 20), HERE
         super().__post_init__()
@@ -229,7 +258,10 @@ class House(Rig):
             acts=self,
             remaining=self,
             certifying=self.begin_stream,
+            posing=POSES,
+            declared=self.loads.append,
             watching=self.watching,
+            fingers=self,
             record=self.gate.record,
             parameters=Parameters(),
             audience=AUDIENCE,
@@ -247,8 +279,15 @@ class House(Rig):
             clock=self.clock,
         )
 
-    def begin_stream(self, touch):
+    def begin_stream(self, touch, led=None):
         return self.certifying
+
+    async def grip(self, operation, numbers, permit, *, begun):
+        """As `ToolMotions.grip`, of fingers that are there at once."""
+        permit.spend(digest=digest_of(operation, numbers, audience=AUDIENCE), stopped_ms=self.arm.stopped_ms)
+        begun()
+        self.grips.append((operation.name, numbers))
+        return GripResult(85_000, object=False, arrived=True)
 
     def watching(self, permit, *, remaining):
         return Watch(

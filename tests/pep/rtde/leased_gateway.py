@@ -11,6 +11,7 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from pathlib import Path
+from types import SimpleNamespace
 
 from pep.base.thread_priority import goes_first
 from pep.rtde.lease.lease import LeaseEnding
@@ -96,17 +97,23 @@ class Count(WholeCommands):
         self.judge.note("ended", None)
 
 
+class Anybody:
+    """Owner of a lease, whose token grants nothing."""
+
+    credentials = SimpleNamespace(chain=None)
+
+
 class Holding:
     """Everybody who comes has the same lease."""
 
     def __init__(self, ports):
-        self.ports, self.lease = ports, object()
+        self.ports, self.lease = ports, Anybody()
 
     async def open(self, lease, port, back):
         return await self.ports.open(self.lease, port, back)
 
     def closed(self, lease):
-        self.lease = object()
+        self.lease = Anybody()
 
 
 async def serve(listen, robot, file, judged=Judge):

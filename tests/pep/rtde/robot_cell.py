@@ -7,14 +7,18 @@ import asyncio
 import contextlib
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from functools import partial
 
 from pep.rtde.judge.command_judge import LeasedJudge
 from pep.rtde.judge.command_requests import ToolSetup
 from pep.rtde.judge.execution import LeasedEffects
 from pep.rtde.motion.motions import Motions
+from pep.pit.scene.cell import Part
 from pep.rtde.robot.dashboard import RemoteControl
 from pep.watch.watch import Watch, WatchAges
+from pep.world.tool_poses import ToolPoses
+from pep.world.held_object import CommittedGrip
 from policies.words.parameters import Parameters
 from tests.pep import kit
 from tests.pep.kit import AUDIENCE
@@ -27,6 +31,7 @@ from pep.pit import surveyed
 
 TOOL = ROBOT.tool
 FITTED = ToolSetup((*TOOL.tcp_m, 0.0, 0.0, 0.0), TOOL.mass_kg, TOOL.com_m)
+PART = Part("cube", 0.4)
 FRAMES_S = 0.05
 """Between two frames of the sensor."""
 
@@ -51,7 +56,8 @@ class RobotCell(World):
             program: what the controller runs, for its readiness.
             commanding: whether the connection that commands stands.
         """
-        self.cell = surveyed(kit.survey(self.clock.wall_s()), CELL)
+        self.cell = surveyed(kit.survey(self.clock.wall_s()), replace(CELL, parts=(PART,)))
+        self.grip = CommittedGrip(ROBOT, self.cell)
         self.at()
         self.state = state
         self.readiness = readiness(state, RemoteControl(host), program, commanding, robot=ROBOT, holding=self.holding())
@@ -69,13 +75,22 @@ class RobotCell(World):
                     starts=self.physics, hurry=lambda *, moving: None, state=self.state, stopper=stopper, clock=self.clock,
                     pause=time.sleep,
                 ),
-                acts=self.physics, remaining=self.physics, certifying=self.begin_stream, watching=watching,
+                acts=self.physics, remaining=self.physics, certifying=self.begin_stream, posing=ToolPoses(self.holding()),
+                declared=self.holding().declared, watching=watching, fingers=None,
                 record=self.gate.record, parameters=Parameters(), audience=AUDIENCE, clock=self.clock,
             ),
-            asks=self.asks, registry=self.registry, readiness=self.readiness, stopper=stopper, fitted=lambda: FITTED, audience=AUDIENCE,
+            asks=self.asks, registry=self.registry, readiness=self.readiness, stopper=stopper, fitted=self.fitted, audience=AUDIENCE,
             clock=self.clock,
         )  # fmt: skip
         return self.judge_
+
+    def holding(self):
+        """The fingers, with what a program has said is in them."""
+        return self.grip
+
+    def fitted(self):
+        grip = self.grip
+        return ToolSetup((*TOOL.tcp_m, 0.0, 0.0, 0.0), grip.carried_kg, grip.centre_m, grip.loads)
 
     async def see(self):
         """The sensor's frames."""

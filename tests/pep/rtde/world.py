@@ -61,8 +61,10 @@ class World(House):
         )
         assert isinstance(self.frames.admit(observation.sign(seen, self.key).encode()), SensorFrame)
 
-    def begin_stream(self, touch):
-        return CellStream(holding=self.holding(), cell=self.cell, frames=self.frames, touch=touch, clock=self.clock)
+    def begin_stream(self, touch, led=None):
+        return CellStream(
+            holding=self.holding(), cell=self.cell, frames=self.frames, touch=touch, clock=self.clock, led=led
+        )
 
     def decided(self, command):
         """The held command, decided; what was forwarded is stopped at once."""

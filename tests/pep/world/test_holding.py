@@ -1,8 +1,11 @@
 """Held object: committed from the gripper's own word and the sensors' view, with its effect on the arm."""
 
 import asyncio
+import math
 from dataclasses import replace
 
+import numpy as np
+import pinocchio
 import pytest
 from pep.base.errors import PepFault, RobotError
 from pep.perception.sensor_frames import Seen
@@ -16,6 +19,7 @@ from ztpm.point import robot as composition
 
 ARM = Robot.load("ur3e")
 Q = (0.0, -1.6595, 1.8752, -1.7865, -1.57, 0.0)
+STRETCHED = (0.0,) * 6
 CELL = CellParameters(parts=(Part("part-1", 0.4, blunt=True),))
 
 
@@ -34,6 +38,56 @@ def test_a_known_part_between_the_fingers_is_held_with_its_mass():
     holding.released()
     assert (holding.held, holding.carried_kg, holding.robot.model_digest) == (None, empty_kg, empty_model)
     assert holding.centre_m == pytest.approx(ARM.tool.com_m)
+
+
+@pytest.mark.clause("LSD-13")
+def test_a_program_may_say_which_declared_part_it_holds():
+    part = Part("part-1", 0.4, centre_m=(0.0, 0.02, 0.2))
+    holding = CommittedGrip(ARM, CellParameters(parts=(part,)))
+    empty, loaded = holding.loads
+    assert (empty.object, empty.mass_kg) == ("", holding.carried_kg)
+    assert empty.centre_m == pytest.approx(ARM.tool.com_m)
+    holding.declared(loaded)
+    assert (holding.held.object, holding.held.mass_kg) == ("part-1", 0.4)
+    assert (holding.carried_kg, holding.centre_m) == (loaded.mass_kg, loaded.centre_m)
+    moments = [
+        ARM.tool.mass_kg * own + part.mass_kg * at for own, at in zip(ARM.tool.com_m, part.centre_m, strict=True)
+    ]
+    assert loaded.centre_m == pytest.approx([moment / loaded.mass_kg for moment in moments])
+    shape = holding.held.shape
+    for point in (ARM.tool.tcp_m, part.centre_m):
+        assert math.dist(holding.held.center_m, point) + CELL.unknown_part_m <= shape.radius_m + 1e-12
+    assert holding.loads == (empty, loaded), "it may be put down"
+    holding.declared(empty)
+    assert holding.held is None
+
+
+def gravity_nm(robot, q):
+    return pinocchio.computeGeneralizedGravity(robot.pinocchio, robot.pinocchio.createData(), np.array(q))
+
+
+@pytest.mark.clause("LSD-13")
+def test_a_declared_load_turns_the_joints_more():
+    holding = CommittedGrip(ARM, CellParameters(parts=(Part("part-1", 1.4),)))
+    before = gravity_nm(holding.robot, STRETCHED)
+    holding.declared(holding.loads[1])
+    more_nm = np.abs(gravity_nm(holding.robot, STRETCHED)) - np.abs(before)
+    out_m = abs(tool_position(ARM, STRETCHED)[0])
+    assert more_nm[1] == pytest.approx(1.4 * 9.81 * out_m, rel=0.05)
+
+
+@pytest.mark.clause("LSD-13")
+def test_what_the_gripper_tells_is_not_said_otherwise():
+    holding = CommittedGrip(ARM, CELL)
+    empty, loaded = holding.loads
+    holding.closed_on_unknown()
+    assert holding.loads == ()
+    for load in (empty, loaded):
+        holding.declared(load)
+    assert (holding.held.object, holding.held.mass_kg) == ("", None)
+    holding.released()
+    assert holding.loads == (empty, loaded)
+    assert CommittedGrip(ARM, replace(CELL, payload_kg=None)).loads == (), "nobody knows what is mounted"
 
 
 @pytest.mark.parametrize("shown", [[], [between_the_fingers("part-1"), between_the_fingers("part-2")]])

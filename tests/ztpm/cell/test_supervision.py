@@ -42,9 +42,10 @@ class PretendedCell:
     """Keeps what was started, in order."""
 
     class addresses:
-        host = "127.77.0.12"
+        controller_host = "127.77.0.12"
 
-    def __init__(self):
+    def __init__(self, *, simulated=True):
+        self.simulated = simulated
         self.children, self.did, self.failures = {"idp": Pretended("identity provider")}, [], collections.Counter()
 
     def start(self, name, options=()):
@@ -99,8 +100,8 @@ def stops(monkeypatch):
 
 
 class Kept:
-    def __init__(self, tmp_path, log):
-        self.now, self.cell, self.ended = 0.0, PretendedCell(), Ended()
+    def __init__(self, tmp_path, log, **options):
+        self.now, self.cell, self.ended = 0.0, PretendedCell(**options), Ended()
         self.path, self.log = tmp_path / "scene.json", tmp_path / "up.log"
         self.supervision = Supervision(
             self.cell, scene=SceneFile(self.path, log), log=log, ended=self.ended, clock=lambda: self.now
@@ -187,6 +188,20 @@ def test_the_arm_is_stopped_when_the_gateway_dies_and_not_when_it_ends(kept, sto
     assert kept.cell.children == {}
 
 
+def test_a_controller_and_sensors_that_are_there_are_no_processes(tmp_path, log, stops):
+    kept = Kept(tmp_path, log, simulated=False)
+    assert set(kept.cell.children) == {"idp", "gateway", "tools"}
+    kept.path.write_text('{"people": []}')
+    kept.supervision.look()
+    assert kept.cell.did == []
+    guard = kept.supervision._guard
+    kept.cell.gateway.die(-9)
+    guard.join(10)
+    assert stops == ["127.77.0.12"]
+    kept.supervision.look()
+    assert [each[0] for each in kept.cell.did] == ["gateway"]
+
+
 def test_an_arm_that_cannot_be_stopped_is_on_record(kept, monkeypatch):
     def refuse(host):
         raise RobotError(PepFault.ROBOT_UNREACHABLE, "gone")
@@ -198,13 +213,16 @@ def test_an_arm_that_cannot_be_stopped_is_on_record(kept, monkeypatch):
     assert len(kept.events("stop-failed")) == 1
 
 
-PERSON = {"people": [{"id": "p1", "x_m": 1.0, "y_m": 0.0}]}
+PEOPLE = {"people": [{"id": "p1", "standing_adult": {"x_m": 1.0, "y_m": 0.0}}]}
+PERSON = {"form": "ztpm-world/1", "frame": "base", "view": PEOPLE}
+OLD_PERSON = {"people": [{"id": "p1", "x_m": 1.0, "y_m": 0.0}]}
 
 
-def test_a_sensor_sees_the_scene_before_it_sends_a_frame(kept):
-    kept.path.write_text(json.dumps(PERSON))
+@pytest.mark.parametrize("file", [PERSON, OLD_PERSON])
+def test_a_sensor_sees_the_scene_before_it_sends_a_frame(kept, file):
+    kept.path.write_text(json.dumps(file))
     kept.supervision.look()
-    expected = [{**PERSON, "objects": []}, {"pause": False}]
+    expected = [{**PEOPLE, "objects": []}, {"pause": False}]
     assert kept.cell.sensor.told[-2:] == expected
     kept.cell.sensor.die()
     kept.supervision.look()

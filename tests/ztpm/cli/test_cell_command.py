@@ -1,15 +1,18 @@
-"""`ztpm cell sign` and `ztpm cell show`: the signed file is the one that a tool server takes.
+"""`ztpm cell`: begun, drafted, checked, signed and shown; the signed file is the one that a gateway takes.
 
 Nothing else is signed.
 """
 
 import json
 import time
+import tomllib
 
 import pytest
 from capabilities.statements.observation import Box, Sphere
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.scope import Tier
+from docs import generate
+from pep.pit.files.world_file import checked
 from typer.testing import CliRunner
 
 from capabilities.keys import keys
@@ -136,8 +139,8 @@ def test_a_bad_draft_is_not_signed(desk, name):
 @pytest.mark.parametrize(
     ("old", "new", "named"),
     [
-        ("tier = 4", "tier = 5", "'store' in zones[1].tier: "),
-        ('kind = "rigid"', 'colour = "red"', "'table' in objects[0]"),
+        ("tier = 4", "tier = 5", "cell.zones.1.tier: 'store': "),
+        ('kind = "rigid"', 'colour = "red"', "cell.objects.0.colour: 'table': "),
         ("[[contacts]]\nobject", "[contacts]\nobject", "not TOML: "),
     ],
 )
@@ -189,3 +192,135 @@ def test_neither_by_another_key_nor_out_of_force(desk):
     (desk / "old.jws").write_text(cell.sign(replace(stated, not_before=0, not_after=86_400), KEY))
     ended, said = run("show", desk / "old.jws", "--signer", SIGNER)
     assert (ended, said["code"]) == (3, "EXPIRED")
+
+
+# ---- begun, drafted, checked
+
+
+EXAMPLES = generate.SCHEMAS.parent / "examples"
+
+
+def said(*arguments):
+    """Exit status, standard output and standard error of a command without --json."""
+    result = CliRunner().invoke(app, ["cell", *map(str, arguments)])
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exception
+    return result.exit_code, result.stdout, result.stderr
+
+
+@pytest.mark.parametrize("robot", ["ur3e", "ur5e", "ur10e", "ur16e"])
+def test_a_new_draft_is_without_fault_for_its_robot(desk, robot):
+    assert said("new", "--robot", robot, "--tool", "robotiq_hande", "--out", desk / "new.toml")[0] == 0
+    found = checked(tomllib.loads((desk / "new.toml").read_text()))
+    assert (found.faults, found.remarks, found.situation.robot) == ((), (), robot)
+    assert run("check", desk / "new.toml") == (
+        0,
+        {"ok": True, "use": "draft of a cell file", "faults": [], "warnings": []},
+    )
+
+
+def test_a_new_draft_is_not_written_over_a_file_nor_for_an_arm_that_is_none(desk):
+    assert said("new", "--out", desk / "draft.toml")[0] == 2
+    assert (desk / "draft.toml").read_text() == DRAFT
+    assert said("new", "--robot", "ur4e")[0] == 2
+    assert said("new", "--tool", "claw")[0] == 2
+    assert said("new")[1].startswith("#")
+
+
+def test_what_is_seen_becomes_a_draft(desk):
+    status, text, beside = said("draft", EXAMPLES / "convex.scene.json")
+    value = tomllib.loads(text)
+    assert status == 0
+    assert [each["name"] for each in value["cell"]["objects"]] == ["table", "ramp", "gem"]
+    assert "(1)" in beside
+    assert checked(value).faults == ()
+    scene = desk / "scene.json"
+    shape = {"type": "sphere", "center_m": [0.4, 0.4, 0.1], "radius_m": 0.05}
+    scene.write_text(json.dumps({"objects": [{"id": "cup", "kind": "fragile", "shape": shape}]}))
+    added = tomllib.loads(said("draft", scene, "--cell", desk / "draft.toml")[1])
+    assert [each["name"] for each in added["cell"]["objects"]] == ["table", "cup"]
+    assert (added["cell"]["name"], added["cell"]["payload_kg"]) == ("bench-3", 0.25)
+    assert said("draft", desk / "draft.toml")[0] == 2, "nothing is seen there"
+
+
+def test_a_check_tells_every_fault_with_a_code_and_every_warning(desk):
+    bad = (
+        DRAFT.replace('kind = "rigid"', 'kind = "rigd"').replace("tier = 4", "tier = 9").replace("payload_g", "payload")
+    )
+    (desk / "draft.toml").write_text(bad)
+    status, told = run("check", desk / "draft.toml")
+    assert (status, told["ok"], told["code"]) == (2, False, "DRAFT_MALFORMED")
+    assert [each["place"] for each in told["faults"]] == ["cell.objects.0.kind", "cell.zones.1.tier", "cell.payload"]
+    assert all(each["next"] for each in told["faults"])
+    (desk / "draft.toml").write_text(DRAFT.replace("[0, 500_000, 200_000]", "[0, 1_500_000, 200_000]"))
+    status, told = run("check", desk / "draft.toml")
+    assert (status, [(each["code"], each["name"]) for each in told["warnings"]]) == (
+        0,
+        [("ZONE_OUTSIDE_WORKSPACE", "press")],
+    )
+    assert run("check", desk / "draft.toml", "--strict")[0] == 1
+    assert "ZONE_OUTSIDE_WORKSPACE" in said("check", desk / "draft.toml")[1]
+
+
+def test_a_name_that_deceives_is_shown_by_its_letters(desk):
+    (desk / "draft.toml").write_text(DRAFT.replace('name = "press"', 'name = "pr\u0435ss\u202e"'))
+    status, _, beside = said("check", desk / "draft.toml")
+    assert status == 2
+    assert "U+0435" in beside
+    assert "\u202e" not in beside
+
+
+def test_scenes_are_checked_as_scenes(desk):
+    for file in sorted(EXAMPLES.glob("*.scene.json")):
+        assert run("check", file) == (0, {"ok": True, "use": "scene of a question", "faults": [], "warnings": []})
+    scene = json.loads((EXAMPLES / "c1-glass.scene.json").read_text())
+    scene["view"]["objects"][0]["id"] = "table"
+    (desk / "scene.json").write_text(json.dumps(scene))
+    status, told = run("check", desk / "scene.json")
+    assert (status, told["use"], told["faults"][0]["place"]) == (2, "scene of a question", "scene.view.objects.0")
+
+
+# ---- shown
+
+
+def test_what_is_shown_is_what_is_signed_again(desk):
+    sign(desk)
+    status, text, beside = said("show", desk / "cell.jws", "--signer", SIGNER)
+    assert (status, "alice" in beside) == (0, True)
+    (desk / "again.toml").write_text(text)
+    assert said("show", desk / "again.toml")[1] == text
+    assert run("sign", desk / "again.toml", "--key", desk / "alice.key", "--out", desk / "again.jws")[0] == 0
+    assert said("show", desk / "again.jws", "--signer", SIGNER)[1] == text
+    assert said("show", desk / "draft.toml")[1] == text, "an old draft is shown in the words of today"
+    value = run("show", desk / "cell.jws", "--signer", SIGNER)[1]["file"]
+    (desk / "again.json").write_text(json.dumps(value))
+    assert said("show", desk / "again.json")[1] == text
+
+
+def test_a_robot_is_shown_of_a_draft_and_is_not_signed(desk):
+    new = said("new", "--robot", "ur5e")[1].replace('"alice"', '"carol"')
+    (desk / "new.toml").write_text(new)
+    assert 'robot = "ur5e"' in said("show", desk / "new.toml")[1]
+    assert run("sign", desk / "new.toml", "--key", desk / "alice.key", "--out", desk / "new.jws")[0] == 0
+    assert "robot =" not in said("show", desk / "new.jws", "--signer", SIGNER)[1]
+
+
+def test_a_cell_is_drawn_without_a_motion(desk):
+    sign(desk)
+    for source, more in ((desk / "draft.toml", ()), (desk / "cell.jws", ("--signer", SIGNER))):
+        assert said("show", source, *more, "--picture", desk / "cell.html")[0] == 0
+        text = (desk / "cell.html").read_text()
+        assert all(name in text for name in ("bench-3", "press", "store", "table"))
+        (desk / "cell.html").unlink()
+    assert said("show", EXAMPLES / "c2-person.scene.json", "--robot", "ur10e", "--picture", desk / "scene.html")[0] == 0
+    assert "anna" in (desk / "scene.html").read_text()
+    assert said("show", desk / "draft.toml", "--picture", desk / "cell.gif")[0] == 2
+    assert said("show", desk / "draft.toml", "--picture", desk / "no" / "cell.html")[0] == 2
+    assert said("show", desk / "draft.toml", "--robot", "ur4e", "--picture", desk / "cell.html")[0] == 2
+
+
+def test_a_scene_is_not_signed(desk):
+    scene = EXAMPLES / "c1-glass.scene.json"
+    status, told = run("sign", scene, "--key", desk / "alice.key", "--out", desk / "cell.jws")
+    assert (status, told["code"]) == (2, "DRAFT_MALFORMED")
+    assert "view" in {each["place"] for each in told["faults"]}
+    assert not (desk / "cell.jws").exists()

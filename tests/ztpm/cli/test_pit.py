@@ -356,3 +356,48 @@ def test_without_matplotlib_the_png_says_so(pit, tmp_path, monkeypatch):
     assert "ztpm[viz]" in ran.json["detail"]
     assert not (tmp_path / "a.png").exists()
     assert pit("c1-glass.scene.json", "sweep.motion.json", "--picture", tmp_path / "a.html").status == 0
+
+
+# ---- trajectories of others
+
+
+@pytest.mark.parametrize("ending", ["csv", "json", "yaml"])
+def test_a_trajectory_of_a_planner_has_an_answer_a_proof_and_the_arguments_of_a_tool(pit, run, tmp_path, ending):
+    proof, page = tmp_path / "plan.proof", tmp_path / "plan.html"
+    file = f"plan.trajectory.{ending}"
+    ran = pit("c0-empty.scene.json", file, "--json", "--proof", proof, "--picture", page)
+    assert (ran.status, ran.json["tier"]) == (0, 1)
+    assert ran.json["certificate"]["verified"] is True
+    carried = ran.json["gateway"]
+    assert (carried["carries"], carried["operation"]) == (True, "follow_trajectory")
+    assert len(carried["arguments"]["times_s"]) == len(carried["arguments"]["positions_rad"])
+    assert run("pit", "verify", proof, "--scene", example("c0-empty.scene.json"), "--motion", example(file)).status == 0
+    assert "<html" in page.read_text()[:200]
+
+
+def test_one_that_no_gateway_carries_says_why(pit, tmp_path):
+    """The last wrist may turn faster than a request may say."""
+    file = tmp_path / "quick.csv"
+    rows = [f"{t},0,-1.6,1.2,-1.2,-1.57,{q}" for t, q in ((0, 0), (0.5, 0.6), (1.0, 3.2), (1.5, 5.8), (2.0, 6.2))]
+    file.write_text("\n".join(["time_s,q0,q1,q2,q3,q4,q5", *rows]))
+    ran = pit("c0-empty.scene.json", file, "--json")
+    assert ran.json["gateway"]["carries"] is False
+    assert "speed" in ran.json["gateway"]["why"]
+
+
+@pytest.mark.parametrize(
+    ("row", "reason", "place"),
+    [
+        ("1.0,nan,-1.6,1.2,-1.2,-1.57,0", "NOT_FINITE", "line 3"),
+        ("0,0.1,-1.6,1.2,-1.2,-1.57,0", "OUT_OF_RANGE", "point 1"),
+        ("0.1,2.0,-1.6,1.2,-1.2,-1.57,0", "ROBOT_LIMIT", "point 1"),
+        ("9,0.1,-1.6,9,-1.2,-1.57,0", "ROBOT_LIMIT", "point 1"),
+    ],
+)
+def test_one_that_is_refused_names_its_line_or_point(pit, tmp_path, row, reason, place):
+    file = tmp_path / "bad.csv"
+    file.write_text("\n".join(["time_s,q0,q1,q2,q3,q4,q5", "0,0,-1.6,1.2,-1.2,-1.57,0", row]))
+    ran = pit("c0-empty.scene.json", file)
+    assert ran.status == 3
+    assert ran.err.startswith(reason)
+    assert place in ran.err

@@ -68,6 +68,27 @@ def test_what_is_not_known_or_not_well_is_said_and_not_left_out(picture):
     assert page.count("<section") == 7
 
 
+@pytest.mark.clause("LSD-21")
+def test_a_latch_is_on_the_page_with_the_way_to_clear_it():
+    latch = {
+        "latched": True,
+        "latch_id": "1a" * 16,
+        "cause": "watch",
+        "reason": "IMPACT_ROSE",
+        "tier": 4,
+        "approvers": 2,
+    }
+    for robot in (PICTURE.robot, {"fault": "ROBOT_STALLED"}):
+        page = render(replace(PICTURE, robot=robot | {"latch": latch}))
+        for shown in (
+            "latched after watch IMPACT_ROSE",
+            "two people have to clear it",
+            f"ztpm latch clear {'1a' * 16}",
+        ):
+            assert shown in page
+    assert "latch" not in render(replace(PICTURE, robot=PICTURE.robot | {"latch": {"latched": False}}))
+
+
 def test_which_kinematics_count_is_on_the_page():
     nominal = replace(PICTURE, robot=PICTURE.robot | {"calibration": None, "uncertainty_mm": 7.5})
     assert "nominal kinematics; reckoned to 7.5 mm" in render(nominal)

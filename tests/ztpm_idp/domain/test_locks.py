@@ -67,6 +67,7 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
         "tokens_from",
         "envelope",
         "envelopes_of",
+        "latch",
         "session_keys_of",
         "login",
         "oauth",

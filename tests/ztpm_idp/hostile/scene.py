@@ -9,10 +9,14 @@ from urllib.parse import urlencode, urlsplit
 
 from capabilities.keys import keys
 from capabilities.statements.people import mandate
+from capabilities.statements.people.clearing import Clearing
+from capabilities.statements.people.latch import Latch, LatchCause
+from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
 from msgspec import structs
 from tests.unread import unread
-from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.login.browser import Browser
 from tests.ztpm_idp.login.test_devices import Terminal, confirmed
@@ -22,7 +26,7 @@ from tests.ztpm_idp.routes.test_endpoints import known as marked
 from tests.ztpm_idp.world import AUDIENCE, LOWER, MEASUREMENT, World
 from ztpm_idp.client.envelopes import Bounds, around
 
-from capabilities.statements.people import ask, envelope
+from capabilities.statements.people import ask, clearing, envelope, latch
 from ztpm_idp.client import ClientError, delegate_request, issue_request
 
 OTHER = "http://127.0.0.1:8801/mcp"
@@ -249,6 +253,31 @@ def _enveloped(s: Scene):
     return f"/envelopes/{found['envelope_id']}/revoke", {"reason": "odd"}
 
 
+def _fallen(s: Scene) -> str:
+    stated = Latch(
+        latch_id=secrets.token_hex(16), issuer=s.world.issuer, pep=PEP, audience=AUDIENCE, robot="ur3e",
+        cause=LatchCause.WATCH, reason="", tier=Tier(1), approvers=1, request_id="", at=s.cell.now, no_retreat="BUSY",
+    )  # fmt: skip
+    return unread(latch, stated, s.world.private[PEP])
+
+
+def _latched(s: Scene) -> tuple[str, str]:
+    text = _fallen(s)
+    return accepted(s.cell.post(PEP, "/latches", {"latch": text}))["latch_id"], text
+
+
+def _cleared(s: Scene):
+    latch_id, text = _latched(s)
+    at = s.cell.now
+    stated = Clearing(latch_id, digest_of(text), AUDIENCE, "ur3e", LatchCause.WATCH, "carol", at + 60, at)
+    return f"/latches/{latch_id}/clearings", {"clearing": unread(clearing, stated, s.world.private["carol"])}
+
+
+def _passkey_clearing(s: Scene):
+    nothing = {"credential": "AA", "authenticator": "AA", "client": "AA", "signature": "AA"}
+    return f"/latches/{_latched(s)[0]}/passkey-clearings", {"clearing": {}, "assertion": nothing}
+
+
 def _lent(s: Scene):
     lent = lambda: {row["id"] for row in s.world.known("alice").get("/oauth/lent").json()}
     before = lent()
@@ -270,7 +299,18 @@ def _restorable(s: Scene) -> str:
     return f"/agents/{name}/restore"
 
 
-PEOPLE_LISTS = ("/people", "/changes", "/openings", "/envelopes", "/mandates", "/agents", "/peps", "/sensors", "/tools")
+PEOPLE_LISTS = (
+    "/people",
+    "/changes",
+    "/openings",
+    "/envelopes",
+    "/latches",
+    "/mandates",
+    "/agents",
+    "/peps",
+    "/sensors",
+    "/tools",
+)
 OPEN_READS = (
     "/livez", "/healthz", "/readyz", "/trust", "/trust/signed", "/passkeys/passkey.js", "/oauth/jwks",
     "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/openapi.json", "/metrics",
@@ -358,6 +398,12 @@ REQUESTS = {
     "POST /approvals/{ask_id}/votes": _vote,
     "POST /openings": lambda s: ("/openings", {"opening": s.cell.opening("carol", agent="helper")}),
     "POST /openings/{opening_id}/withdraw": _opened,
+    "POST /latches": lambda s: ("/latches", {"latch": _fallen(s)}),
+    "GET /latches": lambda s: ("/latches",),
+    "GET /latches/{latch_id}": lambda s: (f"/latches/{_latched(s)[0]}",),
+    "GET /latches/{latch_id}/page": lambda s: (f"/latches/{_latched(s)[0]}/page",),
+    "POST /latches/{latch_id}/clearings": _cleared,
+    "POST /latches/{latch_id}/passkey-clearings": _passkey_clearing,
     "POST /envelopes": lambda s: ("/envelopes", {"envelope": s.envelope()}),
     "POST /envelopes/{envelope_id}/revoke": _enveloped,
     "GET /conduct": lambda s: (f"/conduct?since=0&nonce={NONCE}",),

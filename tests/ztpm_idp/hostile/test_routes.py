@@ -63,17 +63,18 @@ def test_strangers_who_fill_all_that_they_may_keep_nobody_from_recovering(scene)
     assert world.people["alice"].revoke("agent", "other", "odd") > 0
 
 
-def test_a_store_that_fails_once_leaves_nothing_half_done(scene):
+def test_a_store_that_fails_once_leaves_nothing_half_done(tmp_path):
     """Each third command with one call of the store failing, in one way each; `make store-errors` tries every call."""
     found = faults.Found()
-    with faults.failing(scene.world.provider.store._engine.sync_engine):
+    with World(tmp_path) as world, faults.failing(world.provider.store._engine.sync_engine):
+        scene = Scene(world)  # of its own: others leave as many waiting command lines there as may be
         for number, at in enumerate(faults.commands()[::3]):
             kind = faults.KINDS[number % len(faults.KINDS)]
             place = 0 if kind == faults.AFTER else number % 4
             assert faults.strike(scene, at, kind, place, found), at
-    assert found.wrong == []
-    assert set(found.struck) == set(faults.KINDS)
-    assert faults.whole(scene.world) == []
+        assert found.wrong == []
+        assert set(found.struck) == set(faults.KINDS)
+        assert faults.whole(world) == []
 
 
 def test_a_commit_whose_word_was_lost_is_no_replay(scene):

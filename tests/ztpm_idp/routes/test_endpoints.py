@@ -207,6 +207,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/agents/{id_}/restore",
         "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw", "/envelopes", "/envelopes/{envelope_id}/revoke",
+        "/latches", "/latches/{latch_id}/clearings", "/latches/{latch_id}/passkey-clearings",
         "/restoring/marks", "/revocations/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
         "/oauth/token", "/oauth/introspect", "/oauth/revoke", "/oauth/clients", "/oauth/scopes/{name}", "/oauth/scopes/{name}/end",
         "/oauth/lent/{family}/end",
@@ -219,7 +220,7 @@ def test_the_openapi_names_every_endpoint(world):
     }  # fmt: skip
     assert gets == {
         "/livez", "/healthz", "/readyz", "/metrics", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
-        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes",
+        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes", "/latches", "/latches/{latch_id}", "/latches/{latch_id}/page",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
         "/.well-known/openid-configuration", "/.well-known/openid-configuration{path}",

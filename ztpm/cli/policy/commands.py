@@ -73,6 +73,7 @@ def check(
             {
                 "ok": not failed, **about(loaded), "extends": _extends(loaded),
                 "policies": [policy.id for policy in loaded.policies], "parameters": parameters, "primitives": rows,
+                "latch": sorted(loaded.latch),
                 "warnings": plain_advice(warnings),
             }
         )  # fmt: skip
@@ -82,6 +83,7 @@ def check(
         if (base := _extends(loaded)) is not None:
             kept = ", ".join(base["kept"]) or "none"
             console.print(Text(plain(f"extends {base['name']} {base['version']}, and keeps whole: {kept}")))
+        console.print(Text(f"a person clears the robot after: {', '.join(sorted(loaded.latch)) or 'no stop'}"))
         console.print(_table(("parameter", "value", "unit", "", "meaning"), [
             (str(p["name"]), str(p["value"]), str(p["unit"]), "" if p["stated"] else "default", str(p["meaning"]))
             for p in parameters

@@ -33,9 +33,10 @@ MILLI: Final = 1000
 LEDGER: Final = (
     "access-ended", "agent-attested", "agent-key-replaced", "agent-registered", "agent-restored", "agent-suspended",
     "agent-vouched", "agents-held", "ask-refused", "ask-taken", "change-confirmed", "change-declined", "change-ended",
-    "change-proposed", "closing-refused", "delegation-refused", "device-confirmed", "device-declined",
-    "envelope-refused", "envelope-revoked", "envelope-revoking-refused", "envelope-signed", "line-begun",
-    "login-added", "login-ended", "mandate-signed", "oauth-access-made", "oauth-assent-given",
+    "change-proposed", "clearing-refused", "closing-refused", "delegation-refused", "device-confirmed",
+    "device-declined", "envelope-refused", "envelope-revoked", "envelope-revoking-refused", "envelope-signed",
+    "latch-clearing", "latch-refused", "latch-taken", "line-begun", "login-added", "login-ended", "mandate-signed",
+    "oauth-access-made", "oauth-assent-given",
     "oauth-client-registered", "oauth-family-ended", "oauth-scope-declared", "oauth-scope-ended", "opening-closed",
     "opening-made", "opening-refused", "pep-key-replaced", "pep-record", "pep-registered", "pep-restored",
     "pep-suspended", "person-key-added", "person-passkey-added", "person-registered", "person-roles-changed",
@@ -46,8 +47,9 @@ LEDGER: Final = (
 )  # fmt: skip
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (
-    "advice", "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "lease", "lease-ended",
-    "lease-renewed", "outcome", "refusal", "stream", "stream-values", "ticket",
+    "advice", "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "latch-cleared",
+    "latch-retreat", "latched", "lease", "lease-ended", "lease-renewed", "outcome", "refusal", "stream",
+    "stream-values", "ticket",
 )  # fmt: skip
 """Kinds of a journal's records, which the ledger holds as a `pep-record` each."""
 KIND_HELP: Final = (

@@ -69,7 +69,7 @@ def init(
     if bool(tls_certificate) != bool(tls_key):
         fail("USAGE", "give --tls-certificate and --tls-key together")
     issuer = issuer or _asked("Base URL of the provider, with a path (https://idp.example/ztpm)", "--issuer")
-    people = _people(admin or _asked("First administrators, at least two", "--admin").replace(",", " ").split())
+    people = people_of(admin or _asked("First administrators, at least two", "--admin").replace(",", " ").split())
     passphrase = ask_passphrase(new=True)
     layout = Layout(where.resolve())
     plan = ProviderPlan(
@@ -100,7 +100,7 @@ def _asked(question: str, option: str) -> str:
     return str(typer.prompt(question, err=True))
 
 
-def _people(stated: list[str]) -> dict[str, bytes | None]:
+def people_of(stated: list[str]) -> dict[str, bytes | None]:
     """First administrators by id, with the keys that were told."""
     people: dict[str, bytes | None] = {}
     for each in stated:

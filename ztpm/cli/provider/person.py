@@ -161,7 +161,14 @@ def layout_of(directory: Path | None) -> Layout:
     layout = Layout((directory or Path(os.environ.get(PLACE_VARIABLE) or ".ztpm")).resolve())
     if not layout.trust.exists():
         fail("NOT_A_CELL", f"{layout.trust} is missing")
+    believe(layout)
     return layout
+
+
+def believe(layout: Layout) -> None:
+    """Makes this process and its children believe the cell's own authority, where it has one, and what is beside it."""
+    if layout.authority.exists():
+        os.environ["SSL_CERT_FILE"] = str(layout.authority)
 
 
 def issuer_of(layout: Layout) -> str:

@@ -1,5 +1,6 @@
 "use strict";
-// The one script of the pages with passkeys: it makes a credential, or a vote over exactly the ask that it was given.
+// The one script of the pages with passkeys: it makes a credential, or a vote over exactly the ask that it was given, or a
+// clearing of exactly the latch.
 
 const panel = document.querySelector("[data-passkey]");
 const told = document.querySelector("#told");
@@ -46,14 +47,41 @@ async function enrol() {
   tell(`Made. Its code is ${hex(code).slice(0, 8)}. Compare it at your terminal, and confirm there.`);
 }
 
-async function vote(answer) {
-  const text = panel.dataset.ask;
+// What the page shows, its bytes as they were signed, and the name of the person at the page.
+async function asked(text, what) {
   const digest = hex(await sha256(utf8(text)));
-  if (digest !== panel.dataset.digest) throw new Error("The ask is not the one that this page shows.");
+  if (digest !== panel.dataset.digest) throw new Error(`The ${what} is not the one that this page shows.`);
   const payload = unb64u(text.split(".")[1]);
   const shown = JSON.parse(new TextDecoder().decode(payload));
   const approver = document.querySelector("#approver").value.trim();
   const at = Number(panel.dataset.now) + Math.floor((performance.now() - started) / 1000);
+  return { digest, payload, shown, approver, at, not_after: at + Number(panel.dataset.lasts) };
+}
+
+// The assertion by the person's passkey over these parts, one after the other.
+async function asserted(parts, approver) {
+  const bound = new Uint8Array(parts.reduce((size, part) => size + part.length, 0));
+  let place = 0;
+  for (const part of parts) {
+    bound.set(part, place);
+    place += part.length;
+  }
+  const challenge = await sha256(bound);
+  const publicKey = { challenge, rpId: panel.dataset.rp, userVerification: "required", timeout: 60_000 };
+  const credential = await navigator.credentials.get({ publicKey });
+  const made = credential.response;
+  const owner = made.userHandle ? new TextDecoder().decode(made.userHandle) : approver;
+  if (owner !== approver) throw new Error(`That passkey is ${owner}'s, and you said that you are ${approver}.`);
+  return {
+    credential: b64u(credential.rawId),
+    authenticator: b64u(made.authenticatorData),
+    client: b64u(made.clientDataJSON),
+    signature: b64u(made.signature),
+  };
+}
+
+async function vote(answer) {
+  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.ask, "ask");
   const said = {
     ask_id: shown.ask_id,
     nonce: shown.nonce,
@@ -62,31 +90,21 @@ async function vote(answer) {
     approver,
     sees_clear: document.querySelector("#sees-clear")?.checked ?? false,
     uses: 1,
-    not_after: at + Number(panel.dataset.lasts),
+    not_after,
     at,
   };
-  const words = utf8('ztpm-passkey-vote/1\n{"ask":');
-  const rest = utf8(`,"vote":${canonical(said)}}`);
-  const bound = new Uint8Array(words.length + payload.length + rest.length);
-  bound.set(words);
-  bound.set(payload, words.length);
-  bound.set(rest, words.length + payload.length);
-  const challenge = await sha256(bound);
-  const publicKey = { challenge, rpId: panel.dataset.rp, userVerification: "required", timeout: 60_000 };
-  const credential = await navigator.credentials.get({ publicKey });
-  const made = credential.response;
-  const owner = made.userHandle ? new TextDecoder().decode(made.userHandle) : approver;
-  if (owner !== approver) throw new Error(`That passkey is ${owner}'s, and you said that you are ${approver}.`);
-  const { state } = await post(panel.dataset.post, {
-    vote: said,
-    assertion: {
-      credential: b64u(credential.rawId),
-      authenticator: b64u(made.authenticatorData),
-      client: b64u(made.clientDataJSON),
-      signature: b64u(made.signature),
-    },
-  });
+  const parts = [utf8('ztpm-passkey-vote/1\n{"ask":'), payload, utf8(`,"vote":${canonical(said)}}`)];
+  const { state } = await post(panel.dataset.post, { vote: said, assertion: await asserted(parts, approver) });
   tell(`Your answer counts. The ask is ${state}.`);
+}
+
+async function clear() {
+  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.latch, "latch");
+  const { latch_id, audience, robot, cause } = shown;
+  const said = { latch_id, latch_digest: digest, audience, robot, cause, approver, not_after, at };
+  const parts = [utf8(`ztpm-passkey-clearing/1\n{"clearing":${canonical(said)},"latch":`), payload, utf8("}")];
+  const { state } = await post(panel.dataset.post, { clearing: said, assertion: await asserted(parts, approver) });
+  tell(state === "waits" ? "Signed; another person must clear it, too." : "Cleared.");
 }
 
 function act(work) {
@@ -110,8 +128,9 @@ if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
 } else if (panel.dataset.passkey === "enrol") {
   document.querySelector("#enrol").addEventListener("click", act(enrol));
 } else {
-  document.querySelector("#approve").addEventListener("click", act(() => vote("approve")));
-  document.querySelector("#deny").addEventListener("click", act(() => vote("deny")));
+  document.querySelector("#approve")?.addEventListener("click", act(() => vote("approve")));
+  document.querySelector("#deny")?.addEventListener("click", act(() => vote("deny")));
+  document.querySelector("#clear")?.addEventListener("click", act(clear));
   setInterval(() => {
     if (!busy && document.activeElement === document.body) location.reload();
   }, Number(panel.dataset.reload) * 1000);

@@ -10,7 +10,7 @@ import numpy as np
 from numba.core.dispatcher import Dispatcher
 from pep.pit.assessment.readiness import compile_all
 from tests.pep.pit import lines
-from tests.pep.pit.campaign import curves
+from tests.pep.pit.campaign import curves, timetables
 from tests.pep.pit.campaign.questions import KINDS
 from tests.pep.pit.lines import AGE
 from tests.pep.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty, random_scene, sweep
@@ -29,6 +29,7 @@ def every_kind(rng):
         lines.random_servo(rng),
         curves.random_joint_path(rng),
         curves.random_line_path(rng),
+        timetables.random_trajectory(rng),
         SpeedJ(HOME, (0.1, 0.0, -0.1, 0.0, 0.0, 0.2), 1.0, 0.2),
     ]
 

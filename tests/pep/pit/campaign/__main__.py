@@ -18,8 +18,9 @@ from concurrent.futures import FIRST_COMPLETED, ProcessPoolExecutor, wait
 from multiprocessing import get_context
 from pathlib import Path
 
+import numpy as np
 from pep.pit.assessment.readiness import compile_all
-from tests.pep.pit.campaign.trials import CORRUPT_EACH, Figures, piece
+from tests.pep.pit.campaign.trials import CORRUPT_EACH, TRAJECTORIES, Figures, piece
 
 COUNT = 20_000
 CORRUPTIONS = 1_000
@@ -28,7 +29,7 @@ SHARE = 100
 CURVED = 0.5
 """Share of trials that are no straight joint motion."""
 OWN = (
-    "between", "bracket", "__main__", "corruption", "corruption_courses", "courses", "curves", "dense", "facts", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timing", "trials", "twin",
+    "between", "bracket", "__main__", "corruption", "corruption_courses", "courses", "curves", "dense", "facts", "laws", "lines", "questions", "scenes", "stage", "test_checker", "timetables", "timing", "trials", "twin",
 )  # fmt: skip
 
 
@@ -53,7 +54,7 @@ def known(ledger, seed, share, of):
         return {}
     rows = [row for row in map(read, ledger.read_text().splitlines()) if row is not None]
     return {
-        row["first"]: Figures(Counter(row["counts"]), row["most"], row["failed"])
+        row["first"]: Figures(Counter(row["counts"]), row["most"], row["failed"], row.get("excess", []))
         for row in rows
         if (row["seed"], row.get("share"), row["of"]) == (seed, share, of)
     }
@@ -95,7 +96,7 @@ def run(seed, first, count, *, share, ledger, until, workers, told):
                         "most": figures.most,
                     }
                     with ledger.open("a") as book:
-                        book.write("\n" + json.dumps(row | {"failed": figures.failed}) + "\n")
+                        book.write("\n" + json.dumps(row | {"failed": figures.failed, "excess": figures.excess}) + "\n")
                 told(whole)
     return whole
 
@@ -112,12 +113,13 @@ def main():
     parser.add_argument("--minutes", type=float, default=float("inf"), help="no new trials after so long")
     parser.add_argument("--workers", type=int, default=2)
     parser.add_argument("--ledger", type=Path, help="a file that keeps what is done; a run with it goes on")
+    parser.add_argument("--trajectories", action="store_true", help="timed trajectories alone")
     given = parser.parse_args()
     began = time.monotonic()
     compile_all()  # compiled once, before the others read it
     told = lambda whole: print(f"\r{whole.counts['trials']} trials, {len(whole.failed)} failed", end="", flush=True)  # noqa: E731
     whole = run(
-        given.seed, given.first, given.count, share=given.curved, ledger=given.ledger, until=began + 60 * given.minutes,
+        given.seed, given.first, given.count, share=TRAJECTORIES if given.trajectories else given.curved, ledger=given.ledger, until=began + 60 * given.minutes,
         workers=given.workers, told=told,
     )  # fmt: skip
     print()
@@ -125,6 +127,9 @@ def main():
         print(f"most: {name}: {value:.3g}")
     for name, value in sorted(whole.counts.items()):
         print(f"{name}: {value}")
+    if whole.excess:
+        p50, p99 = np.quantile(whole.excess, [0.5, 0.99])
+        print(f"index of trajectories above the samples: p50 {p50:.3f}, p99 {p99:.3f}, most {max(whole.excess):.3f}")
     for what in whole.failed[:100]:
         print(what)
     trials, corruptions = whole.counts["trials"], whole.counts["corrupted"]

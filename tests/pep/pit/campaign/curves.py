@@ -14,6 +14,7 @@ import pinocchio
 from pep.base.stop_model import patience_s
 from tests.pep.pit.campaign.dense import World
 from tests.pep.pit.campaign.facts import MODEL as FACTS
+from tests.pep.pit.campaign.timetables import random_trajectory, served
 from tests.pep.pit.campaign.timing import Timing
 from tests.pep.pit.checker.test_checker import asked
 from tests.pep.pit.lines import (
@@ -31,7 +32,7 @@ from tests.pep.pit.lines import (
 )
 from tests.pep.pit.scenes import CELL, random_move, random_scene
 
-from pep.pit import JointLeg, JointPath, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedJ, SpeedL
+from pep.pit import JointLeg, JointPath, JointTrajectory, LineLeg, LinePath, MoveJ, MoveL, ServoJ, SpeedJ, SpeedL
 
 TURN_LEVER_M = 0.1
 """Lever, metre, by which a turn of the tool counts as way where that exceeds the line (PHY-18)."""
@@ -91,10 +92,11 @@ class CurvedWorld(World):
 # ---- questions
 
 
-def curved_question(rng):
-    """A question of any of these forms."""
+def curved_question(rng, *, only=None):
+    """A question of any of these forms, or of one."""
     scene = random_scene(rng, things=2, regions=2)
-    form = (random_line, random_hold, random_servo, random_joint_path, random_line_path)[int(rng.integers(0, 5))]
+    forms = (random_line, random_hold, random_servo, random_joint_path, random_line_path, random_trajectory)
+    form = forms[int(rng.integers(0, len(forms)))] if only is None else only
     return asked(scene, form(rng))
 
 
@@ -167,6 +169,8 @@ def played(motion, rng):
             ways = [_servo(motion, rng.random(6)) for _ in range(4)]
         case SpeedJ():
             ways = [_sped(motion)]
+        case JointTrajectory():
+            ways = [Played(q, qd) for q, qd in served(motion, rng)]
     return None if any(way is None for way in ways) else ways
 
 

@@ -17,13 +17,14 @@ from tests.pep.pit.campaign.bracket import CLOSE, CLOSE_M, closed
 from tests.pep.pit.campaign.curves import CurvedWorld, curved_question, instants, played, random_stream, straight_legs
 from tests.pep.pit.campaign.dense import POSITION_LIMITS, World
 from tests.pep.pit.campaign.questions import drawn, patient
+from tests.pep.pit.campaign.timetables import random_trajectory
 from tests.pep.pit.campaign.timing import driven
 from tests.pep.pit.checker.corruption_courses import corrupted as corrupted_course
 from tests.pep.pit.checker.test_checker import asked
 from tests.pep.pit.corruption import corrupted as corrupted_move
 from tests.pep.pit.scenes import SEED, random_scene
 
-from pep.pit import JointPath, assess
+from pep.pit import JointPath, JointTrajectory, assess
 from pep.pit.checker import Code, Unverified, Verified, verify
 
 CORRUPT_EACH = 10
@@ -31,6 +32,11 @@ CONTROL_EACH = 50
 """Of so many trials one is sampled every millisecond as well."""
 STREAMS = 0.25
 """Share of streams among what is no straight joint motion."""
+TRAJECTORIES = 2.0
+"""In place of a share: timed trajectories alone."""
+CERTIFY_EACH = 5
+"""Of so many trajectories alone one has its certificate written and checked: it has some dozen legs."""
+OTHER_ROWS = ("coarser_rows", "rows_elsewhere", "rows_joined")
 UNDER = 1e-6
 """Greatest difference of two ways of computing an index.
 
@@ -51,6 +57,7 @@ class Figures:
     counts: Counter = field(default_factory=Counter)
     most: dict = field(default_factory=dict)
     failed: list = field(default_factory=list)
+    excess: list = field(default_factory=list)
 
     def reach(self, name, value):
         self.most[name] = max(self.most.get(name, float("-inf")), float(value))
@@ -60,6 +67,7 @@ class Figures:
         for name, value in other.most.items():
             self.reach(name, value)
         self.failed += other.failed
+        self.excess += other.excess
 
 
 def piece(seed, first, count, share):
@@ -84,6 +92,9 @@ def trial(seed, number, share=0.0):
         found.failed.append(f"seed {seed}, trial {number}: {what}")
 
     rng = np.random.default_rng([seed, number, 2])
+    if share == TRAJECTORIES:
+        curved_trial(rng, number, found, fail, only=random_trajectory)
+        return found
     if rng.random() < share:
         if rng.random() < STREAMS:
             stream_trial(rng, found, fail)
@@ -213,9 +224,9 @@ def asked_clearance(question):
 # ---- motions that are no straight joint motion
 
 
-def curved_trial(rng, number, found, fail):
+def curved_trial(rng, number, found, fail, *, only=None):
     """No sample is above the answer, whose certificate holds; of joint paths, which are straight, it is near too."""
-    question = patient(curved_question(rng))
+    question = patient(curved_question(rng, only=only))
     answer = assess(**question, seed=SEED)
     motion = question["motion"]
     found.counts["curved"] += 1
@@ -227,7 +238,8 @@ def curved_trial(rng, number, found, fail):
         fail(f"a fault: {answer}")
         return
     try:
-        certified(question, answer, rng, number, found, fail, corrupted_course)
+        if only is None or number % CERTIFY_EACH == 0:
+            certified(question, answer, rng, number, found, fail, corrupted_course)
     except ProofError as error:
         fail(f"no certificate: {error.detail}")
     if "joint_limit" in answer.violations:
@@ -249,6 +261,8 @@ def curved_trial(rng, number, found, fail):
             fail(f"index {answer.index}, sampled no more than {high}")
     elif not by_ratio:
         found.reach("index above the samples, curved", answer.index - high)
+    if isinstance(motion, JointTrajectory):
+        found.excess.append(answer.index - high)
 
 
 def stream_trial(rng, found, fail):
@@ -329,8 +343,8 @@ def certified(question, answer, rng, number, found, fail, corrupted):
         bad = corrupted(text, rng)
         refusal = verify(bad.text)
         # A longer interval may prove the same to within what the checker grants to rounding: then nothing is wrong.
-        if bad.kind == "coarser_rows" and refusal == replace(verdict, rows=getattr(refusal, "rows", 0)):
-            found.counts["coarser rows that prove it too"] += 1
+        if bad.kind in OTHER_ROWS and refusal == replace(verdict, rows=getattr(refusal, "rows", 0)):
+            found.counts["other rows that prove it too"] += 1
             return
         found.counts["corrupted"] += 1
         if not isinstance(refusal, Unverified) or refusal.code is Code.CHECKER_FAILED:

@@ -525,7 +525,7 @@ def last_leg_gone(top, rng):
 @refused_by(LEGS)
 def leg_more(top, rng):
     at = int(rng.integers(len(legs(top))))
-    fit(len(legs(top)) == len(motion(top)["legs"]))
+    fit("legs" in motion(top) and len(legs(top)) == len(motion(top)["legs"]))
     top["proof"]["legs"].insert(at, legs(top)[at])
 
 
@@ -563,7 +563,7 @@ def violation_of_a_leg_hidden(top, rng):
 
 @refused_by(LEGS)
 def leg_of_the_question_gone(top, rng):
-    fit(len(legs(top)) == len(motion(top)["legs"]) > 1)
+    fit("legs" in motion(top) and len(legs(top)) == len(motion(top)["legs"]) > 1)
     del motion(top)["legs"][-1]
 
 

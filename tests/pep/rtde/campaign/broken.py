@@ -22,7 +22,7 @@ MOVE = 1
 
 def swapped_images():
     """A command written over a standing one goes through, and nobody is asked."""
-    LeasedCommands._drifted = lambda self, command: self._write(command)
+    LeasedCommands._drifted = lambda self, command, at_ms: self._write(command)
 
 
 def no_stops():

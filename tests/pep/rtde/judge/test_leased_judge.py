@@ -13,10 +13,11 @@ from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 from tests.pep.kit import FailingJournal, reading
-from tests.pep.rtde.leased import FITTED, HERE, LIMITS, THERE, leased_scope, played, until
+from tests.pep.rtde.leased import FITTED, HERE, LIMITS, LOAD, THERE, leased_scope, played, until
 from ztpm_idp.domain.ledger import RECORD_KINDS
 
 from pep.rtde.command import command_values as v
+from pep.rtde.command.gripper_commands import MoveFingers
 from pep.rtde.command import io_commands as io
 from pep.rtde.judge import command_judge, execution, stream_values
 
@@ -24,6 +25,7 @@ MOVE = v.MoveJ(THERE, 1.0, 1.4, True)
 SLOW = v.MoveJ(THERE, 0.1, 1.4, True)
 OTHER = v.MoveJ(THERE, 0.9, 1.4, True)
 SERVO = v.ServoJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.002, 0.1, 300.0)
+JOG = v.JogStart((0.0, 0.0, 0.02, 0.0, 0.0, 0.0), v.JogFrame.BASE, 0.5, (0.0,) * 6)
 SPEEDS = v.SpeedJ((0.2, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5, 0.4)
 pytestmark = [pytest.mark.e2e, pytest.mark.clause("LSD-2")]  # verdicts last 50 ms of real time
 
@@ -49,6 +51,49 @@ def test_a_permitted_move_is_forwarded_once_and_watched_until_it_stands(house):
     (outcome,) = house.outcomes()
     assert (outcome["outcome"], outcome["result"]["outcome"]) == ("done", "reached")
     assert house.hurried == [True, False]
+
+
+@pytest.mark.clause("LSD-13")
+def test_a_load_is_the_models_once_the_command_that_says_it_is_sent(house):
+    assert ended(house, v.SetPayload(FITTED.payload_kg, FITTED.centre_m)) == ["forward"]
+    assert house.loads == [], "it is so already"
+    assert ended(house, v.SetPayload(LOAD.mass_kg + 0.001, LOAD.centre_m)) == [Reason.PAYLOAD_MISMATCH]
+    assert ended(house, v.SetPayload(LOAD.mass_kg, LOAD.centre_m), waits=False) != ["forward"]
+    assert house.loads == [], "it was not sent"
+    assert ended(house, v.SetPayload(LOAD.mass_kg, LOAD.centre_m)) == ["forward"]
+    assert house.loads == [LOAD]
+
+
+GRIP = MoveFingers(255, 128, 30)
+
+
+@pytest.mark.clause("LSD-28")
+def test_permitted_fingers_move_once_by_the_gateways_own_line(house):
+    assert ended(house, GRIP) == ["forward"]
+    (grip,) = house.grips
+    assert grip[0] == "gripper_move"
+    assert grip[1] == pytest.approx((0.0, 0.085255, 45.294))
+    (outcome,) = house.outcomes()
+    assert (outcome["outcome"], outcome["result"]["object"]) == ("done", False)
+
+
+@pytest.mark.clause("LSD-28")
+@pytest.mark.parametrize(("force", "reason"), [(255, Reason.LIMIT_EXCEEDED_BY_REQUEST)])
+def test_a_grip_beyond_the_token_moves_nothing(house, force, reason):
+    assert ended(house, MoveFingers(255, 128, force)) == [reason]
+    assert house.grips == []
+
+
+@pytest.mark.clause("LSD-28")
+def test_fingers_of_a_program_that_waits_no_longer_stay(house):
+    held = house.held(GRIP, waits=False)
+
+    async def scenario(judge):
+        judge.judge(held)
+        await until(lambda: house.outcomes() or held.answers)
+
+    played(house, scenario)
+    assert house.grips == []
 
 
 def test_its_decision_is_on_record_before_it_is_forwarded(house):
@@ -119,9 +164,9 @@ def test_what_the_chain_does_not_grant_is_not_forwarded(house):
 
 
 def test_what_no_operation_stands_for_is_refused_on_record_and_asks_nobody(house):
-    assert ended(house, v.TeachMode()) == [Reason.NOT_GRANTED]
+    assert ended(house, JOG) == [Reason.NOT_GRANTED]
     assert ended(house, v.MoveJ((0.1234567, *HERE[1:]), 1.0, 1.4, True)) == [Reason.NOT_ON_GRID]
-    assert [r["body"]["where"]["command"] for r in house.records("refusal")] == ["TeachMode", "MoveJ"]
+    assert [r["body"]["where"]["command"] for r in house.records("refusal")] == ["JogStart", "MoveJ"]
     assert house.physics.asked == 0
 
 
@@ -584,7 +629,7 @@ def test_the_ledger_takes_all_that_is_recorded(house, monkeypatch):
         steps.ended()
 
     streamed(house, SERVO, during)
-    ended(house, v.TeachMode())
+    ended(house, JOG)
     kinds = {record["kind"] for record in house.records()}
     assert {"decision", "outcome", "refusal", "stream", "stream-values"} <= kinds <= RECORD_KINDS
 

@@ -82,7 +82,7 @@ def test_an_unreachable_line_is_refused(world):
 
 def test_a_servo_target_that_no_joint_can_follow_is_refused(world):
     world.at()
-    assert world.decided(replace(SERVO, q_rad=(HOME[0] + 1.5, *HOME[1:]))).answers == [Reason.PHYSICS_FAULT]
+    assert world.decided(replace(SERVO, q_rad=(HOME[0] + 1.5, *HOME[1:]))).answers == [Reason.ROBOT_LIMIT]
 
 
 def test_a_tool_speed_is_assessed_for_as_long_as_the_controller_would_hold_it(world):

@@ -10,15 +10,26 @@ from capabilities.values.units import si
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.base.operation_row import Sent
-from pep.base.operations import MOVE_PATH, SERVO_JOINT, SPEED_JOINT, digest_of, operation_of, padded
+from pep.base.operations import (
+    MOVE_PATH,
+    MOVE_UNTIL_CONTACT,
+    MOVE_WAYPOINTS,
+    SERVO_JOINT,
+    SPEED_JOINT,
+    operation_of,
+    padded,
+)
+from pep.base.request_digest import digest_of
 from pep.rtde.command.command_table import ROWS, CommandClass, decode
 from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stream_bounds import StreamBounds
 from pep.rtde.judge.command_requests import (
+    load_of,
     CommandedOperation,
     NoDecisionNeeded,
     ToolSetup,
+    as_granted,
     asked_of,
     request_of,
     stands_s,
@@ -26,9 +37,12 @@ from pep.rtde.judge.command_requests import (
 from pep.rtde.script.move_path import PathMove, Waypoint
 from pep.rtde.wire.recipes import DOUBLE, INT, WritableVariables
 from pep.rtde.wire.refusal import InputRefusal
+from pep.world.waypoints import through_waypoints
 from policies.words.reason_table import Reason
 from tests.pep.kit import AUDIENCE
+from pep.world.held_object import DeclaredLoad
 
+from pep.pit import JointLeg, LineLeg
 from pep.rtde.command import command_values as v
 from pep.rtde.command import io_commands as io
 
@@ -37,6 +51,7 @@ POSE = (0.3, -0.1, 0.25, 0.0, 3.14, 0.1)
 X = (0.01, 0.02, 0.03, 0.04, 0.05, 0.06)
 TCP, MASS, CENTRE = (0.0, 0.0, 0.163, 0.0, 0.0, 0.0), 0.925, (0.0, 0.0, 0.058)
 FITTED = ToolSetup(TCP, MASS, CENTRE)
+CUBE = DeclaredLoad("cube", 1.325, (0.0, 0.0, 0.09))
 WAY = (Waypoint(PathMove.MOVEJ, False, Q, 0.5, 1.4, 0.0), Waypoint(PathMove.MOVEJ, False, X, 0.5, 1.4, 0.0))
 AXES = (True,) * 6
 
@@ -45,30 +60,43 @@ def own_limits(made):
     return operation_of(made.object, made.operation).refuse(made)
 
 
+DOWN = (False, False, True, False, False, False)
+PRESS = (0.0, 0.0, -10.0, 0.0, 0.0, 0.0)
+SLOW = (0.0, 0.0, 0.01, 0.0, 0.0, 0.0)
+FREE_AXES = (1.0,) * 6
+ENDS = {
+    "force_mode": {"duration": Range(100, 5_000), "distance": Range(1_000, 50_000)},
+    "freedrive": {
+        "tool_speed": Range(10_000, 250_000),
+        "joint_speed": OneOf(frozenset({100_000, 300_000, 9_000_000})),
+        "duration": Range(100, 60_000),
+        "distance": Range(1_000, 300_000),
+    },
+}
 ASKED = {
     1: (v.MoveJ(Q, 0.5, 1.4, False), "move_joint", (*Q, 0.5, 1.4)),
+    8: (v.ZeroForceSensor(), "zero_force_sensor", ()),
     3: (v.MoveL(POSE, 0.1, 0.5, True), "move_linear", (*POSE, 0.1, 0.5)),
     9: (v.SpeedJ(X, 0.5, 0.4), "speed_joint", (*X, 0.5, 0.4)),
     10: (v.SpeedL(X, 0.5, 0.0), "speed_linear", (*X, 0.5, 2.0)),
+    24: (v.ServoL(POSE, 0.002, 0.1, 300.0), "servo_linear", (*POSE, 0.002, 0.1, 300.0)),
     11: (v.ServoJ(Q, 0.002, 0.1, 300.0), "servo_joint", (*Q, 0.002, 0.1, 300.0)),
+    6: (v.ForceMode(POSE, DOWN, PRESS, 2, SLOW), "force_mode", (*POSE, *PRESS, *SLOW, 5.0, 0.05)),
+    18: (v.TeachMode(), "freedrive", (*FREE_AXES, 0.25, 0.3, 60.0, 0.3)),
+    20: (v.SetForceDamping(0.5), "set_force_damping", (0.5,)),
+    21: (v.SetForceGain(1.5), "set_force_gain", (1.5,)),
+    52: (v.FreedriveMode((True, *(False,) * 5), (0.0,) * 6), "freedrive", (1.0, *(0.0,) * 5, 0.25, 0.3, 60.0, 0.3)),
     17: (v.SetPayload(MASS, (0.0,) * 3), "set_payload", (MASS, 0.0, 0.0, 0.0)),
     29: (v.SetTcp(TCP), "set_tcp", TCP),
+    51: (v.MoveUntilContact(X, X, 0.5), "move_until_contact", (*X, 0.5, 0.3)),
     45: (v.MovePath(False), "move_path", (*Q, *X, *X, *X, 0.5, 1.4)),
 }
 NOT_GRANTED = [
     v.MoveJIk(POSE, 0.5, 1.4, False),
     v.MoveLFk(Q, 0.1, 0.5, False),
-    v.ForceMode(POSE, AXES, X, 2, X),
-    v.ZeroForceSensor(),
     v.ServoC(POSE, 0.1, 0.5, 0.0),
-    v.TeachMode(),
-    v.SetForceDamping(0.5),
-    v.SetForceGain(0.5),
-    v.ServoL(POSE, 0.002, 0.1, 300.0),
     v.SetWatchdog(10.0),
     v.JogStart(X, v.JogFrame.BASE, 0.5, POSE),
-    v.MoveUntilContact(X, X, 0.5),
-    v.FreedriveMode(AXES, POSE),
     v.SetExternalWrench(X),
     v.ForceInput(True, 0.1, (0.0,) * 3, (0.0,) * 3),
     v.ExternalForceSensor(True, 0.1, (0.0,) * 3, (0.0,) * 3),
@@ -106,8 +134,15 @@ FREE = [
 pytestmark = pytest.mark.clause("LSD-1")
 
 
-def asked(command, *, path=WAY, fitted=FITTED):
-    return asked_of(command, path=path, fitted=fitted)
+def granted(operation):
+    """The robot's own limits, but for how long, how far and how fast a force or a hand may lead."""
+    ends = ENDS.get(operation.name, {})
+    limits = (Limit(each.parameter, ends.get(each.parameter.name, each.bound)) for each in operation.limits)
+    return Grant(operation.object, operation.name, tuple(limits))
+
+
+def asked(command, *, path=WAY, fitted=FITTED, granted=granted):
+    return asked_of(command, path=path, fitted=fitted, granted=granted)
 
 
 def request(command, **changes):
@@ -132,7 +167,7 @@ def test_what_an_operation_stands_for_is_asked_in_its_very_numbers(number):
     command, operation, numbers = ASKED[number]
     found = asked(command)
     assert (found.operation.name, found.numbers) == (operation, numbers)
-    assert found.stream is (number in {9, 11})
+    assert found.stream is (number in {6, 9, 11, 18, 24, 52})
     made = request(command)
     assert made.digest == digest_of(found.operation, numbers, audience=AUDIENCE)
     assert tuple(value.name for value in made.values) == tuple(each.name for each in found.operation.parameters)
@@ -197,6 +232,29 @@ def test_a_payload_may_be_said_again_and_not_changed(mass, centre, taken):
     assert taken or found.reason is Reason.PAYLOAD_MISMATCH
 
 
+@pytest.mark.clause("LSD-13")
+@pytest.mark.parametrize(
+    ("mass", "centre", "load"),
+    [
+        (CUBE.mass_kg, CUBE.centre_m, CUBE),
+        (CUBE.mass_kg, (0.0,) * 3, CUBE),
+        (CUBE.mass_kg, (0.0, 0.0005, 0.09), CUBE),
+        (CUBE.mass_kg, CENTRE, None),
+        (CUBE.mass_kg + 0.001, CUBE.centre_m, None),
+    ],
+)
+def test_a_declared_load_may_be_said(mass, centre, load):
+    command, fitted = v.SetPayload(mass, centre), ToolSetup(TCP, MASS, CENTRE, (CUBE,))
+    found = asked(command, fitted=fitted)
+    assert load_of(command, fitted) == load
+    if load is None:
+        assert found.reason is Reason.PAYLOAD_MISMATCH
+    else:
+        assert (found.operation.name, found.numbers) == ("set_payload", (mass, *centre))
+    assert asked(command).reason is Reason.PAYLOAD_MISMATCH, "nobody has declared it"
+    assert load_of(v.SetPayload(MASS, CENTRE), fitted) is None
+
+
 # -------------------------------------------------------------------------------------------------------------- paths
 
 
@@ -204,16 +262,59 @@ def test_a_payload_may_be_said_again_and_not_changed(mass, centre, taken):
     "path",
     [
         (),
-        WAY * 3,
-        (WAY[0], replace(WAY[1], speed=0.6)),
-        (WAY[0], replace(WAY[1], acceleration=1.5)),
-        (replace(WAY[0], blend_m=0.01), WAY[1]),
+        WAY * 129,
+        (WAY[0], replace(WAY[1], blend_m=0.01)),
         (replace(WAY[0], move=PathMove.MOVEL),),
         (replace(WAY[0], is_pose=True),),
     ],
 )
 def test_a_path_that_the_operation_cannot_say_is_refused(path):
     assert asked(v.MovePath(False), path=path).reason is Reason.PARAMETERS_WRONG
+
+
+LINE = Waypoint(PathMove.MOVEL, True, POSE, 0.1, 0.5, 0.0)
+
+
+@pytest.mark.clause("LSD-16")
+@pytest.mark.parametrize(
+    "path",
+    [
+        WAY * 3,
+        WAY * 128,
+        (WAY[0], replace(WAY[1], speed=0.6)),
+        (WAY[0], replace(WAY[1], acceleration=1.5)),
+        (replace(WAY[0], blend_m=0.01), WAY[1]),
+        (LINE,),
+        (replace(LINE, blend_m=0.02), WAY[0], replace(LINE, move=PathMove.MOVEP, speed=0.2)),
+    ],
+)
+def test_any_other_path_lists_its_waypoints(path):
+    found = asked(v.MovePath(False), path=path)
+    assert found.operation is MOVE_WAYPOINTS
+    made = request(v.MovePath(False), path=path)
+    assert own_limits(made) is None
+    assert made.digest == digest_of(found.operation, found.numbers, audience=AUDIENCE)
+    motion = through_waypoints(made, Q)
+    assert motion.start == Q
+    for leg, point in zip(motion.legs, path, strict=True):
+        assert isinstance(leg, JointLeg if point.move is PathMove.MOVEJ else LineLeg)
+        speed, acceleration = (
+            (leg.speed_rad_s, leg.acceleration_rad_s2)
+            if isinstance(leg, JointLeg)
+            else (leg.speed_m_s, leg.acceleration_m_s2)
+        )
+        assert (leg.target, speed, acceleration, leg.blend_m) == (
+            point.target, point.speed, point.acceleration, point.blend_m,
+        )  # fmt: skip
+
+
+@pytest.mark.clause("LSD-16")
+def test_lists_that_do_not_fit_each_other_are_no_path():
+    made = request(v.MovePath(False), path=(LINE, WAY[0]))
+    assert through_waypoints(made, Q) is not None
+    for at, value in enumerate(made.values):
+        fewer = replace(value, value=value.value[:-1])
+        assert through_waypoints(replace(made, values=(*made.values[:at], fewer, *made.values[at + 1 :])), Q) is None
 
 
 def test_a_path_is_that_of_the_script():
@@ -384,3 +485,23 @@ def test_each_speed_of_a_stream_is_too():
     for granted, reason in ({}, Reason.ROBOT_LIMIT), ({"qd0": Range(0, 1)}, Reason.LIMIT_EXCEEDED_BY_REQUEST):
         bounds = StreamBounds(SPEED_JOINT, grant(SPEED_JOINT, **granted))
         assert bounds.outside(asked(fast).numbers) is reason
+
+
+@pytest.mark.clause("LSD-17")
+def test_a_way_until_a_contact_is_as_long_as_the_token_grants():
+    asked_for = asked(v.MoveUntilContact((0.0, 0.0, -0.03, 0.0, 0.0, 0.0), X, 0.25))
+    assert asked_for.operation is MOVE_UNTIL_CONTACT
+    assert asked_for.numbers[-1] == 0.3
+    limits = [Limit(each.parameter, each.bound) for each in MOVE_UNTIL_CONTACT.limits]
+    limits[-1] = replace(limits[-1], bound=Range(1_000, 40_000))
+    grant = Grant("ur3e", "move_until_contact", tuple(limits))
+
+    class Chained:
+        class scope:
+            @staticmethod
+            def find(_, operation):
+                return grant if operation == grant.operation else None
+
+    assert as_granted(asked_for, Chained).numbers == (*asked_for.numbers[:-1], 0.04)
+    other = asked(v.MoveJ(Q, 0.5, 1.4, False))
+    assert as_granted(other, Chained) is other

@@ -211,7 +211,9 @@ def test_the_short_way_comes_to_what_the_long_one_comes_to(count, monkeypatch):
             deeds += drawn.next()
         ours, other = played(LeasedLine, deeds), played(TheLongWay, deeds)
         assert ours.told == other.told, seed
-        assert ours.commands._merged({}).values == pytest.approx(other.commands._merged({}).values, nan_ok=True)
+        assert ours.commands._client.merged({}).values == pytest.approx(
+            other.commands._client.merged({}).values, nan_ok=True
+        )
     assert sum(said is not None for said in short) > 6 * count
 
 

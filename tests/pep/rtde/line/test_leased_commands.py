@@ -5,7 +5,7 @@ import math
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, decode, encode, row_of
+from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, Wait, decode, encode, row_of
 from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
 from pep.rtde.command.stop_rules import MODES, STOPS
@@ -14,6 +14,7 @@ from pep.rtde.line.command_registers import LeasedCommands
 from pep.rtde.line.script_terms import DONE, END_MS, READY, TAKEN_MS, WATCHDOG_HZ
 from pep.rtde.line.effects import PATIENCE_MS, AskJudge, Halt, Note, Refresh, StopWritten, Tell, Withdraw, Write
 from pep.rtde.line.register_echo import QUIET
+from pep.rtde.line.refused_stream import PAUSE_MS
 from pep.rtde.script.move_path import PathMove, Waypoint
 from pep.rtde.wire.recipes import DOUBLE, EXTERNAL_WRENCH, INT, WritableVariables
 from policies.words.reason_table import Reason
@@ -42,6 +43,9 @@ class Steps:
     def step(self, command):
         self.asked.append(command)
         return self.answers.pop(0) if self.answers else None
+
+    def written(self, command):
+        return command
 
     def ended(self):
         self.over += 1
@@ -127,6 +131,7 @@ def noted(acts):
 EXAMPLES = {number: of_row(row) for number, row in ROWS.items()}
 PASSES = {n for n, row in ROWS.items() if row.command_class is CommandClass.GETTER} | {63}
 JUDGED = set(ROWS) - PASSES - set(STOPS) - {0, 35, 55}
+UNWAITED = {number for number in JUDGED if ROWS[number].wait is Wait.AT_ONCE}
 
 
 @pytest.mark.parametrize("number", sorted(JUDGED))
@@ -147,7 +152,7 @@ def test_what_moves_or_changes_waits_and_is_written_once_exactly_as_it_was_judge
     assert line.forward(question) == (False, [])
 
 
-@pytest.mark.parametrize("number", sorted(JUDGED))
+@pytest.mark.parametrize("number", sorted(JUDGED - UNWAITED))
 @given(data=st.data())
 @settings(max_examples=10)
 def test_what_is_refused_is_never_written_and_fails_until_it_is_cleared(number, data):
@@ -163,6 +168,70 @@ def test_what_is_refused_is_never_written_and_fails_until_it_is_cleared(number, 
     assert line.say(MOVE) == [], "nothing is asked while the last refusal stands"
     assert line.write({INT[0]: 0}) == [Refresh()]
     assert not line.commands.denied
+
+
+@pytest.mark.clause("LSD-11")
+@pytest.mark.parametrize("number", sorted(UNWAITED))
+@given(data=st.data())
+@settings(max_examples=10)
+def test_a_refused_call_that_does_not_wait_fails_no_other_call(number, data):
+    line = Line()
+    question = line.ask(data.draw(EXAMPLES[number]))
+    line.commands.deny(question, Reason.ABOVE_CEILING, "too high")
+    acts = line.acts()
+    assert (reasons(acts), noted(acts), line.written(acts)) == (["ABOVE_CEILING"], [], [])
+    assert not line.commands.denied
+    assert line.forward(question) == (False, [])
+    line.permitted(MOVE)
+
+
+@pytest.mark.clause("LSD-11")
+def test_the_value_after_a_refused_one_is_asked_about_at_once():
+    far, near = v.ServoJ((3.0,) * 6, 0.002, 0.1, 300.0), v.ServoJ(Q, 0.002, 0.1, 300.0)
+    line = Line()
+    first = line.ask(far)
+    assert line.say(near) == [], "one question at a time"
+    line.commands.deny(first, Reason.ABOVE_CEILING, "too high")
+    (asked,) = [act for act in line.acts() if isinstance(act, AskJudge)]
+    assert asked.question.command == near
+    sent, acts = line.forward(asked.question, Steps())
+    assert sent
+    assert line.written(acts) == [near]
+
+
+@pytest.mark.clause("LSD-11")
+@given(st.lists(st.booleans(), min_size=200, max_size=400))
+@settings(max_examples=20)
+def test_a_program_that_goes_on_with_a_refused_stream_asks_four_times_a_second(repeats):
+    line, asked = Line(), 0
+    value = Q
+    for number, repeated in enumerate(repeats):
+        line.at_ms = 2 * number
+        value = value if repeated else (0.001 * number, *Q[1:])
+        for act in line.say(v.ServoJ(value, 0.002, 0.1, 300.0)):
+            if isinstance(act, AskJudge):
+                asked += 1
+                line.commands.deny(act.question, Reason.ABOVE_CEILING, "too high")
+        line.acts()
+    assert 2 <= asked <= 2 + 2 * len(repeats) // PAUSE_MS + 1
+    assert not line.commands.denied
+
+
+@pytest.mark.clause("LSD-11")
+def test_a_value_that_breaks_a_stream_off_stops_it_and_leaves_the_script_ready():
+    line = Line().permitted(SERVO, Steps(Reason.IMPACT_ROSE))
+    acts = line.say(v.ServoJ((0.2,) * 6, 0.002, 0.1, 300.0))
+    assert reasons(acts) == ["IMPACT_ROSE"]
+    assert line.written(acts) == [v.ServoStop(10.0)]
+    assert not line.commands.denied
+    assert line.say(MOVE) == [], "it waits for the end of the stop"
+    line.robot(16, READY)
+    line.robot(16, DONE)
+    acts = line.acts()
+    assert line.written(acts) == [v.Clear()]
+    (asked,) = [act for act in acts if isinstance(act, AskJudge)]
+    line.robot(0, READY)
+    assert line.forward(asked.question)[0]
 
 
 @pytest.mark.parametrize("number", sorted(PASSES))
@@ -223,7 +292,8 @@ def test_without_the_control_script_nothing_is_written():
         acts = line.say(command)
         assert reasons(acts) == ["ROBOT_NOT_RUNNING"]
         assert noted(acts) == [("ROBOT_NOT_RUNNING", row_of(command).name)]
-        assert line.write({INT[0]: 0}) == [Refresh()]
+        waits = row_of(command).wait is not Wait.AT_ONCE
+        assert line.write({INT[0]: 0}) == ([Refresh()] if waits else [])
     assert line.say(v.StopJ(1.0, asynchronous=False)) == [Halt()], "a stop needs no register"
 
 
@@ -773,3 +843,25 @@ def test_nothing_that_moves_reaches_the_script_but_what_the_judge_has_forwarded(
     once = [c for c in script.done if moves(c) and row_of(c).id not in EVERY_CYCLE]
     assert all(once.count(c) <= permitted.count(c) for c in once), "no move is carried out again"
     assert all(c in permitted for c in script.done if moves(c))
+
+
+@pytest.mark.clause("LSD-14")
+def test_what_was_judged_in_a_commands_place_is_written_and_its_end_is_the_commands():
+    line, judged = Line(), v.MoveJ((0.1,) * 6, 0.5, 1.4, False)
+    question = line.ask(v.MoveJIk((0.3, 0.1, 0.2, 0.0, 3.1, 0.0), 0.5, 1.4, False))
+    assert line.commands.forward(question, None, at_ms=0, written=judged)
+    assert line.written(line.acts()) == [judged]
+
+
+@pytest.mark.clause("LSD-15")
+def test_a_stream_is_written_as_its_judge_says_and_never_followed_by_its_bytes():
+    class Angles(Steps):
+        def written(self, command):
+            return v.ServoJ(tuple(2 * number for number in command.pose_m_rad), 0.002, 0.1, 300.0)
+
+    line, first = Line(), v.ServoL((0.1,) * 6, 0.002, 0.1, 300.0)
+    question = line.ask(first)
+    assert line.commands.forward(question, Angles(), at_ms=0, written=Angles().written(first))
+    line.acts()
+    assert line.written(line.say(v.ServoL((0.2,) * 6, 0.002, 0.1, 300.0))) == [v.ServoJ((0.4,) * 6, 0.002, 0.1, 300.0)]
+    assert line.written(line.say(v.ServoStop(10.0))) == [v.ServoStop(10.0)]

@@ -4,7 +4,8 @@ import threading
 from concurrent.futures import Future
 from dataclasses import replace
 
-from pep.base.operations import MOVE_JOINT, digest_of
+from pep.base.operations import MOVE_JOINT
+from pep.base.request_digest import digest_of
 from pep.base.ports import RemainingVerdict
 from pep.perception.sensor_frames import Seen
 from pep.request.permit import Permit

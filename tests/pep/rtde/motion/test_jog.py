@@ -8,7 +8,8 @@ from concurrent.futures import Future
 import numpy as np
 import pytest
 from pep.base.clock import SystemClock
-from pep.base.operations import SPEED_JOINT, digest_of
+from pep.base.operations import SPEED_JOINT
+from pep.base.request_digest import digest_of
 from pep.base.ports import RemainingVerdict
 from pep.base.stop_model import STOP_DELAY_S, patience_s
 from pep.perception.sensor_frames import Seen

@@ -15,15 +15,20 @@ from pep.rtde.motion.governed_move import SpeedControl, least_fraction, put_back
 from pep.rtde.motion.motion_follower import (
     BEGINS_MS,
     RESTS_MS,
+    SETTLED_MS,
     SLACK,
     SLACK_MS,
+    ContactProgress,
     HandOver,
     MotionFollower,
+    Over,
+    SettledProgress,
     TargetProgress,
     TimedProgress,
     TimeLimit,
 )
 from pep.rtde.robot.newest_state import SILENCE_MS, NewestState
+from pep.rtde.robot.state_receiver import JointState
 from pep.watch.governor import Governor, Offer, ReportedSpeeds
 from pep.watch.watch import MotionOutcome, WatchAges
 from policies.words.reason_table import Reason
@@ -465,3 +470,60 @@ def test_an_arm_that_stood_when_it_was_last_heard_may_move_by_now(scene, silent_
 )
 def test_a_move_is_not_slowed_to_what_looks_like_standstill(speed, acceleration, least):
     assert least_fraction(speed, acceleration) == pytest.approx(least, abs=1e-4)
+
+
+# ------------------------------------------------------------------------------------- paths, and ways until a contact
+
+
+class Told:
+    """Says what a test says."""
+
+    def __init__(self, over=None):
+        self.over, self.now_ms = over, 0
+
+    def look(self, state):
+        return self.over
+
+    def monotonic_ms(self):
+        return self.now_ms
+
+
+def state(moving):
+    return JointState((0.0,) * 6, (1.0 if moving else 0.0, *(0.0,) * 5), 7, 1)
+
+
+@pytest.mark.clause("LSD-16")
+def test_a_path_is_over_once_the_arm_has_moved_and_rests_at_its_end():
+    told = Told(Over(MotionOutcome.REACHED))
+    path = SettledProgress(told, told)
+    assert path.look(state(moving=False)) is None  # it leads back to where it begins
+    path.look(state(moving=True))
+    assert path.look(state(moving=False)) is None  # it may go on from its end
+    told.now_ms += SETTLED_MS - 1
+    told.over = None
+    assert path.look(state(moving=True)) is None
+    told.over = Over(MotionOutcome.REACHED)
+    told.now_ms += 2
+    assert path.look(state(moving=False)) is None
+    told.now_ms += SETTLED_MS
+    assert path.look(state(moving=False)).outcome is MotionOutcome.REACHED
+
+
+@pytest.mark.clause("LSD-16")
+def test_a_path_that_fails_is_over_at_once():
+    told = Told(Over(MotionOutcome.ROBOT_FAILED))
+    assert SettledProgress(told, told).look(state(moving=True)).outcome is MotionOutcome.ROBOT_FAILED
+
+
+@pytest.mark.clause("LSD-17")
+def test_a_way_until_a_contact_is_over_with_its_command_or_its_time():
+    clock, carried = Told(), []
+    way = ContactProgress(TimedProgress(1_000, clock), lambda: bool(carried))
+    assert way.look(state(moving=False)) is None  # it presses on something, and the script goes on
+    carried.append(True)
+    assert way.look(state(moving=True)) is None
+    assert way.look(state(moving=False)).outcome is MotionOutcome.REACHED
+    carried.clear()
+    clock.now_ms = 1_000
+    over = way.look(state(moving=False))
+    assert (over.outcome, over.stop) == (MotionOutcome.ENDED, Reason.VERDICT_EXPIRED)

@@ -4,7 +4,8 @@ import asyncio
 
 import pytest
 from pep.base.errors import ActuationRefusedError, PepFault, RobotError
-from pep.base.operations import SET_DIGITAL_OUTPUT, digest_of
+from pep.base.operations import SET_DIGITAL_OUTPUT
+from pep.base.request_digest import digest_of
 from pep.request.permit import Permit
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs
 from pep.rtde.robot.digital_outputs import DigitalOutputs

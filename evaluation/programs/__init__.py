@@ -1,0 +1,1 @@
+"""Thirty small programs in plain ur_rtde, each run under a lease as it is."""

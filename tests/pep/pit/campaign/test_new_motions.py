@@ -1,0 +1,41 @@
+"""Slices of the campaigns of cut corners, contacts and poses of streams; the whole of them by `make motions`."""
+
+import time
+
+import pytest
+from tests.pep.pit.campaign import blends, contacts
+
+pytestmark = [pytest.mark.timeout(120)]
+
+CAMPAIGN_TRIALS = 200
+
+
+def held(ask, numbers):
+    print("seed 1, trials", *numbers)
+    for number in numbers:
+        word, detail = ask(1, number)
+        assert word == "held", detail
+
+
+def test_no_contact_or_pose_of_a_stream_exceeds_its_answer():
+    held(contacts.trial, (1, 4, 5, 8))
+
+
+def test_an_answer_that_is_too_low_is_found(monkeypatch):
+    """The referee can fail: with corners that count for nothing, one is."""
+    from pep.pit.search import blended_course
+
+    monkeypatch.setattr(blended_course, "_corner", lambda *_, **__: iter(()))
+    blended_course._planned.cache_clear()
+    words = [blends.trial(1, number)[0] for number in (1, 6, 7, 8)]
+    blended_course._planned.cache_clear()
+    assert "failed" in words
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("ask", [blends.trial, contacts.trial], ids=["blends", "contacts"])
+def test_none_of_many_exceeds_its_answer(ask):
+    began = time.monotonic()
+    results = blends.piece(2026, 0, CAMPAIGN_TRIALS, ask)
+    assert blends.told(ask.__module__, results, 2026, time.monotonic() - began)

@@ -1,0 +1,151 @@
+"""Commands that name a pose or joint angles alone: what is judged is written."""
+
+from dataclasses import replace
+
+import pytest
+from pep.rtde.judge.pose_targets import rewritten
+from pep.rtde.robot.state_receiver import JointState
+from pep.rtde.wire.refusal import InputRefusal
+from pep.world.cell_stream import JointAngles
+from policies.evidence.evidence import ImpactFault
+from policies.words.reason_table import Reason
+from tests.pep.kit import reading
+from tests.pep.pit.lines import pose_of
+from tests.pep.pit.scenes import HOME
+from tests.pep.rtde.leased import POSES, House, leased_scope, played, until
+
+from pep.rtde.command import command_values as v
+
+pytestmark = pytest.mark.clause("LSD-14")
+
+THERE = tuple(q + 0.1 for q in HOME)
+JOINTS = v.MoveJIk(pose_of(THERE), 0.5, 1.4, False)
+LINE = v.MoveLFk(THERE, 0.1, 0.5, True)
+FAR = (1.5, 0.0, 0.3, 0.0, 3.1, 0.0)
+SERVO = v.ServoL(pose_of(THERE), 0.008, 0.1, 300.0)
+
+
+@pytest.fixture
+def house(tmp_path):
+    house = House(tmp_path)
+    house.starts = HOME
+    house.arm.here = lambda: JointState(HOME, (0.0,) * 6, 7, 1)
+    yield house
+    house.gate.close()
+    house.journal.close()
+
+
+def decided(house, held):
+    async def scenario(judge):
+        judge.judge(held)
+        await until(lambda: held.answers)
+
+    played(house, scenario)
+    return held
+
+
+def test_a_pose_becomes_the_nearest_joint_angles_on_the_grid():
+    found = rewritten(JOINTS, POSES, HOME)
+    assert isinstance(found, v.MoveJ)
+    assert (found.speed_rad_s, found.acceleration_rad_s2, found.asynchronous) == (0.5, 1.4, False)
+    assert found.q_rad == tuple(round(q, 6) for q in found.q_rad)
+    assert found.q_rad == pytest.approx(THERE, abs=1e-6)
+
+
+def test_joint_angles_of_a_line_become_their_pose():
+    found = rewritten(LINE, POSES, HOME)
+    assert isinstance(found, v.MoveL)
+    assert found.pose_m_rad == pytest.approx(pose_of(THERE), abs=1e-6)
+    assert (found.speed_m_s, found.asynchronous) == (0.1, True)
+
+
+def test_whatever_says_its_own_target_stays_as_it_is():
+    for command in (v.MoveJ(THERE, 0.5, 1.4, False), SERVO, v.Clear()):
+        assert rewritten(command, POSES, HOME) is command
+
+
+def test_a_pose_without_joint_angles_is_refused():
+    found = rewritten(replace(JOINTS, pose_m_rad=FAR), POSES, HOME)
+    assert isinstance(found, InputRefusal)
+    assert found.reason is Reason.UNPROVEN
+
+
+def test_what_is_sent_is_what_was_decided(house):
+    held = decided(house, house.held(JOINTS, before=house.arm.halt))
+    assert held.answers == ["forward"]
+    assert held.written == rewritten(JOINTS, POSES, HOME)
+    (decision,) = house.records("decision")
+    assert decision["body"]["request"]["operation"] == "move_joint"
+    line = decided(house, house.held(LINE, before=house.arm.halt))
+    assert line.written == rewritten(LINE, POSES, HOME)
+
+
+def test_the_limits_of_the_operation_that_it_becomes_hold(house):
+    house.holder = house.agent(scope=leased_scope(house.clock.wall_s(), without=("move_joint",)))
+    assert decided(house, house.held(JOINTS)).answers == [Reason.NOT_GRANTED]
+
+
+def test_an_unreachable_pose_is_refused_before_anything_is_asked(house):
+    held = decided(house, house.held(replace(JOINTS, pose_m_rad=FAR)))
+    assert held.answers == [Reason.UNPROVEN]
+    assert not house.records("decision")
+    assert held.written is None
+
+
+# --------------------------------------------------------------------------------------------------- streams of poses
+
+
+def opened(house, play):
+    held = house.held(SERVO)
+
+    async def scenario(judge):
+        judge.judge(held)
+        await until(lambda: held.answers)
+        play(held)
+
+    played(house, scenario)
+    return held
+
+
+@pytest.mark.clause("LSD-15")
+def test_each_pose_is_judged_and_written_as_joint_angles(house):
+    house.physics.answer = reading(1, 900)
+
+    def play(held):
+        assert held.written == v.ServoJ(held.written.q_rad, 0.008, 0.1, 300.0)
+        assert held.written.q_rad == pytest.approx(THERE, abs=1e-9)
+        later = replace(SERVO, pose_m_rad=pose_of(tuple(q + 0.01 for q in THERE)))
+        assert held.steps.step(later) is None
+        assert held.steps.written(later).q_rad == pytest.approx([q + 0.01 for q in THERE], abs=1e-9)
+
+    held = opened(house, play)
+    assert held.answers == ["forward"]
+    judged = [value for value, *_ in house.certifying.values]
+    assert all(isinstance(value, JointAngles) for value in judged)
+    assert judged[-1].q_rad == pytest.approx([q + 0.01 for q in THERE], abs=1e-9)
+
+
+@pytest.mark.clause("LSD-15")
+@pytest.mark.parametrize(
+    ("pose", "reason"),
+    [
+        (FAR, Reason.LIMIT_EXCEEDED_BY_REQUEST),
+        ((0.9, *SERVO.pose_m_rad[1:]), Reason.UNPROVEN),
+        (pose_of((*THERE[:4], 1e-3, THERE[5])), Reason.UNPROVEN),
+    ],
+)
+def test_a_pose_outside_of_the_grant_or_without_clear_joint_angles_ends_the_stream(house, pose, reason):
+    def play(held):
+        assert held.steps.step(replace(SERVO, pose_m_rad=pose)) is reason
+        assert held.steps.step(SERVO) is reason
+
+    opened(house, play)
+
+
+@pytest.mark.clause("LSD-15")
+def test_a_pose_that_physics_does_not_take_ends_the_stream(house):
+    def play(held):
+        house.certifying.answer = ImpactFault(Reason.ROBOT_LIMIT, "too far")
+        assert held.steps.step(SERVO) is Reason.ROBOT_LIMIT
+
+    opened(house, play)
