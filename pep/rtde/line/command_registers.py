@@ -197,8 +197,7 @@ class LeasedCommands:
         return self._certain(self.stands, six)
 
     def _merged(self, values: Mapping[str, Value]) -> RegisterImage:
-        """Image of all that the client has written, as it may be: the only way in which it is read."""
-        return self._client.merged(values)
+        return self._client.merged(values)  # the only way in which they are read, since limits may be lowered in it
 
     def _again(self, image: RegisterImage, at_ms: int) -> None:
         """Steps a stream whose value the program repeats, or asks again where it was refused."""

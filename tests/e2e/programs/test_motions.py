@@ -88,7 +88,6 @@ def test_a_path_of_joint_moves_and_lines_with_blends_is_followed_to_its_end_and_
         path.addEntry(PathEntry(P, pose, [x, y + 0.06, z, *turn, 0.08, 0.5, 0.0]))
         path.addEntry(PathEntry(J, joints, [*q, 0.3, 1.0, 0.0]))
         say(control.movePath(path), max(abs(a - b) for a, b in zip(receive.getActualQ(), q)) < 2e-3)
-        settled()
         say(moves(control.moveJ, [q[0] + 0.02, *q[1:]], 0.4, 1.2))
     """)  # fmt: skip
     assert lines == ["True True", "True"], errors

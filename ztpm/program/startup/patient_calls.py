@@ -44,7 +44,8 @@ def make_patient(module: ModuleType) -> None:
     failed: dict[int, float] = {}  # time of the last failed call, by object
     for name in dir(interface):
         call = getattr(interface, name)
-        if callable(call) and not name.startswith("_") and name not in AT_ONCE:
+        own = callable(call) and not isinstance(call, type) and not name.startswith("_")  # types are left as they are
+        if own and name not in AT_ONCE:
             setattr(interface, name, _patient(call, runs, failed))
 
 
