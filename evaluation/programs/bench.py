@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import cell as cell_statement
+from capabilities.statements.observation import Box
 from capabilities.values.scope import Scope, Tier
+from capabilities.values.units import Unit, si
 from evaluation.programs.catalog import CatalogError, cell_text, scope_of
 from evaluation.programs.verdict import Ended
 from ztpm.base.layout import SURVEYOR, read_key, write_private
@@ -34,6 +36,8 @@ if TYPE_CHECKING:
 
 SPONSOR, APPROVER, EYES = "alice", "bob", "orchestrator"
 """People who lend and answer, and the agent by which the bench reads the state."""
+TABLE: Final = "table"
+"""Name of the one thing that the simulated arm can press on."""
 LIFETIME_S: Final = 900
 PATIENCE_S: Final = 20
 """So long the cell waits for a person."""
@@ -159,17 +163,35 @@ def bench(cell: str) -> Iterator[ProgramBench]:
         scope = sweep_scope(audience, delegates=frozenset(), now=now, lifetime_s=LIFETIME_S)
         issued = on_stage.person(SPONSOR).issue(eyes, replace(scope, ceiling=Tier.NO_EFFECT), purpose="reads the state")
         on_stage.tokens[EYES] = issued.token
+        on_stage.cell.robot.tell({"fault": "surface", "z_m": table_top_m(_stands(cell, on_stage.cell.layout))})
         yield ProgramBench(on_stage, Path(folder))
+
+
+def table_top_m(stands: cell_statement.Cell) -> float:
+    """Height of the top of that cell's table, on which the simulated tool can press, m.
+
+    Raises:
+        CatalogError: no box of it is called so.
+    """
+    for thing in stands.objects:
+        if thing.name == TABLE and isinstance(thing.shape, Box):
+            return si(thing.shape.center_um[2] + thing.shape.half_um[2], Unit.MICROMETRE)
+    raise CatalogError(f"cells/{stands.name}.toml: no box that is the {TABLE}")
 
 
 def _signed(name: str, layout: Layout, passphrase: bytes) -> bytes:
     """Cell file of that draft, signed by the cell's surveyor."""
+    key = read_key(layout.operator_key(SURVEYOR), passphrase)
+    return cell_statement.sign(_stands(name, layout), key).encode() + b"\n"
+
+
+def _stands(name: str, layout: Layout) -> cell_statement.Cell:
+    """Cell of that draft, with the author, audience and sensors of this one."""
     from ztpm.cell.setup import read_addresses
 
     quoted = ", ".join(f'"{sensor}"' for sensor in sensor_keys(layout))
     whose = f'author = "{SURVEYOR}"\naudience = "{read_addresses(layout).audience}"\nsensors = [{quoted}]\n'
     try:
-        stands = draft(whose + cell_text(name), at=int(time.time()), days=DAYS)
+        return draft(whose + cell_text(name), at=int(time.time()), days=DAYS)
     except (OSError, ValueError) as error:
         raise CatalogError(f"cells/{name}.toml: {error}") from error
-    return cell_statement.sign(stands, read_key(layout.operator_key(SURVEYOR), passphrase)).encode() + b"\n"

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 YIELD_M_S_N: Final = 0.005  # ours: 10 N that nothing resists make 50 mm/s
 YIELD_RAD_S_NM: Final = 0.5  # ours: 1 Nm, 0.5 rad/s
 DAMPING: Final = 0.025  # URScript manual, force_mode_set_damping: the default
+TOUCH_N: Final = 5.0  # ours: force from which the tool touches; 0.25 mm of that workpiece
 STIFFNESS_N_M: Final = 20_000.0  # ours: a workpiece on rubber; 10 N press it in by half a millimetre
 
 

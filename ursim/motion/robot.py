@@ -10,12 +10,12 @@ from pep.rtde.wire.variables import INPUTS, OUTPUTS, WIDTH, VariableType
 from ursim.motion.arm import AXES, GRAVITY_M_S2, Body
 from ursim.motion.drive import Drive
 from ursim.motion.dynamics import acceleration, joint_torques, linear_momentum
-from ursim.motion.led import DAMPING, Surface, wrench_at
+from ursim.motion.led import DAMPING, TOUCH_N, Surface, wrench_at
 from ursim.motion.motion import ZERO, Brake, MoveJoints, MoveTool
 from ursim.motion.spatial import IDENTITY, Frame, Triple, chain, rotate, to_frame, to_pose, transpose
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from pep.rtde.wire.codec import Value
     from ursim.motion.arm import Arm, Joints
@@ -128,6 +128,7 @@ class Robot:
         self.alarm: str | None = None  # a protective stop that a program or the drive asks for
         self.touched_at: int | None = None  # step since which the tool touches something
         self.surfaces: list[Surface] = []  # that the tool may press on
+        self._pressing_since: int | None = None  # step since which the tool presses on one
         self.hand: Joints = ZERO  # joint speeds at which a person pushes an arm that may be led
         self.force_damping, self.force_gain = DAMPING, 1.0
         self.force_from_client = False  # the wrench at the tool is external_force_torque
@@ -310,6 +311,24 @@ class Robot:
     def felt(self, point_m: Triple) -> Triple:
         """Force of all surfaces on a tool at that point, N."""
         return wrench_at(self.surfaces, point_m)
+
+    def feel(self) -> None:
+        """Notes, once a step, whether the tool presses on a surface."""
+        pressing = bool(self.surfaces) and math.hypot(*self.felt(self.tool[0])) >= TOUCH_N
+        if not pressing:
+            self._pressing_since = None
+        elif self._pressing_since is None:
+            self._pressing_since = self.step
+
+    def touching_since(self, direction: Sequence[float]) -> int | None:
+        """Step since which the tool touches something that is in its way there; None where it touches nothing.
+
+        Args:
+            direction: in the base frame; three zeros for any.
+        """
+        against = -sum(f * d for f, d in zip(self.felt(self.tool[0]), direction, strict=True))
+        pressing = self._pressing_since if against > 0 or not any(direction) else None
+        return min((since for since in (self.touched_at, pressing) if since is not None), default=None)
 
     @property
     def waypoint(self) -> tuple[float, ...]:

@@ -134,6 +134,7 @@ class Controller:
             robot.drive.advance(TICK_S)
         except MotionError as error:
             robot.alarm = str(error)
+        robot.feel()
         if robot.overloaded:
             robot.alarm = "a joint would need more torque than it has"
         if robot.alarm is not None:

@@ -166,11 +166,13 @@ def _force_input(run: Execution, enable: Value, mass: Value = 0.0, offset: Value
 
 
 def _tool_contact(run: Execution, direction: Value = None) -> int:
-    """Number of steps back to just before the tool touched, in any direction; 0 when it touches nothing."""
-    if direction is not None:
-        six(direction, "direction")
+    """Number of steps back to just before the tool touched what is in that direction; 0 when it touches nothing.
+
+    A touch that a test tells of is in every direction.
+    """
     robot = run.robot
-    return 0 if robot.touched_at is None else min(robot.step - robot.touched_at + 1, len(robot.drive.history))
+    since = robot.touching_since((0.0, 0.0, 0.0) if direction is None else six(direction, "direction")[:3])
+    return 0 if since is None else min(robot.step - since + 1, len(robot.drive.history))
 
 
 # ----------------------------------------------------------------------------------------------------------- registers

@@ -6,7 +6,7 @@ from rtde_control import RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
 HOST = sys.argv[1]
-SPEED, ACCELERATION, BLEND = 0.6, 1.0, 0.02
+SPEED, ACCELERATION, BLEND = 0.6, 1.0, 0.01
 VIEWS = [
     [-0.5, -1.60, 1.25, -1.2, -1.57, 0.0],
     [-0.3, -1.55, 1.20, -1.2, -1.57, 0.2],

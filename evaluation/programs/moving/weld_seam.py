@@ -7,7 +7,7 @@ from rtde_control import Path, PathEntry, RTDEControlInterface
 from rtde_receive import RTDEReceiveInterface
 
 HOST = sys.argv[1]
-RADIUS, STEPS, SPEED, ACCELERATION = 0.06, 12, 0.05, 0.3
+RADIUS, STEPS, SPEED, ACCELERATION = 0.06, 6, 0.03, 0.3
 
 control = RTDEControlInterface(HOST)
 receive = RTDEReceiveInterface(HOST)

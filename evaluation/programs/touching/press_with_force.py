@@ -24,7 +24,7 @@ while pressing < 500 and time.monotonic() < until:
     start = control.initPeriod()
     if not control.forceMode(FRAME, DOWN, WRENCH, 2, LIMITS):
         sys.exit("no force")
-    pressing = pressing + 1 if receive.getActualTCPPose()[2] < 0.0 else 0
+    pressing = pressing + 1 if receive.getActualTCPForce()[2] > 8.0 else 0
     control.waitPeriod(start)
 pressed = receive.getActualTCPForce()[2]
 depth = receive.getActualTCPPose()[2]
@@ -33,4 +33,4 @@ low[2] = depth + 0.05
 if not control.moveL(low, 0.05, 0.3):
     sys.exit("not up again")
 control.stopScript()
-sys.exit(pressing < 500 or depth > 0.0 or abs(pressed) > 30)
+sys.exit(pressing < 500 or depth > 0.0 or not 8.0 < pressed < 12.0)

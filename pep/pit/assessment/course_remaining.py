@@ -35,6 +35,7 @@ HORIZON_S: Final = 1.0
 A look, its answer and a stop together take less.
 """
 PLACE_STEPS: Final = 8  # of a projection onto a course: it closes in quadratically
+NEAR_PLACE: Final = 1e-9  # of a course: a step as short as that changes nothing
 
 
 class RemainingCourse(RemainingRun):
@@ -109,7 +110,9 @@ def _place(course: Course, at: Floats) -> float:
         length2 = float(dq @ dq)
         if not length2 > STILL_RAD**2:
             break
-        s = min(max(s + float((at - q) @ dq) / length2, 0.0), 1.0)
+        s, before = min(max(s + float((at - q) @ dq) / length2, 0.0), 1.0), s
+        if abs(s - before) <= NEAR_PLACE:
+            break
     return s
 
 
@@ -147,10 +150,14 @@ class RemainingLegs:
 
         def ask(leg: RemainingRun) -> tuple[Remaining, bool]:
             nonlocal left_s, first
-            if not first and isinstance(leg, RemainingCourse) and isinstance(leg.drive, TimedCourse):
-                left_s -= leg.drive.least_s
+            drive = leg.drive if isinstance(leg, RemainingCourse) else None
+            joined = False
+            if isinstance(drive, TimedCourse):
+                joined = drive.joined
+                if not first:
+                    left_s -= drive.least_s
             first = False
-            return leg.at(fraction), left_s > 0
+            return leg.at(fraction), joined or left_s > 0
 
         return self._worst(ask)
 

@@ -57,7 +57,7 @@ class Stretch:
         profile: its timing, at plateau speed at a blended end.
         push: as in `TimedCourse`.
         tool_speed_m_s: likewise.
-        least_s: likewise.
+        least_s, joined: likewise.
     """
 
     start: Joints
@@ -67,6 +67,7 @@ class Stretch:
     push: tuple[float, float]
     tool_speed_m_s: float
     least_s: float = 0.0
+    joined: bool = False
 
     def near(self, q: Floats) -> bool:
         """True where an arm at `q` (6,) may be on it, as far as its pieces tell."""
@@ -78,7 +79,13 @@ class Stretch:
         """The course with its timing, of one thread."""
         course = chosen().course(robot, self.cells, self.track)
         return TimedCourse(
-            course, self.profile, self.push, tool_speed_m_s=self.tool_speed_m_s, slower=False, least_s=self.least_s
+            course,
+            self.profile,
+            self.push,
+            tool_speed_m_s=self.tool_speed_m_s,
+            slower=False,
+            least_s=self.least_s,
+            joined=self.joined,
         )
 
 
@@ -227,12 +234,31 @@ def _corner(
         grown = grown + TURNED * _turned(robot, waypoint, u, w)
     bend = (out.velocity - into.velocity) / (into.seconds + out.seconds)
     tool = max(into.tool_speed_m_s, out.tool_speed_m_s)
+    strips: list[tuple[Joints, Planned]] = []
     for strip in range(STRIPS):
         begins = waypoint - u * (1 - strip / STRIPS) + w * (strip + 0.5) / STRIPS
-        yield _strip(robot, begins, into, u, w, share=1 - strip / STRIPS, grown=grown, bend=bend, tool=tool)
+        strips.append(_strip(robot, begins, into, u, w, share=1 - strip / STRIPS, grown=grown, bend=bend, tool=tool))
     for strip in reversed(range(STRIPS)):
         begins = waypoint - u * (strip + 0.5) / STRIPS
-        yield _strip(robot, begins, out, w, u, share=1 - strip / STRIPS, grown=grown, bend=bend, tool=tool)
+        strips.append(_strip(robot, begins, out, w, u, share=1 - strip / STRIPS, grown=grown, bend=bend, tool=tool))
+    least_s = _least_s(u + w, np.concatenate([into.velocities, out.velocities]), grown)
+    for number, (start, one) in enumerate(strips):
+        first, last = number == 0, number == len(strips) - 1
+        timed = replace(one, least_s=first * least_s, joined=not last) if isinstance(one, Stretch) else one
+        yield start, timed
+
+
+def _least_s(chord: Floats, velocities: Floats, grown: Floats) -> float:
+    """Least time for a corner: along its chord the arm is never faster than on the faster leg.
+
+    Args:
+        chord: from where the blend begins to where it ends, (6,), rad.
+        velocities: of the joints on both legs, (n, 6), rad/s.
+        grown: by how much the arm may be elsewhere at both ends, (6,), rad.
+    """
+    room = float(chord @ chord - 2 * grown @ np.abs(chord))
+    fastest = FASTER * float((velocities @ chord).max())
+    return max(0.0, room) / fastest if fastest > 0 else 0.0
 
 
 def _strip(

@@ -46,7 +46,9 @@ class TimedCourse:
             and backward.
         tool_speed_m_s: that is commanded for the tool point, 0 when none is.
         slower: whether another commanded speed is the same motion, only slower.
-        least_s: time that the arm takes between the blends at its ends, at least, s; 0 where that is not known.
+        least_s: time that the arm takes between the blends at its ends, at least, s; 0 where that is not known. Of a
+            corner its first course has all of it.
+        joined: whether the course after it is of the same corner.
     """
 
     course: CompiledCourse
@@ -55,6 +57,7 @@ class TimedCourse:
     tool_speed_m_s: float = 0.0
     slower: bool = True
     least_s: float = 0.0
+    joined: bool = False
 
     @property
     def twist(self) -> Twist | None:

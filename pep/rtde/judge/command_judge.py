@@ -254,11 +254,11 @@ class LeasedJudge:
         held.deny(refused.reason, told(refused.reason, refused.place))
 
 
-_TOLD: Final = ("parameter", "unit", "nearest_permitted", "highest_speed_of_lower_tier", "latch_id")
+_TOLD: Final = ("parameter", "unit", "nearest_permitted", "highest_speed_of_lower_tier", "latch_id", "cause")
 
 
 def _why(decision: Decision) -> str:
-    """Text of a denial for the program: the parameter, and the values that would be permitted."""
+    """Text of a denial for the program: the parameter, what would be permitted, what physics could not do."""
     detail = decision.findings[0].detail if decision.findings else {}
     said = [f"{name}={detail[name]}" for name in _TOLD if detail.get(name) is not None]
     return told(decision.reason, ", ".join(said))

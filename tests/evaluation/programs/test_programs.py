@@ -12,9 +12,11 @@ import pytest
 from capabilities.values.algebra import narrows
 from capabilities.values.scope import Scope, Tier
 from evaluation.programs import catalog as programs
+from evaluation.programs.bench import table_top_m
 from evaluation.programs.catalog import HERE, CatalogError, ProgramRow, RefusedCall, by_cell, catalog, cell_text, chosen
 from evaluation.programs.result import ProgramResult, ProgramsResult, last_line, tables
 from evaluation.programs.verdict import Ended, ProgramOutcome, judged
+from msgspec.structs import replace
 from pep.base.operations import OPERATIONS
 from pep.rtde.command.limits import widest
 from ztpm.cell.survey import draft
@@ -65,6 +67,14 @@ def test_a_scope_grants_no_more_than_the_robot_has(row):
 @pytest.mark.parametrize("name", sorted(by_cell(ROWS)))
 def test_a_cell_is_one_that_a_person_can_sign(name):
     assert draft(WHOSE + cell_text(name), at=int(time.time()), days=1).name == name
+
+
+@pytest.mark.parametrize("name", sorted(by_cell(ROWS)))
+def test_the_table_that_the_simulated_tool_meets_is_where_the_cell_file_has_it(name):
+    stands = draft(WHOSE + cell_text(name), at=int(time.time()), days=1)
+    assert table_top_m(stands) == pytest.approx(-0.01)
+    with pytest.raises(CatalogError, match="no box"):
+        table_top_m(replace(stands, objects=()))
 
 
 @EACH

@@ -159,6 +159,7 @@ class Held:
     path: tuple = ()
     waits: bool = True
     answers: list = field(default_factory=list)
+    denied: str = ""  # with this line
     steps: object = None
     before: object = None
     written: object = None
@@ -180,6 +181,7 @@ class Held:
         assert told.startswith(str(reason))
         assert fits(told)
         self.answers.append(reason)
+        self.denied = told
 
     def defer(self, told):
         self.answers.append("defer")

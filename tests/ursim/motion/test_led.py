@@ -4,7 +4,7 @@ import math
 
 import pytest
 from tests.ursim.cell import Bench
-from ursim.motion.led import STIFFNESS_N_M, Surface
+from ursim.motion.led import STIFFNESS_N_M, TOUCH_N, Surface
 from ursim.ports.faults import FaultError, PlannedFault
 
 UP = (0.0, 0.0, 1.0)
@@ -77,6 +77,53 @@ def test_a_hand_moves_it_along_the_free_axes_alone():
     there = bench.robot.tool_pose
     assert abs(there[2] - z) > 0.01
     assert math.hypot(there[0] - x, there[1] - y) < 1e-3
+
+
+SEEK = """def p():
+ n = 0
+ while n == 0:
+  speedl([0, 0, {speed}, 0, 0, 0], a=1, t=0.002)
+  n = tool_contact({direction})
+ end
+ stopl(3)
+ movel(get_actual_joint_positions_history(n), a=1.2, v=0.25)
+ write_output_integer_register(0, 1)
+end
+"""
+
+
+def sought(direction="[0, 0, -1, 0, 0, 0]", speed=-0.02, depth_m=0.01):
+    bench = Bench()
+    x, y, z = bench.robot.tool_pose[:3]
+    bench.robot.surfaces.append(Surface((x, y, z - depth_m), UP))
+    assert bench.load(SEEK.format(direction=direction, speed=speed)) is None
+    return bench, z - depth_m
+
+
+@pytest.mark.parametrize("direction", ["", "[0, 0, 0, 0, 0, 0]", "[0, 0, -1, 0, 0, 0]", "get_target_tcp_speed()"])
+def test_a_tool_that_meets_a_face_has_a_contact_and_finds_back_to_it(direction):
+    bench, face_m = sought(direction)
+    bench.tick(150)
+    assert bench.out(0) == 0, "there is nothing in the open"
+    bench.until(lambda: bench.out(0) == 1, 1_000)
+    assert bench.exceptions == []
+    assert bench.robot.tool_pose[2] == pytest.approx(face_m - TOUCH_N / STIFFNESS_N_M, abs=1e-4)
+
+
+def test_a_face_is_no_contact_in_a_direction_that_leads_away_from_it():
+    bench, face_m = sought("[0, 0, 1, 0, 0, 0]")
+    bench.tick(500)
+    assert bench.robot.tool_pose[2] < face_m
+    assert bench.out(0) == 0
+
+
+def test_a_tool_that_has_left_a_face_touches_it_no_more():
+    bench, _ = sought(speed=0.02, depth_m=-0.001)
+    bench.tick()
+    assert bench.robot.touching_since((0.0, 0.0, 0.0)) is not None
+    bench.robot.surfaces.clear()
+    bench.tick()
+    assert bench.robot.touching_since((0.0, 0.0, 0.0)) is None
 
 
 @pytest.mark.parametrize("text", ["push=4,0,0,0,0,0", "push=1,2", "surface=11", "surface=nan"])

@@ -7,9 +7,12 @@ from functools import partial
 import numpy as np
 import pytest
 from policies.evidence.evidence import ImpactFault
-from tests.pep.pit.campaign.blends import judged, moved, trial
+from tests.pep.pit.campaign.blends import STEP_S, judged, moved, trial
 from tests.pep.pit.lines import placed, pose_of
 from tests.pep.pit.scenes import CELL, HOME, NOTHING, ROBOT, SEED, empty
+
+from pep.pit.assessment.course_remaining import HORIZON_S, RemainingCourse, RemainingLegs
+from pep.pit.search.blended_course import blended_drives
 
 from pep.pit import BlendedPath, JointLeg, JointPath, LineLeg, Scene, Sphere, Thing, assess, remaining
 
@@ -133,6 +136,74 @@ def test_the_watch_knows_an_arm_that_cuts_a_corner(made, manner):
         for q in part[:: max(1, len(part) // 5)]:
             found = rest(path, q, authorised=authorised)
             assert found.holds, found
+
+
+def seam(legs=8, radius_m=0.06, speed_m_s=0.1, blend_m=0.004):
+    """Half a circle of short lines, each rounded into the next."""
+    x, y, z, *turn = pose_of(HOME)
+    angles = [math.pi * k / legs for k in range(1, legs + 1)]
+    ends = [(x + radius_m * (1 - math.cos(a)), y - radius_m * math.sin(a), z, *turn) for a in angles]
+    return BlendedPath(HOME, tuple(LineLeg(end, speed_m_s, 1.0, blend_m if end != ends[-1] else 0.0) for end in ends))
+
+
+def courses(path):
+    return [drive for _, drive in blended_drives(ROBOT, path, check_time=lambda: None)]
+
+
+@pytest.mark.parametrize("manner", ["through", "parabola", "chord", "tool"])
+@pytest.mark.parametrize("path", [joints(0.03), lines(0.03), mixed(0.03), seam(3)])
+def test_no_arm_is_through_a_leg_or_a_corner_sooner_than_is_reckoned_with(path, manner):
+    parts, each = moved(path, manner), courses(path)
+    took_s = [(len(part) - 1) * STEP_S for part in parts]
+    if manner == "through":  # its legs go from waypoint to waypoint
+        assert sum(took_s) >= sum(one.least_s for one in each)
+        return
+    least_s = [sum(one.least_s for one in each[5 * (k // 2) + k % 2 :][: 4 if k % 2 else 1]) for k in range(len(parts))]
+    assert len(each) == 5 * (len(parts) // 2) + 1
+    for took, least in zip(took_s, least_s, strict=True):
+        assert took >= least - STEP_S
+
+
+def test_nearly_all_of_the_time_for_a_flat_corner_is_known():
+    through_s = 2 * 0.004 / 0.1
+    assert all(0.6 * through_s < one.least_s < through_s for one in courses(seam())[1::5])
+
+
+def looked_at(path, q, horizon_s=HORIZON_S):
+    """Number of the last course that a look at an arm there asks about."""
+    asked = []
+
+    def rests():
+        for number, drive in enumerate(courses(path)):
+            asked.append(number)
+            start = tuple(drive.course.q(0.0).tolist())
+            yield RemainingCourse(
+                ROBOT, start, drive, PATIENT, at_rad=tuple(q), authorised_milli=4000, check_time=lambda: None
+            )
+
+    legs = RemainingLegs(rests(), lambda: None, horizon_s=horizon_s)
+    assert legs.prepare(empty(), 0.1, NOTHING) is None
+    assert legs.at(1.0).holds
+    return asked[-1]
+
+
+@pytest.mark.parametrize("manner", ["through", "parabola", "chord"])
+def test_a_look_asks_about_all_that_the_arm_can_reach_in_a_second_and_little_more(manner):
+    path, at_once = seam(), []
+    parts = [(number, q) for number, part in enumerate(moved(path, manner)) for q in part[1:]]
+    ahead = round(HORIZON_S / STEP_S)
+    for now in range(0, len(parts) - ahead, 97):
+        number, _ = parts[now + ahead]
+        needed = 5 * number if manner == "through" else 5 * (number // 2) + 4 * (number % 2)
+        last = looked_at(path, parts[now][1])
+        assert last >= needed
+        at_once.append(last - needed)
+    assert len(at_once) > 5
+    assert max(at_once) <= 10
+
+
+def test_a_corner_in_reach_is_looked_at_whole():
+    assert looked_at(seam(3), HOME, horizon_s=1e-3) == 4
 
 
 def test_an_arm_beside_a_corner_is_off_its_path():

@@ -154,6 +154,20 @@ def test_what_the_gate_denies_is_not_forwarded(house, spoil, reason):
     assert house.arm.q == 0.0
 
 
+def test_a_program_is_told_what_physics_could_not_do(house):
+    cause = "a blend takes more than half of a leg"
+    house.physics.answer = ImpactFault("OUT_OF_RANGE", cause)
+    held = house.held(MOVE)
+
+    async def scenario(judge):
+        judge.judge(held)
+        await until(lambda: held.answers)
+
+    played(house, scenario)
+    assert held.answers == [Reason.OUT_OF_RANGE]
+    assert f"cause={cause}" in held.denied
+
+
 def test_what_the_chain_does_not_grant_is_not_forwarded(house):
     at = house.clock.wall_s()
     bare = house.agent(scope=leased_scope(at, without=("move_joint", "servo_joint")))
