@@ -287,7 +287,7 @@ SPEED_LINEAR: Final = Operation(
     ),
     OperationKind.MOTION,
     Tier.REVERSIBLE,
-    RobotPart(Moves.AT_TOOL_SPEED, Sent.ONCE),  # the joints of a changing tool speed have no bound: one at a time
+    RobotPart(Moves.AT_TOOL_SPEED, Sent.STREAM),
 )
 _SERVO: Final = (
     _limit("period", Unit.MILLISECOND, *SERVO_PERIOD_MS),

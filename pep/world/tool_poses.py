@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from pep.pit.base.errors import UnprovenError
-from pep.pit.robot.inverse_kinematics import followed, nearest
+from pep.pit.robot.inverse_kinematics import followed, joint_speeds, nearest
 from pep.pit.robot.twist import tool_pose, turn_of
 from policies.evidence.evidence import ImpactFault
 
@@ -35,6 +35,10 @@ class ToolPoses:
     def followed(self, pose: Pose, near: Joints) -> Joints | ImpactFault:
         """Joint angles of a pose a short way from others, on their branch; half a millisecond ([PHY-57])."""
         return _told(lambda: followed(self._holding.robot, pose, near))
+
+    def speeds(self, twist: Pose, at: Joints) -> Joints | ImpactFault:
+        """Joint speeds that make a tool speed at joint angles; a tenth of a millisecond ([PHY-69])."""
+        return _told(lambda: joint_speeds(self._holding.robot, twist, at))
 
     def pose_of(self, q_rad: Joints) -> Pose:
         """Pose of the tool at six joint angles."""

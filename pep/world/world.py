@@ -41,12 +41,12 @@ from pep.pit import (
 )
 from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.timed_points import refuse_untimed
-from pep.pit.robot.inverse_kinematics import followed
+from pep.pit.robot.inverse_kinematics import followed, joint_speeds
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.search.contact_way import contact_speed, until_contact
 from pep.pit.search.speed_envelope import moves_with, stream_envelope
 from pep.world.arrival import arrived
-from pep.world.led_motion import LedView, force_of, led_by
+from pep.world.led_motion import AGAIN_S, LedView, force_of, led_by
 from pep.world.timed_request import refuse_elsewhere, refuse_faster, trajectory_of
 from pep.world.waypoints import through_waypoints
 from policies.evidence.evidence import ImpactFault, ImpactReading
@@ -448,6 +448,11 @@ def _motion(request: Request, state: JointState, robot: Robot, cell: CellParamet
         case Moves.AT_TOOL_SPEED:
             # A held tool speed lasts until it is ended; a late end has the patience of a stream of joint speeds.
             duration_s = values[7] + patience_s(cell.stop_deceleration_rad_s2)
+            if any(values[:3]) and any(values[3:6]):
+                # Its joints grow together, as they are written (LSD-29); its line has no course of its own (PHY-19).
+                speeds = joint_speeds(robot, values[:6], here)  # type: ignore[arg-type]
+                held = SpeedJ(here, speeds, values[6], AGAIN_S)  # type: ignore[arg-type]
+                return stream_envelope(held, cell, under_way=False)
             return SpeedL(here, values[:6], values[6], duration_s)  # type: ignore[arg-type]
         case Moves.UNTIL_CONTACT:
             return contact_speed(here, values[:6], values[6], values[7])  # type: ignore[arg-type]

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pep.base.stop_model import STREAM_SPEED_RAD_S
 from pep.pit.base.errors import UnprovenError
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.robot.twist import turn_of, turned_by
@@ -111,6 +112,27 @@ def followed(robot: Robot, pose: Pose, near: Joints) -> Joints:
         raise UnprovenError("unreachable")
     _refuse_singular(here)
     a, b, c, d, e, f = here.q.tolist()
+    return a, b, c, d, e, f
+
+
+def joint_speeds(robot: Robot, twist: Pose, at: Joints) -> Joints:
+    """Joint speeds, rad/s, that make a tool speed at joint angles.
+
+    Args:
+        robot: the arm; the speed is that of its tool centre point.
+        twist: along and about the axes of the base frame, m/s and rad/s.
+        at: joint angles, rad.
+
+    Raises:
+        UnprovenError: `singular`, a joint would be faster than a stream of joint speeds may be.
+    """
+    try:
+        found = np.linalg.solve(stance(robot, np.array(at)).jacobian, np.array(twist))
+    except np.linalg.LinAlgError:
+        raise UnprovenError("singular") from None
+    if not float(np.abs(found).max()) <= STREAM_SPEED_RAD_S:
+        raise UnprovenError("singular")
+    a, b, c, d, e, f = found.tolist()
     return a, b, c, d, e, f
 
 

@@ -132,7 +132,14 @@ class CommandedOperation:
 
 
 _ROUNDED: Final = frozenset(
-    {Unit.MICRORADIAN, Unit.MICRORADIAN_PER_SECOND, Unit.MICRORADIAN_PER_SECOND2, Unit.MICROMETRE}
+    {
+        Unit.MICRORADIAN,
+        Unit.MICRORADIAN_PER_SECOND,
+        Unit.MICRORADIAN_PER_SECOND2,
+        Unit.MICROMETRE,
+        Unit.MICROMETRE_PER_SECOND,
+        Unit.MICROMETRE_PER_SECOND2,
+    }
 )
 
 

@@ -19,7 +19,7 @@ from pep.rtde.command.command_table import row_of
 from pep.rtde.judge.command_requests import load_of
 from pep.rtde.judge.lease_bounds import LeaseBounds
 from pep.rtde.judge.pose_targets import rewritten
-from pep.rtde.judge.stream_values import LATE_MS, LeasedStream, StreamProgress, envelope
+from pep.rtde.judge.stream_values import LeasedStream, StreamProgress, envelope
 from pep.rtde.motion.motion_follower import ContactProgress, SettledProgress, TargetProgress, TimedProgress
 from pep.rtde.motion.motions import finished
 from pep.rtde.wire.client_texts import told
@@ -348,8 +348,6 @@ class LeasedEffects:
     ) -> MotionProgress:
         if stream is not None:
             return StreamProgress(stream, self._clock)
-        if asked.operation.moves is Moves.AT_TOOL_SPEED:
-            return TimedProgress(self._clock.monotonic_ms() + request.quantities[-1].value + LATE_MS, self._clock)
         request_id = request.request_id
         if asked.operation.moves is Moves.UNTIL_CONTACT:
             lasts_ms = math.floor(self._acts.held_s(request_id) * Unit.MILLISECOND.per_si)

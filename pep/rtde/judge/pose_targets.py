@@ -30,6 +30,10 @@ class Posing(Protocol):
         """Joint angles of a pose a short way from others, on the same branch; a fault without any."""
         ...
 
+    def speeds(self, twist: Six, at: Six) -> Six | ImpactFault:
+        """Joint speeds that make a tool speed, m/s and rad/s, at joint angles; a fault where one is too fast."""
+        ...
+
     def pose_of(self, q_rad: Six) -> Six:
         """Pose of the tool at joint angles."""
         ...

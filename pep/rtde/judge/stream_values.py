@@ -58,6 +58,10 @@ FREE_MILLI: Final = 2_000
 
 JUDGED_MS: Final = 20
 """Ours: time after which a led arm is judged again, from where it is then."""
+HOLD_S: Final = 0.02
+"""Ours: time for which the control script hears of no newer joint speeds of a tool speed."""
+RAMP_RAD_S2: Final = (0.1, 40.0)
+"""Ours, U12: least and most acceleration at which joint speeds of a tool speed are taken up."""
 _SIX: Final = 6
 """Angles, speeds, or the task frame, the first parameters of what is streamed."""
 _NO_VALUE: Final = (0.0,) * _SIX
@@ -120,6 +124,8 @@ class LeasedStream:
         self._began_ms = clock.monotonic_ms()
         self._until_ms = self._began_ms + LASTS_MS
         self._form: _Form | None = None  # of the command that was stepped last
+        self._tool_speed: v.SpeedL | None = None  # that command, where it is one
+        self._lever = 1.0  # of the last tool speed that was none of rest: rad/s of the leading joint per m/s or rad/s
         self._stands: tuple[Value, int | None] | None = None  # and until when, where it is not for ever
         self._numbers: tuple[float, ...] | None = None  # of the value that stands
         self._opened: tuple[float, ...] | None = None  # the first value
@@ -135,6 +141,7 @@ class LeasedStream:
         asked = asked_of(command, path=(), fitted=self._fitted, granted=lambda _: self._bounds.grant)
         if isinstance(asked, CommandedOperation) and asked.operation == self._bounds.operation:
             self._form = self._form_of(command, asked.numbers)  # type: ignore[arg-type]  # a stream has no lists
+            self._tool_speed = command if isinstance(command, v.SpeedL) else None
             return self.follow(asked.numbers[:_SIX])  # type: ignore[arg-type]  # these are six
         self._form = None
         return self.follow(_NO_VALUE)
@@ -147,15 +154,37 @@ class LeasedStream:
         return reason
 
     def written(self, command: Command) -> Command:
-        """See `Steps.written`: a pose is written as the joint angles that were judged ([LSD-15])."""
-        if not (isinstance(command, v.ServoL) and self._stands is not None):
-            return command
-        return v.ServoJ(self._stands[0].q_rad, command.time_s, command.lookahead_s, command.gain)  # type: ignore[union-attr,arg-type]  # of a pose
+        """See `Steps.written`: as the joint angles or speeds that were judged ([LSD-15], [LSD-29])."""
+        match command, None if self._stands is None else self._stands[0]:
+            case v.ServoL(_, time_s, lookahead_s, gain), JointAngles(q_rad):
+                return v.ServoJ(q_rad, time_s, lookahead_s, gain)  # type: ignore[arg-type]  # six, of a pose
+            case v.SpeedL(), JointSpeeds(qd_rad_s, acceleration_rad_s2):
+                return v.SpeedJ(qd_rad_s, acceleration_rad_s2, HOLD_S)  # type: ignore[arg-type]  # likewise, of a twist
+            case _:
+                return command
+
+    def renewed(self) -> Command | None:
+        """See `Steps.renewed`: the joint speeds of the tool speed that stands, where the arm is now ([LSD-29])."""
+        command, stands, now_ms = self._tool_speed, self._stands, self._clock.monotonic_ms()
+        if command is None or stands is None or now_ms - self._judged_ms < JUDGED_MS:
+            return None
+        if self._lost is not None or self._ended_ms is not None or self._over_at(now_ms):
+            return None
+        value = self._speeds_of(command.xd_m_s_rad_s, command.acceleration_m_s2)
+        reason = value if isinstance(value, Reason) else self._certified(value, self._permit.index_milli)
+        if isinstance(value, Reason) or reason is not None:
+            self._lost = reason
+            return None
+        self._stands, self._judged_ms = (value, stands[1]), now_ms
+        return self.written(command)
 
     def _form_of(self, command: Command, numbers: tuple[float, ...]) -> _Form:
         match command:
             case v.ServoL(_, time_s, lookahead_s, _):
                 return _Form(numbers[_SIX:], lambda pose: self._joints_of(pose, time_s, lookahead_s), None)
+            case v.SpeedL(_, acceleration_m_s2, time_s):
+                stands_ms = _ms(stands_s(time_s))
+                return _Form(numbers[_SIX:], lambda twist: self._speeds_of(twist, acceleration_m_s2), stands_ms)
             case _:
                 return _Form.of(command, numbers)
 
@@ -168,6 +197,20 @@ class LeasedStream:
         near = stands.q_rad if isinstance(stands, JointAngles) else state.q_rad
         found = self._posing.followed(pose, near)  # type: ignore[arg-type]  # six, counted where they were read
         return Reason(found.reason) if isinstance(found, ImpactFault) else JointAngles(found, time_s, lookahead_s)
+
+    def _speeds_of(self, twist: Six, acceleration: float) -> Value | Reason:
+        """Joint speeds of a tool speed where the arm is, taken up in the time that the tool would take."""
+        state = self._state()
+        if state is None:
+            return Reason.EVIDENCE_MISSING
+        found = self._posing.speeds(twist, state.q_rad)  # type: ignore[arg-type]  # six, counted where they were read
+        if isinstance(found, ImpactFault):
+            return Reason(found.reason)
+        fastest = max(map(abs, twist))
+        if fastest > 0:
+            self._lever = max(map(abs, found)) / fastest
+        least, most = RAMP_RAD_S2
+        return JointSpeeds(found, min(most, max(least, self._lever * acceleration)))
 
     def ended(self) -> None:
         """See `Steps.ended`."""

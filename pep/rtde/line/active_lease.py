@@ -140,6 +140,12 @@ class ActiveLease:
         self._show()
         return None
 
+    def script_refused(self) -> None:
+        """Ends the program's wait for a script of its own, which was not sent ([LSD-30])."""
+        if self.control is not None and self.control.line.commands is not None:
+            self.control.line.commands.script_refused()
+            self.control.settle()
+
     def left(self, port: UploadPort) -> None:
         """Forgets that line, which is gone."""
         if self._sender is port:
@@ -187,6 +193,7 @@ class ActiveLease:
             self._turn(self.program.look(package, at_ms=at_ms), package)
         commands = control.line.commands
         commands.robot(*package.registers[commands.offset], still=package.still)
+        commands.renew()
         if self.program.phase is not Phase.NONE and at_ms - control.wrote_ms >= REWRITE_MS:
             control.line.rewrite()
         control.settle()

@@ -14,7 +14,7 @@ from pep.rtde.command.command_table import EVERY_CYCLE, ROWS, CommandClass, Wait
 from pep.rtde.command.image_changes import Cleared, Commanded, Drifted, Staged, Swapped, Unchanged, changes
 from pep.rtde.command.register_image import RegisterImage
 from pep.rtde.command.rounding import on_grid
-from pep.rtde.command.stop_rules import MODES, STOPS, ended_by, of_stream, raised
+from pep.rtde.command.stop_rules import MODES, STOPS, STREAMS, ended_by, of_stream, raised
 from pep.rtde.lease.lease import LEASE_OVER, LeaseEnding
 from pep.rtde.line.client_registers import ClientRegisters
 from pep.rtde.line.effects import (
@@ -60,6 +60,7 @@ class LeasedCommands:
 
     Attributes:
         denied: whether the program sees its command as failed, until it clears it; never one that it does not wait for.
+        script_over: whether a script of the program's own was refused, for whose end it may wait ([LSD-30]).
         stands: a value of a stream that goes on, where the controller has nothing newer but what follows it; else None.
     """
 
@@ -74,7 +75,7 @@ class LeasedCommands:
         self._running = self._left = False
         self._path: tuple[Waypoint, ...] = ()
         self._held: CommandQuestion | None = None
-        self._held_ms = 0
+        self._held_ms = self._wrote_ms = self._quiet = 0
         self._early: tuple[str, int] | None = None  # a command that came before the last one's end, and when
         self._last: CommandQuestion | None = None  # forwarded
         self._stream: tuple[int, Steps | None] | None = None
@@ -85,11 +86,9 @@ class LeasedCommands:
         self._once: int | None = None
         self._inside = False
         self._echo = RegisterEcho()
-        self._quiet = 0
         self._stop_next: tuple[Stop, int | None] | None = None  # and since when it has waited for the script
         self._wanted_ms: float | None = None  # the program's own watchdog
-        self._wrote_ms = 0
-        self.denied = False
+        self.denied = self.script_over = False
         self.stands: Command | None = None
 
     def take(self) -> list[Act]:
@@ -110,7 +109,7 @@ class LeasedCommands:
 
     def disarm(self) -> None:
         """Clears the command register."""
-        self._blanked()
+        self._write(v.Clear())
 
     def begin(self, path: tuple[Waypoint, ...]) -> None:
         """Notes that our control script runs, with that path in it, and listens to us alone."""
@@ -130,7 +129,12 @@ class LeasedCommands:
             self._fail(said(reason, "the control script has ended"), stopped=True)
         if self._running or self._sent:
             self._running = False
-            self._blanked()
+            self.disarm()
+
+    def script_refused(self) -> None:
+        """Notes that a script of the program's own was refused; one that waits for a command goes on waiting."""
+        self.script_over = self._client.command in (0, v.StopKind.PROGRAM.value)
+        self._acts.append(Refresh())
 
     def _over(self) -> None:
         self._end_stream()
@@ -182,15 +186,7 @@ class LeasedCommands:
                 self._misread(refused, at_ms)
 
     def follow(self, six: v.Six, *, at_ms: int) -> bool:
-        """Takes in the value that follows the one that `stands`: only its first six doubles are others.
-
-        Args:
-            six: those doubles.
-            at_ms: monotonic time.
-
-        Returns:
-            True where it is to be written now, as that one was; False where the stream has ended with it.
-        """
+        """Takes in the six doubles that follow those that `stand`: true where they are to be written as those were."""
         assert self.stands is not None
         self._client.later(six)
         self._wrote_ms = at_ms
@@ -217,7 +213,7 @@ class LeasedCommands:
             self.denied = False
             self._acts.append(Refresh())
         if self._sent and not (self._sent in STOPS and self._inside):
-            self._blanked()
+            self.disarm()
 
     def _misread(self, refused: InputRefusal, at_ms: int) -> None:
         if refused.command is not None and refused.command in STOPS:
@@ -228,6 +224,7 @@ class LeasedCommands:
 
     def _commanded(self, command: Command, before: int, at_ms: int) -> None:
         self._withdraw()
+        self.script_over = False
         row = row_of(command)
         before = self._refused.turns(row.id, before)
         if isinstance(command, v.Stop):
@@ -271,6 +268,13 @@ class LeasedCommands:
         if self._certain(command):
             self._write(self._stream[1].written(command))  # type: ignore[index,union-attr]  # it has just judged this one
             self.stands = command
+
+    def renew(self) -> None:
+        """Writes the value that stands anew, where its judge says another command for it by now."""
+        steps = None if self._stream is None else self._stream[1]
+        again = steps.renewed() if steps is not None and self._sent in STREAMS else None
+        if again is not None:
+            self._write(again)
 
     def _certain(self, command: Command, six: v.Six | None = None) -> bool:
         """True where the stream goes on with this value, or these six doubles in it; else it has ended."""
@@ -368,7 +372,7 @@ class LeasedCommands:
         if self._inside and ((said == DONE and over) or (newest and self._quiet > QUIET)):
             self._inside = False
             if command in STOPS and self._client.command not in STOPS:
-                self._blanked()  # the program did not wait for its end, or the stop was ours
+                self.disarm()  # the program did not wait for its end, or the stop was ours
             self._hear_early()
         if idle and newest and not self._inside:
             self._once = None
@@ -396,10 +400,8 @@ class LeasedCommands:
         if self._held is not None and at_ms - self._held_ms > PATIENCE_MS:
             self._withdraw()
             self._deny(Reason.APPROVAL_TIMEOUT, "nobody decided in time")
-        if self._stop_next is not None:
-            since = self._stop_next[1]
-            if since is not None and at_ms - since > TAKEN_MS:
-                self._halt()
+        if self._stop_next is not None and (since := self._stop_next[1]) is not None and at_ms - since > TAKEN_MS:
+            self._halt()
         if self._wanted_ms is not None and at_ms - self._wrote_ms > self._wanted_ms:
             self._wanted_ms = None
             self._halt()  # what its own watchdog would have done
@@ -435,7 +437,7 @@ class LeasedCommands:
         else:
             # The script carries nothing out before it has seen that what it did last was cleared.
             self._stop_next = (stop, at_ms)
-            self._blanked()
+            self.disarm()
 
     def _brake(self) -> None:
         """Stops all forwarded motion, by our own decision."""
@@ -469,9 +471,6 @@ class LeasedCommands:
         said = encode(command, self.offset)
         # The order is the blank's, and what the connection does not have is not written.
         self._acts.append(Write({**self._zeros, **{name: said[name] for name in said if name in self._claimed}}))
-
-    def _blanked(self) -> None:
-        self._write(v.Clear())
 
     def _deny(self, reason: Reason, told: str) -> None:
         self._fail(said(reason, told))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from pep.rtde.command.led_limits import granted
 from pep.rtde.lease.lease import LeaseEnding
@@ -33,6 +33,10 @@ if TYPE_CHECKING:
     from pep.rtde.robot.judge_port import ProgramOwner, Steps
     from pep.rtde.script.control_script import ControlScript
     from pep.rtde.script.move_path import Waypoint
+
+
+OWN_SCRIPT: Final = "sendCustomScript"
+"""Name of ur_rtde's call that sends a script as it is; all of its kind send that one."""
 
 
 class LeasedRtdePort(Conversation):
@@ -231,13 +235,17 @@ class LeasedScriptPort(StreamPort):
     def __init__(self, tenant: ActiveLease, back: ReplyChannel, scripts: Sequence[ControlScript]) -> None:
         super().__init__(back)
         self._tenant = tenant
+        self._scripts = scripts
         self._programs = LeasedScripts(scripts)
 
     def received(self, content: bytes) -> None:
         """Takes bytes of the program."""
         found = self._programs.feed(content)
         if isinstance(found, InputRefusal):
-            self._refuse(found)
+            if found.reason is Reason.NOT_GRANTED:
+                self._refuse_own(found)
+            else:
+                self._refuse(found)
             return
         for program in found:
             if not isinstance(program, Upload):
@@ -249,6 +257,12 @@ class LeasedScriptPort(StreamPort):
         """Ends: the program has closed the line, or the lease is over."""
         self._tenant.left(self)
         super().left()
+
+    def _refuse_own(self, refused: InputRefusal) -> None:
+        """Tells the refusal of a script of the program's own; its control script may follow on the same line."""
+        self._programs = LeasedScripts(self._scripts)
+        _refuse(self._tenant, self._back, refused, OWN_SCRIPT)
+        self._tenant.script_refused()
 
     def _refuse(self, refused: InputRefusal) -> None:
         """Tells the refusal where the program listens, and closes the line."""

@@ -19,7 +19,7 @@ from pep.rtde.line.effects import ERROR, Act, Refresh, Tell, Write
 from pep.rtde.line.output_registers import LeasedOutputs
 from pep.rtde.line.program_commands import ProgramCommands
 from pep.rtde.line.relay import OutgoingFrames, OwnInputs, Relay, belongs_to_others
-from pep.rtde.line.script_terms import brake_registers
+from pep.rtde.line.script_terms import DONE, brake_registers
 from pep.rtde.line.stream_update import Following
 from pep.rtde.wire.client_texts import fitted
 from pep.rtde.wire.codec import Recipe, encode_answer, encode_request
@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from pep.rtde.wire.messages import InputsAnswer, Request
 
 STOPPED: Final = (1).to_bytes(4, "big")
+_DONE: Final = DONE.to_bytes(4, "big")
 """`runtime_state` of no program."""
 RUNNING_BIT: Final = 2
 """Bit of `robot_status_bits`: a program runs."""
@@ -77,7 +78,7 @@ class LeasedLine(Relay):
         self._sealed = False
         self._packages: list[Values] = []
         self._newest: dict[int | None, Values] = {}
-        self._places: dict[int | None, tuple[int | None, int | None]] = {}
+        self._places: dict[int | None, tuple[int | None, int | None, int | None]] = {}
         self._last_written: bytes | None = None
         self._last_had: Values | None = None
         self._following: Following | None = None
@@ -296,11 +297,14 @@ class LeasedLine(Relay):
             return values
         if values.recipe not in self._places:
             recipe = self._outputs[values.recipe]
-            self._places[values.recipe] = (recipe.place("runtime_state"), recipe.place("robot_status_bits"))
-        runtime, status = self._places[values.recipe]
+            told = f"output_int_register_{self.commands.offset}"
+            self._places[values.recipe] = tuple(map(recipe.place, ("runtime_state", "robot_status_bits", told)))  # type: ignore[assignment]  # three
+        runtime, status, state = self._places[values.recipe]
         packed = bytearray(values.packed)
         if runtime is not None:
             packed[runtime : runtime + len(STOPPED)] = STOPPED
         if status is not None and not self.running:
             packed[status + 3] &= ~RUNNING_BIT
+        if state is not None and self.commands.script_over and not self.running:
+            packed[state : state + len(_DONE)] = _DONE
         return Values(values.recipe, bytes(packed))

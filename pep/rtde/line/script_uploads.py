@@ -65,5 +65,5 @@ class LeasedScripts:
         except (ScriptError, UnicodeDecodeError):
             return InputRefusal(Reason.BODY_MALFORMED, "program")
         if not all(map(only_stops, programs)):
-            return InputRefusal(Reason.TOOL_UNKNOWN, "program")
+            return InputRefusal(Reason.NOT_GRANTED, "no script of a program's own is")
         return [ONLY_STOPS] * len(programs)

@@ -50,7 +50,7 @@ class ToolCommands(LeasedCommands):
         super().robot(command, said, still=still)
         newest = self._echo.newest
         if self._running and newest and said == DONE and command == self._sent != 0 and not self._inside:
-            self._blanked()
+            self.disarm()
         self.ready = self._running and newest and (command, said) == (0, READY) and not (self._busy or self._sent)
 
     def _write(self, command: Command) -> None:

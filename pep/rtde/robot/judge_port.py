@@ -35,7 +35,11 @@ class Steps(Protocol):
         ...
 
     def written(self, command: Command) -> Command:
-        """Command to write for the value that was taken last: itself, or the one that says its joint angles."""
+        """Command to write for the value that was taken last: itself, or the one that says its angles or speeds."""
+        ...
+
+    def renewed(self) -> Command | None:
+        """Command to write anew for the value that stands, since the arm is elsewhere by now; None for none."""
         ...
 
     def ended(self) -> None:

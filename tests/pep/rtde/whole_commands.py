@@ -13,5 +13,8 @@ class WholeCommands:
     def written(self, command):
         return command
 
+    def renewed(self):
+        return None
+
     def follow(self, six):
         return self.step(replace(self._newest, **{fields(self._newest)[0].name: six}))

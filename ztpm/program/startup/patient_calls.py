@@ -32,6 +32,8 @@ LOOK_S = 0.0002
 RUNS = "isProgramRunning"
 AT_ONCE = frozenset({"disconnect", "isConnected", "kickWatchdog", "reconnect"})
 """Calls that do not wait: ur_rtde sends these in any state."""
+REFUSED = frozenset({"sendCustomScript", "sendCustomScriptFile", "sendCustomScriptFunction"})
+"""Calls that the gateway always refuses: ur_rtde says `True` for them as soon as no script runs any more (LSD-30)."""
 MARK = "_waits_for_the_next_state"
 
 
@@ -58,6 +60,8 @@ def _patient(call: Callable[..., Any], runs: Callable[[Any], bool], failed: dict
         answer = None
         try:
             answer = call(control, *arguments, **named)
+            if call.__name__ in REFUSED:
+                answer = False
         finally:
             if not answer and call is not runs:
                 failed[id(control)] = time.monotonic()

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from pep.pit.base.errors import UnprovenError
-from pep.pit.robot.inverse_kinematics import followed, nearest
+from pep.pit.robot.inverse_kinematics import followed, joint_speeds, nearest
 from tests.pep.pit.lines import placed, pose_of, random_start
 from tests.pep.pit.scenes import HOME, ROBOT
 
@@ -60,3 +60,34 @@ def test_a_pose_a_short_way_off_keeps_its_branch_and_one_far_off_is_none():
         q = followed(ROBOT, pose_of(there), q)
         assert q == pytest.approx(there, abs=1e-8)
     assert detail(followed, (1.5, 0.0, 0.3, 0.0, 3.1, 0.0), HOME) == "unreachable"
+
+
+def led(twist, *, every_s, seconds=2.0, step_s=0.002):
+    """Joint angles after joint speeds that were computed anew so often, and the farthest the tool was off its line."""
+    q, off = np.array(HOME), 0.0
+    begun, _ = placed(HOME)
+    for step in range(round(seconds / step_s)):
+        if step % round(every_s / step_s) == 0:
+            speeds = np.array(joint_speeds(ROBOT, twist, tuple(q)))
+        q = q + step_s * speeds
+        position, _ = placed(tuple(q))
+        off = max(off, float(np.abs(position - begun - (step + 1) * step_s * np.array(twist[:3])).max()))
+    return q, off
+
+
+def test_joint_speeds_that_are_computed_anew_keep_the_tool_on_its_line_and_others_do_not():
+    along = (0.05, -0.03, 0.02, 0.0, 0.0, 0.0)
+    q, off = led(along, every_s=0.02)
+    assert off < 0.5e-3
+    assert np.abs(placed(tuple(q))[1] - placed(HOME)[1]).max() < 5e-3
+    assert led(along, every_s=2.0)[1] > 5e-3
+
+
+def test_no_joint_is_faster_than_a_stream_of_joint_speeds_may_be():
+    twist = (0.0, 0.0, 0.0, 0.0, 0.1, 0.2)
+    assert max(map(abs, joint_speeds(ROBOT, twist, HOME))) < 1
+    with pytest.raises(UnprovenError) as refused:
+        joint_speeds(ROBOT, twist, (*HOME[:4], 0.0, HOME[5]))
+    assert refused.value.detail == "singular"
+    with pytest.raises(UnprovenError):
+        joint_speeds(ROBOT, tuple(20 * each for each in twist), HOME)

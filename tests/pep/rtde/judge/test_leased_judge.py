@@ -423,13 +423,6 @@ def test_closing_stops_what_moves(house):
     assert house.outcomes()[0]["result"]["outcome"] == "stopped"
 
 
-def test_a_tool_speed_is_ended_in_time(house):
-    assert ended(house, v.SpeedL((0.1, 0.0, 0.0, 0.0, 0.0, 0.0), 0.5, 0.2)) == ["forward"]
-    assert house.outcomes()[0]["result"]["outcome"] == "ended"
-    assert 0.02 <= house.arm.q < 0.1
-    assert house.arm.stops[0] is Reason.VERDICT_EXPIRED
-
-
 # --------------------------------------------------------------------------------------------------------- what people say
 
 

@@ -93,6 +93,18 @@ def test_a_tool_speed_is_assessed_for_as_long_as_the_controller_would_hold_it(wo
     assert motion.duration_s == pytest.approx(0.2 + 0.3)
 
 
+@pytest.mark.clause("LSD-29")
+def test_a_tool_that_turns_as_it_goes_is_decided_as_the_joint_speeds_that_it_is_written_as(world):
+    world.at()
+    held = world.decided(replace(TOOL_SPEED, xd_m_s_rad_s=(0.0, 0.0, 0.05, 0.0, 0.1, 0.1)))
+    assert held.answers == ["forward"]
+    (motion,) = world.physics._motions.values()
+    made = np.array(motion.target) - np.array(motion.start)
+    assert made / np.abs(made).max() == pytest.approx(
+        np.array(held.written.qd_rad_s) / max(map(abs, held.written.qd_rad_s)), abs=1e-6
+    )
+
+
 @pytest.mark.parametrize("command", [v.SetTcp((0.0, 0.0, 0.163, 0.0, 0.0, 0.0)), v.SetPayload(0.925, (0.0,) * 3)])
 def test_what_changes_nothing_has_the_impact_of_an_arm_that_stands(world, command):
     world.at(NEAR)

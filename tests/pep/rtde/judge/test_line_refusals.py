@@ -119,7 +119,7 @@ class Ends:
     """A tenant, the control line of a program where it has one, and the way back of another."""
 
     def __init__(self, *, control):
-        self.noted, self.told, self.back_told, self.settled, self.closed = [], [], [], 0, False
+        self.noted, self.told, self.back_told, self.settled, self.closed, self.overs = [], [], [], 0, False, 0
         self.control = self if control else None
         self.line = SimpleNamespace(tell=self.told.append)
         self.ports = SimpleNamespace(note=lambda rung: None)
@@ -134,6 +134,9 @@ class Ends:
     def left(self, port):
         pass
 
+    def script_refused(self):
+        self.overs += 1
+
     def close(self):
         self.closed = True
 
@@ -146,12 +149,13 @@ def script(ends):
     LeasedScriptPort(ends, ends.back, allow_list(installed_body)).received(
         b"def mine():\n  movej([0,0,0,0,0,0])\nend\n"
     )
-    assert ends.closed
+    assert not ends.closed, "the control script may follow"
+    assert ends.overs == 1, "its wait is over"
 
 
 @pytest.mark.parametrize(
     ("refuse", "reason", "what"),
-    [(dashboard, Reason.NOT_GRANTED, "dashboard"), (script, Reason.TOOL_UNKNOWN, "script")],
+    [(dashboard, Reason.NOT_GRANTED, "dashboard"), (script, Reason.NOT_GRANTED, "sendCustomScript")],
 )
 @pytest.mark.parametrize("control", [True, False])
 def test_a_script_and_a_line_of_the_dashboard_are_told_once_and_recorded(refuse, reason, what, control):

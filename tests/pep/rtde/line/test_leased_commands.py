@@ -865,3 +865,29 @@ def test_a_stream_is_written_as_its_judge_says_and_never_followed_by_its_bytes()
     line.acts()
     assert line.written(line.say(v.ServoL((0.2,) * 6, 0.002, 0.1, 300.0))) == [v.ServoJ((0.4,) * 6, 0.002, 0.1, 300.0)]
     assert line.written(line.say(v.ServoStop(10.0))) == [v.ServoStop(10.0)]
+
+
+@pytest.mark.clause("LSD-29")
+def test_a_value_that_stands_is_written_as_its_judge_says_it_anew_but_never_over_another_command():
+    class Anew(Steps):
+        later = None
+
+        def renewed(self):
+            return self.later
+
+    judge, tool = Anew(), v.SpeedL((0.1,) * 6, 0.5, 0.5)
+    line = Line()
+    line.commands.renew()
+    assert line.acts() == [], "there is no stream"
+    line.permitted(tool, judge)
+    line.commands.renew()
+    assert line.acts() == [], "it stands as it was written"
+    judge.later = SPEED
+    line.commands.renew()
+    assert line.written(line.acts()) == [SPEED]
+    line.say(v.Read(v.Reading.STEP_TIME))
+    line.commands.renew()
+    assert line.acts() == [], "the script has not read the question yet"
+    line.say(v.SpeedStop(10.0))
+    line.commands.renew()
+    assert line.acts() == [], "the stream is over"

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pep.rtde.command.command_table import encode
-from pep.rtde.command.command_values import MoveJ, StopJ
+from pep.rtde.command.command_values import End, MoveJ, StopJ, StopKind
 from pep.rtde.command.io_commands import Bank, SetDigitalOutputs, SetSpeedSlider
 from pep.rtde.line.script_terms import WATCHDOG_HZ
 from pep.rtde.line.effects import AskJudge, Note, Tell, Withdraw
@@ -65,7 +65,7 @@ class Talk:
         self.inputs.append(names)
         return self.answer(InputsAnswer(tuple(INPUTS[n] for n in names), len(self.inputs)))
 
-    def begun(self, recipes, *, start=True):
+    def begun(self, recipes, *, start=True, more=None):
         """Every recipe is set up; what was written to the controller at the end of that."""
         for names in recipes:
             self.say(SetupInputs(names))
@@ -74,6 +74,9 @@ class Talk:
             return self
         self.say(SetupOutputs(SHOWN, 500.0))
         self.answer(OutputsAnswer(OUTPUTS.types, 1))
+        if more is not None:
+            self.say(SetupOutputs(more.names, 500.0))
+            self.answer(OutputsAnswer(more.types, 2))
         own, started = self.say(Start())
         assert started == Start()
         self.blank = self.had(own.names)
@@ -101,8 +104,8 @@ class Talk:
         return OUTPUTS.unpack(self.seen[-1].packed)
 
 
-def controlling():
-    return Talk().begun(control_recipes(0))
+def controlling(more=None):
+    return Talk().begun(control_recipes(0), more=more)
 
 
 def test_after_the_clients_recipes_comes_one_of_ours_and_it_is_written_blank():
@@ -168,6 +171,34 @@ def test_a_line_that_commands_sees_no_other_program_than_its_own():
     assert (talk.package()["runtime_state"], talk.package()["robot_status_bits"]) == (1, 1)
     talk.running()
     assert (talk.package()["runtime_state"], talk.package()["robot_status_bits"]) == (2, 3)
+
+
+@pytest.mark.clause("LSD-30")
+def test_a_refused_script_of_the_programs_own_is_over_once_the_control_script_is_and_ends_no_other_wait():
+    state = Recipe((*SHOWN, "output_int_register_0"), (*OUTPUTS.types, VariableType.INT32))
+
+    def told(talk):
+        talk.answer(Values(2, state.pack({**PLAYING, "output_int_register_0": 1})))
+        return state.unpack(talk.seen[-1].packed)["output_int_register_0"]
+
+    def begun():
+        talk = controlling(state)
+        return talk.running()
+
+    talk = begun()
+    talk.write(encode(MOVE, 0))
+    talk.line.commands.script_refused()
+    talk.line.running = False
+    assert told(talk) == 1, "a move waits, and was not carried out"
+    talk = begun()
+    talk.write(encode(End(StopKind.PROGRAM), 0))
+    talk.line.commands.script_refused()
+    talk.settled()
+    assert told(talk) == 1, "the control script is not over"
+    talk.line.running = False
+    assert told(talk) == 2
+    talk.running()
+    assert told(talk) == 1
 
 
 def test_a_line_that_only_looks_sees_everything():

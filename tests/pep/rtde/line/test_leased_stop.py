@@ -417,8 +417,8 @@ def test_programs_that_only_stop(text):
     [
         (UPLOAD.render().replace(b"stopl(3)", b"stopl(4)", 1), Reason.TOOL_DEFINITION_CHANGED),
         (UPLOAD.render() + b"x", Reason.TOOL_DEFINITION_CHANGED),
-        (b"movej([1,1,1,1,1,1])\n", Reason.TOOL_UNKNOWN),
-        (b"def p():\n  stopj(2)\n  movej([1,1,1,1,1,1])\nend\n", Reason.TOOL_UNKNOWN),
+        (b"movej([1,1,1,1,1,1])\n", Reason.NOT_GRANTED),
+        (b"def p():\n  stopj(2)\n  movej([1,1,1,1,1,1])\nend\n", Reason.NOT_GRANTED),
         (b"\xff\xfe\n", Reason.BODY_MALFORMED),
     ],
 )
