@@ -156,6 +156,7 @@ def test_a_tool_presses_on_the_table_as_hard_as_asked_and_no_faster_than_granted
     house.robot("no_surface")
 
 
+@pytest.mark.campaign
 def test_a_force_above_the_grant_is_refused_with_what_would_be_permitted_and_asks_nobody(house, eyes):
     with approving(house) as asked, led(house, """
         pressed(-60.0)
@@ -188,6 +189,7 @@ waits(lambda: False, 60.0)
 """
 
 
+@pytest.mark.campaign
 def test_a_revoked_token_stops_it(house, eyes):
     placed(house, eyes, 0.2)
     name = house.agent_to_revoke()
@@ -198,6 +200,7 @@ def test_a_revoked_token_stops_it(house, eyes):
         until(lambda: house.endings()[-1:] == ["authority"], "the end on record")
 
 
+@pytest.mark.campaign
 def test_a_killed_program_leaves_a_standing_arm(house, eyes):
     placed(house, eyes, 0.2)
     with approving(house), led(house, "import os\nsay(os.getpid())\n" + GOES) as run:
@@ -207,6 +210,7 @@ def test_a_killed_program_leaves_a_standing_arm(house, eyes):
         assert stands(eyes) < 1.0
 
 
+@pytest.mark.campaign
 def test_a_person_who_comes_near_stops_it(house, eyes):
     placed(house, eyes, 0.2)
     with approving(house), led(house, GOES) as run:

@@ -43,6 +43,7 @@ def said(house, text):
 
 
 @pytest.mark.clause("LSD-14")
+@pytest.mark.campaign
 def test_a_pose_is_reached_by_joints_and_joint_angles_by_a_line(house, eyes):
     lines, errors = said(house, """
         pose = receive.getActualTCPPose()
@@ -58,6 +59,7 @@ def test_a_pose_is_reached_by_joints_and_joint_angles_by_a_line(house, eyes):
 
 
 @pytest.mark.clause("LSD-15")
+@pytest.mark.campaign
 def test_a_stream_of_poses_is_followed(house, eyes):
     lines, errors = said(house, """
         import math
@@ -115,6 +117,7 @@ def test_a_tool_goes_until_it_touches_something(house, eyes):
 
 
 @pytest.mark.clause("LSD-17")
+@pytest.mark.campaign
 def test_without_a_contact_it_is_stopped_where_it_was_assessed_to(house, eyes):
     lines, errors = said(house, """
         begin = receive.getActualTCPPose()[1]
