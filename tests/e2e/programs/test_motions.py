@@ -78,6 +78,7 @@ def test_a_stream_of_poses_is_followed(house, eyes):
 
 
 @pytest.mark.clause("LSD-16")
+@pytest.mark.campaign
 def test_a_path_of_joint_moves_and_lines_with_blends_is_followed_to_its_end_and_back(house, eyes):
     lines, errors = said(house, """
         from rtde_control import Path, PathEntry
