@@ -503,6 +503,7 @@ def swing(*, start=LEFT, way=0.8, lasts_s=3.0, count=9):
 
 
 @pytest.mark.clause("LSD-24", "LSD-25", "LSD-26")
+@pytest.mark.campaign
 def test_a_timed_trajectory_through_the_tools(controller, tmp_path):
     eyes = received(HOST)
 
