@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Final
 
 import typer
 
-from ztpm.cli.output import FAILURE, console, fail, say_json
+from ztpm.cli.output import FAILURE, console, fail, fail_at, say_json
 from ztpm.preparing import Preparing, waiting
 
 if TYPE_CHECKING:
@@ -80,6 +80,8 @@ def demo(
     from ztpm.demo.story import CHAPTERS, STORY
     from ztpm.stage.live import stage
 
+    if record is not None and as_json:
+        fail("USAGE", "--record is of the story; with --json none is told")
     started = time.perf_counter()
     told: list[StepReport] = []
     recording = Recording(time.monotonic)
@@ -115,5 +117,8 @@ def demo(
         for lines in all_lines:
             lines.end(sums)
         if record is not None:
-            record.write_text(recording.svg(), encoding="utf-8")
+            try:
+                record.write_text(recording.svg(), encoding="utf-8")
+            except OSError as error:
+                fail_at(record, error, "UNWRITABLE")
     raise typer.Exit(0 if sums.ok else FAILURE)

@@ -17,8 +17,7 @@ if TYPE_CHECKING:
 JOINTS: Final = ("shoulder_pan", "shoulder_lift", "elbow", "wrist_1", "wrist_2", "wrist_3")
 """The arm's names of its joints, from its base on; planners' may end in `_joint`."""
 KEPT_RAD: Final = 0.05
-"""Tolerance of a path that the gateway's own tube is inside of: it keeps to a narrower one for usual trajectories, and
-promises no narrower one."""
+"""Ours: narrowest tolerance of a path that is taken. The gateway's own tube about usual trajectories is narrower."""
 
 
 class ResultCode(IntEnum):

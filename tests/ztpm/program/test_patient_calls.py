@@ -54,3 +54,11 @@ def test_a_script_of_the_programs_own_is_sent_as_it_is_and_says_that_it_was_not_
 def test_every_other_call_says_what_ur_rtde_says(control):
     assert control.moveJ([0.0] * 6) is True
     assert control.getInverseKinematics([0.0] * 6) == [0.1] * 6
+
+
+@pytest.mark.clause("LSD-11")
+def test_types_of_the_interface_stay_types():
+    interface = type(CLASS, (Control,), {"Feature": type("Feature", (), {})})
+    own = interface.Feature
+    make_patient(SimpleNamespace(**{CLASS: interface}))
+    assert interface.Feature is own

@@ -14,7 +14,7 @@ import typer
 from ztpm.cli.output import fail, fail_at, say_json
 from ztpm.cli.provider.party_keys import PartyName, PartyPublic, key_for, raw_of
 from ztpm.cli.provider.person import CellDirectory, Json, Signer, known_name, layout_of, place_of, refusals, signed
-from ztpm.cli.provider.points import TRANSIT_MS
+from ztpm.cli.provider.points import TRANSIT_MS, CalibrationFile, TransitMs, put_sensor
 
 if TYPE_CHECKING:
     from ztpm_idp.client import Operator
@@ -73,31 +73,17 @@ def tools(
 def sensor(
     part: PartyName,
     *,
-    calibration: Annotated[
-        Path,
-        typer.Option(help="Its calibration document; the SHA-256 is what is registered.", exists=True, dir_okay=False),
-    ],
-    transit_ms: Annotated[
-        int, typer.Option(min=1, max=1_000, help="Longest time from exposure to arrival, ms.")
-    ] = TRANSIT_MS,
+    calibration: CalibrationFile,
+    transit_ms: TransitMs = TRANSIT_MS,
     audience: CellUrl = "",
     public: PartyPublic = "",
     signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Register a sensor of a cell; its key is made in the directory, encrypted, unless its public half is told."""
-    import hashlib
-
     known_name(part)
-    person = signer.operator()
-    try:
-        digest = hashlib.sha256(calibration.read_bytes()).hexdigest()
-    except OSError as error:
-        fail_at(calibration, error, "UNREADABLE")
-    raw, where = key_for(signer, "sensor", part, public)
     served = audience or _audience(signer)
-    with refusals(), person:
-        person.register_sensor(part, raw, calibration=digest, transit_ms=transit_ms, audience=served)
+    where = put_sensor(part, signer, audience=served, calibration=calibration, transit_ms=transit_ms, public=public)
     _done(part, served, where, [], as_json=as_json)
 
 

@@ -26,6 +26,11 @@ sensor = typer.Typer(no_args_is_help=True, help="Sensors: whose frames are belie
 TRANSIT_MS: Final = 20
 """Ours: declared longest transit of a frame where none is stated, as the simulated sensor's."""
 
+CalibrationFile = Annotated[
+    Path, typer.Option(help="Its calibration document; the SHA-256 is what is registered.", exists=True, dir_okay=False)
+]
+TransitMs = Annotated[int, typer.Option(min=1, max=1_000, help="Longest time from exposure to arrival, ms.")]
+
 
 @pep.command("register")
 @signed
@@ -52,18 +57,19 @@ def register_sensor(
     part: PartyName,
     *,
     audience: Annotated[str, typer.Option(help="Canonical URL of the cell that it watches.")],
-    calibration: Annotated[
-        Path,
-        typer.Option(help="Its calibration document; the SHA-256 is what is registered.", exists=True, dir_okay=False),
-    ],
-    transit_ms: Annotated[
-        int, typer.Option(min=1, max=1_000, help="Longest time from exposure to arrival, ms.")
-    ] = TRANSIT_MS,
+    calibration: CalibrationFile,
+    transit_ms: TransitMs = TRANSIT_MS,
     public: PartyPublic = "",
     signer: Signer,
     as_json: Json = False,
 ) -> None:
     """Register a sensor; its key is made in the directory, encrypted, unless its public half is told."""
+    where = put_sensor(part, signer, audience=audience, calibration=calibration, transit_ms=transit_ms, public=public)
+    _registered(part, where, as_json=as_json)
+
+
+def put_sensor(part: str, signer: Signer, *, audience: str, calibration: Path, transit_ms: int, public: str) -> str:
+    """Registers a sensor, and gives the file of the key that was made for it; "" where its public half was told."""
     import hashlib
 
     known_name(part)
@@ -75,7 +81,7 @@ def register_sensor(
     raw, where = key_for(signer, "sensor", part, public)
     with refusals(), person:
         person.register_sensor(part, raw, calibration=digest, transit_ms=transit_ms, audience=audience)
-    _registered(part, where, as_json=as_json)
+    return where
 
 
 @pep.command("list")
