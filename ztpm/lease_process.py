@@ -36,7 +36,7 @@ from ztpm.base.layout import Layout
 from ztpm.cell.setup import GATEWAY_ID
 from ztpm.program.program_lease import LeaseError, begin_lease, free_address, lend, open_lease, place_of
 from ztpm.program.refusal_lines import NAME, RefusalLines, on_standard_error
-from ztpm.program.startup.patient_calls import make_patient_when_imported
+from ztpm.program.startup.patient_calls import forget, make_patient_when_imported
 from ztpm_idp.client import Agent
 
 if TYPE_CHECKING:
@@ -87,7 +87,6 @@ def leased(
         ConfigError: `CONFIG_INVALID`: the key of a named agent cannot be read.
         OSError: no address is free.
     """
-    make_patient_when_imported()
     layout = Layout(Path(data).resolve())
     key = agent.key if isinstance(agent, Agent) else read_key(layout.agent_key(agent), name=agent)
     place = place_of(layout, key, door=gateway, audience=audience, pep=pep)
@@ -111,8 +110,10 @@ def leased(
             child.stdin.flush()
         _begun(child.stdout)
         hearing.start()
+        make_patient_when_imported(host)
         yield host
     finally:
+        forget(host)
         with contextlib.suppress(BrokenPipeError):
             child.stdin.close()
         if hearing.ident is not None:

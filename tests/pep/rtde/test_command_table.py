@@ -103,9 +103,6 @@ class Seen:
         return max(abs(a - b) for a, b in zip(self.q, q, strict=True))
 
 
-make_patient(rtde_control)  # as in every leased program
-
-
 class Place:
     """A controller, the gateway before it, a program in its lease, and our own eyes on the robot."""
 
@@ -116,6 +113,7 @@ class Place:
 
     @functools.cached_property
     def control(self):
+        make_patient(rtde_control, self.gateway.host)  # as in every leased program
         made = rtde_control.RTDEControlInterface(self.gateway.host)
         self.programs.callback(made.disconnect)
         return made

@@ -69,7 +69,7 @@ def register_sensor(
 
 
 def put_sensor(part: str, signer: Signer, *, audience: str, calibration: Path, transit_ms: int, public: str) -> str:
-    """Registers a sensor, and gives the file of the key that was made for it; "" where its public half was told."""
+    """Registers a sensor; gives the file of a key made for it, or "" where its public half was told."""
     import hashlib
 
     known_name(part)

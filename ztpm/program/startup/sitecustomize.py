@@ -6,11 +6,13 @@ next.
 
 from __future__ import annotations
 
+import os
 import sys
 from pathlib import Path
 
 from patient_calls import make_patient_when_imported  # type: ignore[import-not-found]  # beside this file
 
+VARIABLE = "ZTPM_ROBOT"
 HERE = Path(__file__).resolve().parent
 
 
@@ -24,5 +26,5 @@ def _next() -> None:
         sys.modules["sitecustomize"] = own
 
 
-make_patient_when_imported()
+make_patient_when_imported(os.environ.get(VARIABLE, ""))
 _next()

@@ -232,7 +232,7 @@ OWN = """
     import sys, time
     import rtde_control
     from ztpm.program.startup.patient_calls import make_patient
-    make_patient(rtde_control)
+    make_patient(rtde_control, sys.argv[1])
     control = rtde_control.RTDEControlInterface(sys.argv[1])
     began = time.monotonic()
     sent = control.sendCustomScriptFunction("mine", "movej([0.4, -1.5708, 1.5708, -1.5708, -1.5708, 0.0], a=3, v=3)\\n")
