@@ -74,7 +74,7 @@ if TYPE_CHECKING:
     ServedTool: TypeAlias = Tool
     ServedTools: TypeAlias = Sequence[ServedTool]
     ListTools = Callable[[CallContext, str], Awaitable[ServedTools]]
-    ListedTools = Callable[[str], ServedTools]
+    ListedTools = Callable[[CallContext, str], ServedTools]
 
 SdkServer: TypeAlias = "MCPServer[Any] | Server[Any]"
 AnyServer: TypeAlias = "MCPServer[Any] | Server[Any] | FastMCPServer"
@@ -107,7 +107,7 @@ class Guard:
         *,
         call: CallTool,
         served: ListTools,
-        listed: ListedTools = lambda _: (),
+        listed: ListedTools = lambda _, __: (),
         gate: Gate,
         registry: Registry,
         tools: Mapping[str, Operation],
@@ -284,7 +284,7 @@ class Guard:
             ctx: of the request.
             recent: the server's latest list will do while it agrees with the registry: there is a last look.
         """
-        listed = (recent and self._listed(operation.name)) or await self._served(ctx, operation.name)
+        listed = (recent and self._listed(ctx, operation.name)) or await self._served(ctx, operation.name)
         served = [tool for tool in listed if tool.name == operation.name]
         # Of two tools of one name nobody knows which would be called.
         digest = definition_digest(served[0]) if len(served) == 1 else ""
@@ -332,7 +332,7 @@ def guard(
     vouching: Vouching | None = None,
     access: AccessTokens | None = None,
     served: ListTools | None = None,
-    listed: ListedTools = lambda _: (),
+    listed: ListedTools = lambda _, __: (),
     kept: TaskStore | None = None,
     about: AboutTask | None = None,
     sessions: bool = False,

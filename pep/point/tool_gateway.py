@@ -99,9 +99,9 @@ class ToolGateway(GuardedServer):
         """
         return await self._relay.tools(name, ctx)
 
-    def listed(self, name: str) -> ServedTools:
-        """Tools of that name as their server listed them last; none while it is not connected."""
-        return self._relay.listed(name)
+    def listed(self, ctx: CallContext, name: str) -> ServedTools:
+        """Tools of that name as their server listed them last; none while it is not connected for this caller."""
+        return self._relay.latest(ctx, name)
 
     async def about_task(
         self, ctx: CallContext, name: str, task_id: str, responses: dict[str, Any] | None

@@ -168,7 +168,7 @@ class GuardedServer(DecidingPoint):
         """Tools as the server lists them now; those of the name are among them."""
         return await tool_guard.tools_of(self._server, ctx)
 
-    def listed(self, name: str) -> ServedTools:  # noqa: ARG002 - asking takes no time
+    def listed(self, ctx: CallContext, name: str) -> ServedTools:  # noqa: ARG002 - asking takes no time
         """Tools of that name as the server listed them last; none where it is to be asked."""
         return ()
 

@@ -135,6 +135,10 @@ class PairedSession:
         """The same, and the one of all also while the client has none of its own yet."""
         return self._own.get(upstream.config.name) or upstream
 
+    def is_open_at(self, upstream: ToolUpstream) -> bool:
+        """True when the client has a connection of its own to a server, or cannot have one."""
+        return upstream.config.name in self._own
+
     async def served(self, ctx: Asking, upstream: ToolUpstream, params: P, send: Callable[[P], Awaitable[R]]) -> R:
         """Answer to a request of the client; what the server asks for it, the client is asked on its stream.
 

@@ -188,6 +188,11 @@ class UpstreamRelay:
             return []
         return [each for each in self._listed.get(home.config.name, ()) if each.name == name]
 
+    def latest(self, ctx: Context, name: str) -> list[Tool]:
+        """The same; nothing before the caller of a request has a connection of its own, which no verdict waits for."""
+        home, paired = self._home(name), PairedSession.of(ctx)
+        return [] if home is None or not (paired is None or paired.is_open_at(home)) else self.listed(name)
+
     def _home(self, name: str) -> ToolUpstream | None:
         """The server that has the tool of that name."""
         for each in self._upstreams:

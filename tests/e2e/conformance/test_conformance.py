@@ -14,6 +14,7 @@ from mcp.client.subscriptions import ResourceUpdated, SubscriptionLost, ToolsLis
 from mcp.types import METHOD_NOT_FOUND
 from pep.mcp.gateway.paired_session import NOTICE_BYTES, NOTICES, QUESTION_BYTES, QUESTIONS
 from pep.mcp.gateway.paired_session import WATCHED as WATCHED_MOST
+from pep.mcp.guard import DECISION_META
 from pep.mcp.session_layer import HOLDER_SESSIONS, HOLDER_STREAMS
 from tests.e2e.conformance.front import Everything
 from tests.e2e.conformance.signer import signing
@@ -34,6 +35,8 @@ DIFFERENT = {
 """Checks that no gateway passes by its nature; none of their scenarios fails."""
 AGAIN = 3
 """Attempts: on a busy machine a verdict comes too late, and the suite waits half a second for a stream."""
+PROCESS_S = 0.2
+"""A call that takes as long as this has waited for a process."""
 WATCHED = "test://watched-resource"
 
 
@@ -147,6 +150,21 @@ def test_a_server_asks_the_client_that_it_works_for_and_no_other(front):
                 assert refused.value.code == METHOD_NOT_FOUND
 
     asyncio.run(asked())
+
+
+def test_no_verdict_waits_for_the_connection_that_its_caller_gets(front):
+    """It is a process, which starts in some ten times a verdict's lifetime."""
+    holder = front.holder("first")
+
+    async def first():
+        async with client(front, holder) as caller:
+            began = time.monotonic()
+            answer = await caller.call_tool("desk_test_touch_resource", {"uri": WATCHED})
+            return time.monotonic() - began, answer.meta[DECISION_META]["reason"]
+
+    # A process may still be that of the client before, and a machine that does much else late for other reasons.
+    answers = [asyncio.run(first()) for _ in range(6)]
+    assert "PERMITTED" in {reason for took, reason in answers[1:] if took > PROCESS_S}, answers
 
 
 class Heard:

@@ -156,7 +156,7 @@ class Boundary(Rig):
         app = guard(
             relay.server, gate=self.gate, authority=self.authority, registry=self.registry, tools={TOOL: ROW},
             asks=self.asks, readiness=None, audience=AUDIENCE, issuer=ISSUER, clock=self.clock,
-            served=looked, listed=relay.listed,
+            served=looked, listed=relay.latest,
         )  # fmt: skip
         send = upstream_module._Declaring.send
 
