@@ -175,7 +175,7 @@ def _status(said: Assessment) -> int:
 
 def _draw(question: Asked, said: Assessment, file: Path) -> None:
     from pep.pit.base.errors import PitError
-    from ztpm.picture.picture import picture
+    from pep.pit.picture.picture import picture
     from ztpm.pit import advice
 
     try:

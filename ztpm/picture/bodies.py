@@ -8,17 +8,30 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from pep.pit.picture.surface import COARSE, FINE, capsule, cut, normals_of, surface_of
 from pep.pit.scene.scene import Box, Capsule, Convex
-from ztpm.picture.picture import CELL_M, COLOURS
-from ztpm.picture.surface import COARSE, FINE, capsule, cut, normals_of, surface_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from pep.pit.base.motion import Floats
+    from pep.pit.picture.picture import Picture
     from pep.pit.scene.scene import Shape
-    from ztpm.picture.picture import Picture
 
+CELL_M: Final = 0.12
+"""Largest piece of a surface, so that a body on a table is drawn after the table."""
+COLOURS: Final = {
+    "base": "#5b6770",
+    "arm": "#2f7fc1",
+    "tool": "#1d4e79",
+    "payload": "#8a5fbf",
+    "person": "#e08a3c",
+    "fragile": "#17a398",
+    "rigid": "#b5b9bd",
+    "zone": "#c0392b",
+    "workspace": "#6b7783",
+    "witness": "#d11149",
+}
 GHOSTS: Final = 14
 """Postures of the swept path that are shown faintly."""
 OPAQUE: Final = {"solid": 1.0, "end": 0.2, "ghost": 0.04, "zone": 0.14, "fragile": 0.75}

@@ -7,9 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, assert_never
 
 from pep.pit.base.motion import GripperMove
+from pep.pit.picture.picture import DrawnBody, Picture, bodies_in, parts_of
+from pep.pit.picture.postures import route_of
 from pep.pit.scene.scene import Box, Capsule, Convex, Sphere
-from ztpm.picture.picture import Body, Picture, bodies_in, parts_of
-from ztpm.picture.postures import route_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -84,7 +84,7 @@ def _place(point: tuple[float, ...]) -> str:
     return f"({', '.join(f'{each:.2f}' for each in point)})"
 
 
-def _note(body: Body, cell: CellParameters) -> str:
+def _note(body: DrawnBody, cell: CellParameters) -> str:
     if body.kind == "zone":
         return "nothing may enter" if body.tier is None else f"entering is tier {body.tier}"
     touching = [each.by for each in cell.contacts if each.object == body.name]

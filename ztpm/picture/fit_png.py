@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
+from pep.pit.picture.surface import capsule, normals_of
 from ztpm.picture.png import INK, PAPER, SOFT, plots_in_space
-from ztpm.picture.surface import capsule, normals_of
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -13,12 +13,13 @@ from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING, Final
 
-from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI, MILLI, to_plain
+from pep.pit.picture.picture import MICRO_PER_MILLI, MILLI, to_plain
+from ztpm.picture.bodies import CELL_M, COLOURS
 
 if TYPE_CHECKING:
     from pep.pit.assessment.assessment import Assessment
+    from pep.pit.picture.picture import DrawnBody, Picture
     from policies.evidence.evidence import Contribution
-    from ztpm.picture.picture import Body, Picture
 
 STYLE: Final = """
 :root { color-scheme: light; font: 15px/1.45 system-ui, sans-serif; color: #1c2733; }
@@ -149,7 +150,7 @@ def _things(shown: Picture) -> str:
 </section>"""
 
 
-def _told(body: Body) -> str:
+def _told(body: DrawnBody) -> str:
     from ztpm.picture.cell_picture import told_of
 
     said = (

@@ -11,15 +11,15 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from capabilities.values.characters import shown
-from ztpm.picture.bodies import bodies_of, extent, triangles_of
-from ztpm.picture.picture import CELL_M, COLOURS, MICRO_PER_MILLI
+from pep.pit.picture.picture import MICRO_PER_MILLI
+from ztpm.picture.bodies import CELL_M, COLOURS, bodies_of, extent, triangles_of
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from pep.pit.base.motion import Floats
+    from pep.pit.picture.picture import Picture
     from ztpm.picture.bodies import Filled
-    from ztpm.picture.picture import Picture
 
 PAPER, INK, FAINT, SOFT = "#ffffff", "#1c2733", "#8b98a5", "#4a5763"
 SIZE_INCH: Final = (16.0, 9.4)

@@ -17,7 +17,7 @@ from tests.pep.pit.scenes import ROBOT
 from ztpm.picture.bodies import extent, triangles_of
 from ztpm.picture.cell_picture import cell_picture, said_of
 from ztpm.picture.page import page
-from ztpm.picture.picture import to_plain
+from pep.pit.picture.picture import to_plain
 
 from pep.pit import Box, Thing
 

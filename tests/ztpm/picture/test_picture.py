@@ -19,10 +19,10 @@ from pep.pit.geometry.hull import hull_of
 from tests.pep.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
 from ztpm.picture.bodies import extent, triangles_of
 from ztpm.picture.page import page
-from ztpm.picture.picture import picture, to_plain
+from pep.pit.picture.picture import picture, to_plain
 from ztpm.picture.png import level_azimuth
-from ztpm.picture.postures import PostureCapsule, nearest, route_of
-from ztpm.picture.surface import capsule, cut, normals_of, surface_of
+from pep.pit.picture.postures import PostureCapsule, nearest, route_of
+from pep.pit.picture.surface import capsule, cut, normals_of, surface_of
 from ztpm.pit import Arm, asked
 
 import ztpm

@@ -47,7 +47,7 @@ from tests.pep.pit.scenes import (
     tcp,
     with_convex,
 )
-from ztpm.picture.postures import PostureCapsule, nearest
+from pep.pit.picture.postures import PostureCapsule, nearest
 
 from capabilities.statements import observation as wire
 from pep.pit import (

@@ -7,44 +7,30 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import numpy as np
 
+from pep.pit.picture.postures import nearest, route_of
+from pep.pit.picture.surface import surface_of
 from pep.pit.scene.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
 from pep.pit.scene.view import view_of
-from ztpm.picture.postures import nearest, route_of
-from ztpm.picture.surface import surface_of
 
 if TYPE_CHECKING:
     from pep.pit.assessment.assessment import Assessment
     from pep.pit.base.motion import Motion
     from pep.pit.files.scene_file import Situation
+    from pep.pit.picture.postures import Nearest, Posture, PostureCapsule
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.scene import Shape, Vector
     from policies.evidence.evidence import Contribution
-    from ztpm.picture.postures import Nearest, Posture, PostureCapsule
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
-CELL_M: Final = 0.12
-"""Largest piece of a surface, so that a body on a table is drawn after the table."""
-COLOURS: Final = {
-    "base": "#5b6770",
-    "arm": "#2f7fc1",
-    "tool": "#1d4e79",
-    "payload": "#8a5fbf",
-    "person": "#e08a3c",
-    "fragile": "#17a398",
-    "rigid": "#b5b9bd",
-    "zone": "#c0392b",
-    "workspace": "#6b7783",
-    "witness": "#d11149",
-}
 PAYLOAD: Final = "payload"
 MILLI: Final = 1_000
 MICRO_PER_MILLI: Final = 1_000
 
 
 @dataclass(frozen=True, slots=True)
-class Body:
-    """Body at rest: its kind, name, shape and source.
+class DrawnBody:
+    """DrawnBody at rest: its kind, name, shape and source.
 
     Attributes:
         tier: that of a zone that has one.
@@ -68,7 +54,7 @@ class Body:
 
 
 @dataclass(frozen=True, slots=True)
-class Witness:
+class DrawnPlace:
     """Place of one contribution: the part and the thing at their nearest."""
 
     contribution: Contribution
@@ -93,9 +79,9 @@ class Picture:
     title: str
     postures: tuple[Posture, ...]
     parts: tuple[str, ...]
-    bodies: tuple[Body, ...]
+    bodies: tuple[DrawnBody, ...]
     workspace: tuple[Vector, Vector] | None
-    witnesses: tuple[Witness, ...]
+    witnesses: tuple[DrawnPlace, ...]
     assessment: Assessment | None
 
 
@@ -130,16 +116,19 @@ def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Asse
     )
 
 
-def bodies_in(scene: Scene, *, seen_s: float) -> tuple[Body, ...]:
+def bodies_in(scene: Scene, *, seen_s: float) -> tuple[DrawnBody, ...]:
     """Everybody and everything in a scene that was seen so long ago."""
     return (
         *(
-            Body("person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s)
+            DrawnBody("person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s)
             for p in scene.people
             for region, shape in p.regions
         ),
-        *(Body(o.kind, o.id, o.shape, None, o.source, seen_s + o.age_s if o.source else 0.0) for o in scene.objects),
-        *(Body("zone", z.id, z.shape, z.tier) for z in scene.zones),
+        *(
+            DrawnBody(o.kind, o.id, o.shape, None, o.source, seen_s + o.age_s if o.source else 0.0)
+            for o in scene.objects
+        ),
+        *(DrawnBody("zone", z.id, z.shape, z.tier) for z in scene.zones),
     )
 
 
@@ -171,8 +160,8 @@ def _part(name: str, link: int, robot: Robot) -> str:
 
 
 def _witness(
-    told: Contribution, shown: tuple[Posture, ...], bodies: tuple[Body, ...], scene: Scene, whole_s: float
-) -> Witness | None:
+    told: Contribution, shown: tuple[Posture, ...], bodies: tuple[DrawnBody, ...], scene: Scene, whole_s: float
+) -> DrawnPlace | None:
     """Place of a contribution, or None for one without place (a limit, the age of the view)."""
     t = min(told.at_ms / MILLI, whole_s)
     row = next((k for k, posture in enumerate(shown) if posture.t_s == t), None)
@@ -187,14 +176,14 @@ def _witness(
         other = parts[told.object]
         others = [Capsule(other.a_m, other.b_m, other.radius_m)]
     if told.kind == "workspace" and scene.workspace is not None:
-        return Witness(told, row, _to_face(part, scene.workspace.low_m, scene.workspace.high_m))
+        return DrawnPlace(told, row, _to_face(part, scene.workspace.low_m, scene.workspace.high_m))
     near = [nearest(part, shape) for shape in others]
-    return Witness(told, row, min(near, key=lambda n: n.clearance_m)) if near else None
+    return DrawnPlace(told, row, min(near, key=lambda n: n.clearance_m)) if near else None
 
 
 def _to_face(part: PostureCapsule, low: Vector, high: Vector) -> Nearest:
     """The part's point that is nearest to a face of the workspace, or farthest beyond one."""
-    from ztpm.picture.postures import Nearest
+    from pep.pit.picture.postures import Nearest
 
     ways: list[tuple[float, Nearest]] = []
     for end in (part.a_m, part.b_m):
@@ -266,7 +255,7 @@ def to_plain(shown: Picture) -> dict[str, Any]:
     }
 
 
-def row_of(shown: Picture, witness: Witness) -> int:
+def row_of(shown: Picture, witness: DrawnPlace) -> int:
     """Place of a witness's contribution among all of the answer."""
     return -1 if shown.assessment is None else shown.assessment.contributions.index(witness.contribution)
 

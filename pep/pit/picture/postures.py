@@ -81,7 +81,7 @@ class Nearest:
 
 
 @dataclass(frozen=True, slots=True)
-class Stretch:
+class RouteStretch:
     """Part of a motion: its duration, and the joint angles (6,), rad, at a time of it."""
 
     duration_s: float
@@ -93,7 +93,7 @@ class MotionPostures:
     """Motion as its stretches, one after the other; none for a motion without the arm."""
 
     robot: Robot
-    stretches: tuple[Stretch, ...]
+    stretches: tuple[RouteStretch, ...]
 
     @property
     def duration_s(self) -> float:
@@ -155,7 +155,7 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
             stretches = [_driven(start, drive) for start, drive in line_drives(robot, motion, check_time=_unhurried)]
         case JointTrajectory():
             curve = curve_of(motion)
-            stretches = [Stretch(curve.duration_s, lambda t: curve.at(t)[0])]
+            stretches = [RouteStretch(curve.duration_s, lambda t: curve.at(t)[0])]
         case BlendedPath():
             drives = blended_drives(robot, motion, check_time=_unhurried)
             # Whole legs: of a corner it is not known how it is cut.
@@ -174,23 +174,23 @@ def _unhurried() -> None:
     """Ends at no time: the same was computed in time before."""
 
 
-def _straight(run: Run) -> Stretch:
+def _straight(run: Run) -> RouteStretch:
     profile = profile_of(run)
     if profile is None:
         return _still(run.start)
     start, way = np.array(run.start), np.array(run.target) - np.array(run.start)
-    return Stretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
+    return RouteStretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
 
 
-def _driven(start: Joints, drive: Drive) -> Stretch:
+def _driven(start: Joints, drive: Drive) -> RouteStretch:
     if not isinstance(drive, TimedCourse):
         return _still(start)
     course, profile = drive.course, drive.profile
-    return Stretch(profile.duration_s, lambda t: course.q(min(profile.at(t)[0], 1.0)))
+    return RouteStretch(profile.duration_s, lambda t: course.q(min(profile.at(t)[0], 1.0)))
 
 
-def _still(q: Joints) -> Stretch:
-    return Stretch(0.0, lambda _: np.array(q))
+def _still(q: Joints) -> RouteStretch:
+    return RouteStretch(0.0, lambda _: np.array(q))
 
 
 def nearest(part: PostureCapsule, shape: Shape) -> Nearest:
