@@ -19,7 +19,9 @@ if TYPE_CHECKING:
     from evaluation.programs.catalog import ProgramRow
 
 TRIES: Final = 3
-LATE: Final = frozenset({Reason.VERDICT_EXPIRED, Reason.REVOCATION_VIEW_STALE, Reason.WATCH_LATE, Reason.PHYSICS_FAULT})
+LATE: Final = frozenset(
+    {Reason.VERDICT_EXPIRED, Reason.REVOCATION_VIEW_STALE, Reason.WATCH_LATE, Reason.WATCH_BLIND, Reason.PHYSICS_FAULT}
+)
 """Reasons of a machine that is loaded and so is late; the program is run again.
 
 Physics that has no answer in time is a fault of it; one that never has an answer has none in any try.
