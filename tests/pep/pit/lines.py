@@ -33,7 +33,7 @@ def tool_jacobian(q, scratch):
     local = pinocchio.computeJointJacobian(MODEL, scratch, q, 6)
     rotation = scratch.oMi[6].rotation
     linear, angular = rotation @ local[:3], rotation @ local[3:]
-    return np.concatenate([linear + np.cross(angular.T, rotation @ TCP).T, angular])
+    return np.concatenate([linear - pinocchio.skew(rotation @ TCP) @ angular, angular])
 
 
 def followed(q, position, rotation, scratch):

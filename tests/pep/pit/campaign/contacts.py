@@ -84,7 +84,7 @@ def contact(rng, number):
         how = late if manner == "never" else touched
         return how(start, twist, acceleration, held_s, float(shares[manner]))
 
-    return judged(scene, answer, number, move, MANNERS)
+    return judged(scene, motion, answer, number, move, MANNERS, touch=touch)
 
 
 def servo(rng, number):
@@ -99,7 +99,7 @@ def servo(rng, number):
     if isinstance(answer, ImpactFault):
         return "refused", answer.detail
     shares = rng.random((2, 6))
-    return judged(scene, answer, number, lambda at: [np.array(_servo(motion, shares[at]).q)], (0, 1))
+    return judged(scene, motion, answer, number, lambda at: [np.array(_servo(motion, shares[at]).q)], (0, 1))
 
 
 def trial(seed, number):
