@@ -93,7 +93,7 @@ class DriveQuestion(MoveQuestion):
         effort = Effort(self.robot, drive, self.cell)
         ratios, speeds = effort.ratios(profile), effort.surface_speed_m_s(profile)
         speed = float(speeds[: self.robot.world_bodies].max())
-        joint_speed = float(drive.joint_speeds_rad_s(profile).max())
+        joint_speed = drive.leading_rad_s(profile)
         stop = self._stopping(joint_speed)
         bare = pairs_of(self.robot, self.view.scene, self.cell, grown_m=self.view.grown_m, touch=self.touch)
         pairs = self._with_meant(course, bare, profile)
@@ -157,7 +157,7 @@ class DriveQuestion(MoveQuestion):
             if asks and max(r.index for r in effort.ratios(profile)) > target:
                 return False
             meant = self._with_meant(course, bare, profile)
-            stop = self._stopping(float(drive.joint_speeds_rad_s(profile).max()))
+            stop = self._stopping(drive.leading_rad_s(profile))
             fit = course.fits(meant, profile, stop, leaves, index=target, check_time=self.check_time)
             leaves = fit.leaves
             return fit.proven

@@ -86,7 +86,7 @@ class RemainingCourse(RemainingRun):
             profile,
             floors=[(MOVING, MOVES), *ratios],
             speeds=self.effort.surface_speed_m_s(profile),
-            joint_speed_rad_s=float(self.drive.joint_speeds_rad_s(profile).max()),
+            joint_speed_rad_s=self.drive.leading_rad_s(profile),
             limits=None,
             until=until,
         )

@@ -256,7 +256,7 @@ class _Prover:
     ) -> dict[str, Any]:
         way = Recorded(self.robot, start, drive)
         profile = drive.profile
-        joint = float(drive.joint_speeds_rad_s(profile).max())
+        joint = drive.leading_rad_s(profile)
         stop = stopping(self.cell, perception_age_s=self.view.stopping_age_s, joint_speed_rad_s=joint)
         rows = ProofRows(way, profile, stop, self._pairs(), cell=self.cell, slack=SLACK)
         proven = _rows_of(answer, rows)

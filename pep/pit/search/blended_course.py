@@ -57,7 +57,7 @@ class Stretch:
         profile: its timing, at plateau speed at a blended end.
         push: as in `TimedCourse`.
         tool_speed_m_s: likewise.
-        least_s, joined: likewise.
+        least_s, joined, onward_rad_s: likewise.
     """
 
     start: Joints
@@ -68,6 +68,7 @@ class Stretch:
     tool_speed_m_s: float
     least_s: float = 0.0
     joined: bool = False
+    onward_rad_s: float = 0.0
 
     def near(self, q: Floats) -> bool:
         """True where an arm at `q` (6,) may be on it, as far as its pieces tell."""
@@ -86,7 +87,12 @@ class Stretch:
             slower=False,
             least_s=self.least_s,
             joined=self.joined,
+            onward_rad_s=self.onward_rad_s,
         )
+
+    def leading_rad_s(self, robot: Robot) -> float:
+        """Speed of a joint on it, at most."""
+        return self.drive(robot).leading_rad_s(self.profile)
 
 
 Planned: TypeAlias = Stretch | PastLimit | Nowhere
@@ -139,7 +145,11 @@ def _planned(robot: Robot, path: BlendedPath) -> tuple[tuple[Joints, Planned], .
         if isinstance(planned, Stretch):
             start, before = _end(robot, planned, leg), planned
         blend_before = leg.blend_m
-    return tuple(found)
+    # The arm may be under way to any of them when it is told to stop: it rests at no blend.
+    fastest = max((each.leading_rad_s(robot) for _, each in found if isinstance(each, Stretch)), default=0.0)
+    return tuple(
+        (start, replace(each, onward_rad_s=fastest) if isinstance(each, Stretch) else each) for start, each in found
+    )
 
 
 def _end(robot: Robot, stretch: Stretch, leg: JointLeg | LineLeg) -> Joints:

@@ -16,6 +16,7 @@ from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.motion import SpeedL
 from pep.pit.path.straight_path import GRID
 from pep.pit.scene.pairs import pairs_of
+from pep.pit.search.start_violations import departure
 from pep.pit.search.stream_course import speed_drive
 from pep.pit.search.timed_course import TimedCourse
 
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Joints, Pose
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.pairs import Pairs
     from pep.pit.scene.scene import Scene
 
 STOPL_M_S2: Final = 3.0  # the control script of ur_rtde 1.6.5 stops so at a contact
@@ -84,7 +86,7 @@ def until_contact(
 
     Raises:
         UnprovenError: not even an eighth of the way can be followed.
-        MotionError: `OUT_OF_RANGE`, it is too near to what it may touch for its speed.
+        MotionError: `OUT_OF_RANGE`, it is too near to what it may touch for its speed, or begins in a violation.
     """
     fastest, after_s = math.hypot(*motion.twist[:3]), cell.stop_delay_s + STOP_KEPT_S
     for share in SHORTER:
@@ -94,7 +96,10 @@ def until_contact(
         except UnprovenError:
             continue
         if isinstance(drive, TimedCourse):
-            way = fastest * min(tried.duration_s, _touching_s(robot, drive, scene, cell, touch))
+            pairs = pairs_of(robot, cell.surveyed if scene is None else scene, cell, grown_m=0.0, touch=touch)
+            if departure(drive.course, pairs, cell, slow=True).retreating.size:
+                raise MotionError("OUT_OF_RANGE", "out of a violation, into which it would go back from a contact")
+            way = fastest * min(tried.duration_s, _touching_s(drive, pairs, cell))
             held_s, duration_s = way / speed_m_s - patience_s - after_s, way / fastest - after_s
             if not min(held_s, duration_s) >= LEAST_S:
                 raise MotionError("OUT_OF_RANGE", "too near to what it may touch for its speed, or a way too short")
@@ -102,11 +107,8 @@ def until_contact(
     raise UnprovenError("singular")
 
 
-def _touching_s(
-    robot: Robot, drive: TimedCourse, scene: Scene | None, cell: CellParameters, touch: frozenset[str]
-) -> float:
+def _touching_s(drive: TimedCourse, pairs: Pairs, cell: CellParameters) -> float:
     """Seconds at full speed to where something that may be touched is touched deep; infinite where nothing is."""
-    pairs = pairs_of(robot, cell.surveyed if scene is None else scene, cell, grown_m=0.0, touch=touch)
     rows = np.flatnonzero(pairs.touchable)
     if not rows.size:
         return math.inf

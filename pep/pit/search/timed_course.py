@@ -49,6 +49,7 @@ class TimedCourse:
         least_s: time that the arm takes between the blends at its ends, at least, s; 0 where that is not known. Of a
             corner its first course has all of it.
         joined: whether the course after it is of the same corner.
+        onward_rad_s: speed of a joint on what the arm goes on to without rest, at most; 0 where it rests.
     """
 
     course: CompiledCourse
@@ -58,6 +59,7 @@ class TimedCourse:
     slower: bool = True
     least_s: float = 0.0
     joined: bool = False
+    onward_rad_s: float = 0.0
 
     @property
     def twist(self) -> Twist | None:
@@ -78,6 +80,10 @@ class TimedCourse:
         cells = self.course.cells
         rate = profile.highest_rate(cells.low / GRID, cells.high / GRID)
         return np.asarray((cells.first + cells.hurry) * rate[:, None])
+
+    def leading_rad_s(self, profile: Profile) -> float:
+        """Speed of a joint from which a stop may have to bring it to rest."""
+        return max(float(self.joint_speeds_rad_s(profile).max()), self.onward_rad_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,11 +10,24 @@ pytestmark = [pytest.mark.timeout(120)]
 CAMPAIGN_TRIALS = 200
 
 
-def held(ask, numbers):
-    print("seed 1, trials", *numbers)
+def held(ask, numbers, seed=1):
+    print("seed", seed, "trials", *numbers)
     for number in numbers:
-        word, detail = ask(1, number)
+        word, detail = ask(seed, number)
         assert word == "held", detail
+
+
+@pytest.mark.clause("PHY-58")
+def test_a_stop_on_a_slow_part_counts_with_the_speed_that_the_arm_goes_on_to():
+    held(blends.trial, (366, 526, 944), seed=2026)
+
+
+@pytest.mark.clause("PHY-60")
+@pytest.mark.parametrize("number", [790, 948])
+def test_no_way_until_a_contact_leads_out_of_a_violation(number):
+    """The arm goes back from a contact: each of these would go back into a person, or into itself."""
+    word, detail = contacts.trial(2026, number)
+    assert (word, "violation" in detail) == ("refused", True)
 
 
 def test_no_contact_or_pose_of_a_stream_exceeds_its_answer():
