@@ -17,12 +17,10 @@ def held(ask, numbers, seed=1):
         assert word == "held", detail
 
 
-@pytest.mark.clause("PHY-58")
 def test_a_stop_on_a_slow_part_counts_with_the_speed_that_the_arm_goes_on_to():
     held(blends.trial, (366, 526, 944), seed=2026)
 
 
-@pytest.mark.clause("PHY-60")
 @pytest.mark.parametrize("number", [790, 948])
 def test_no_way_until_a_contact_leads_out_of_a_violation(number):
     """The arm goes back from a contact: each of these would go back into a person, or into itself."""
