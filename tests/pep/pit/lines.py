@@ -53,12 +53,14 @@ def marched(start, line, turn, shares):
     """Joint angles and their derivative by s at rising `shares` of a constant twist; None where it is lost."""
     scratch = MODEL.createData()
     position, rotation = placed(start)
-    q, found = np.array(start), []
+    q, dq, before, found = np.array(start), np.zeros(6), 0.0, []
     for s in shares:
-        q = followed(q, position + s * line, pinocchio.exp3(s * turn) @ rotation, scratch)
+        near = q + (s - before) * dq
+        q, before = followed(near, position + s * line, pinocchio.exp3(s * turn) @ rotation, scratch), s
         if q is None:
             return None
-        found.append((q, np.linalg.solve(tool_jacobian(q, scratch), np.concatenate([line, turn]))))
+        dq = np.linalg.solve(tool_jacobian(q, scratch), np.concatenate([line, turn]))
+        found.append((q, dq))
     return found
 
 

@@ -21,7 +21,7 @@ import pinocchio
 from pep.pit.assessment.readiness import compile_all
 from policies.evidence.evidence import ImpactFault
 from tests.pep.pit.campaign.curves import CurvedWorld, Played
-from tests.pep.pit.lines import MODEL, followed, placed, pose_of, random_start
+from tests.pep.pit.lines import MODEL, followed, placed, pose_of, random_start, tool_jacobian
 from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, random_scene
 
 from pep.pit import BlendedPath, JointLeg, LineLeg, assess
@@ -32,6 +32,8 @@ SLACK = 1e-9
 LEGS = (2, 2)
 REFUSED = {"OUT_OF_RANGE", "UNPROVEN"}
 PATIENT = replace(CELL, time_limit_s=60.0)
+PLACES = 32
+"""Pieces of a line at whose ends it is solved first."""
 SHARE = 5
 """Trials of one piece of work."""
 
@@ -48,24 +50,29 @@ class Leg:
             self.turn = pinocchio.log3(pinocchio.exp3(np.array(leg.target[3:])) @ self.rotation.T)
             length = max(float(np.linalg.norm(self.way)), 0.1 * float(np.linalg.norm(self.turn)))
             self.fastest, self.gain = leg.speed_m_s / length, leg.acceleration_m_s2 / length
-            self.known, self.last = {0.0: self.start}, self.start
-            for s in np.linspace(0, 1, 33)[1:].tolist():
+            self.known, self.last, grid = {}, (self.start, np.zeros(6), 0.0), []
+            for s in np.linspace(0, 1, PLACES + 1).tolist():
                 self.solved(s)
-            self.grid = [self.known[s] for s in np.linspace(0, 1, 33).tolist()]
+                grid.append(self.last)
+            self.grid = grid
         else:
             self.way = np.array(leg.target) - self.start
             length = float(np.abs(self.way).max())
             self.fastest, self.gain = leg.speed_rad_s / length, leg.acceleration_rad_s2 / length
 
     def solved(self, s):
-        """Joint angles in this share, once; from the last ones, which are near where the tool goes on."""
+        """Joint angles in this share, once, from the nearest that are known or were found last, and how they go on."""
         if (known := self.known.get(s)) is not None:
             return known
-        near = self.last if self.grid is None else self.grid[round(32 * s)]
+        near, dq, at = self.last
+        if self.grid is not None:
+            near, dq, at = min(self.last, self.grid[round(PLACES * s)], key=lambda known: abs(known[2] - s))
+        near = near + (s - at) * dq
         q = followed(near, self.position + s * self.way, pinocchio.exp3(s * self.turn) @ self.rotation, self.scratch)
         if q is None:
             raise LookupError("lost")
-        self.known[s] = self.last = q
+        dq = np.linalg.solve(tool_jacobian(q, self.scratch), np.concatenate([self.way, self.turn]))
+        self.known[s], self.last = q, (q, dq, s)
         return q
 
     def at(self, s):
