@@ -29,6 +29,8 @@ from pep.pit import BlendedPath, JointLeg, LineLeg, assess
 STEP_S = 0.001
 AGE_S = 0.1
 SLACK = 1e-9
+STILL_RAD_S = 1e-9
+"""Speed of a joint that does not move, with the rounding of its angles."""
 LEGS = (2, 2)
 REFUSED = {"OUT_OF_RANGE", "UNPROVEN"}
 PATIENT = replace(CELL, time_limit_s=60.0)
@@ -203,7 +205,7 @@ def judged(scene, motion, answer, number, move, manners, *, touch=NOTHING):
             continue
         for q in parts:
             qd = np.gradient(q[:-1], STEP_S, axis=0) if len(q) > 2 else np.diff(q, axis=0) / STEP_S
-            run = Played(q[: len(qd)], qd)
+            run = Played(q[: len(qd)], np.where(np.abs(qd) < STILL_RAD_S, 0.0, qd))
             world = CurvedWorld(ROBOT, scene, motion, CELL, AGE_S, touch, run)
             world.look(run.times)
             seen = world.seen()
