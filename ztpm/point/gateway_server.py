@@ -52,19 +52,21 @@ from pep.world.cell_stream import CellStream
 from pep.world.tool_poses import ToolPoses
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
+from ztpm.base.processes import STOP
 from ztpm.codes.unavailable import unavailable
 from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.lease_listener import LeaseListener
+from ztpm.point.live_report import LiveReport
 from ztpm.point.robot import confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_latch import RobotLatch
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Awaitable, Callable, Coroutine, Mapping
     from typing import Any
 
     import httpx2
@@ -75,6 +77,7 @@ if TYPE_CHECKING:
     from pep.gate.observe_only import Simulated
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
+    from pep.rtde.motion.standstill import MotionEnd
     from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
     from pep.rtde.wire.refusal import InputRefusal
     from pep.world.led_motion import Led
@@ -178,6 +181,15 @@ class GatewayServer(RobotPoint):
         watching = partial(
             watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
         )
+        self.live = LiveReport(
+            holding=self.holding,
+            cell=self.cell,
+            frames=self.frames,
+            state=self.state,
+            physics=self.physics,
+            under_way=lambda: self.motions.under_way,
+            clock=self.clock,
+        )
         self.tools = tool_motions(self, lines=self.own, motions=self.motions, gripper=gripper, watching=watching)
         self.gate = self.gated(policies, slot=self.tools, latches=self.latch.latches)
         tools_app = tools_app_of(self, self.tools, self.gate, key, readiness=ready(self.own))
@@ -248,6 +260,37 @@ class GatewayServer(RobotPoint):
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
         """Tasks that run as long as it serves, by name."""
         return {**super().beside(), **self.latch.beside()}
+
+    @property
+    def answers(self) -> Mapping[str, Callable[[], Awaitable[dict[str, object]]]]:
+        """Likewise, with the cell as it is now, and the stop of its page."""
+        live = {"live": self.live.now, "standing": self.live.standing, "way": self.live.way}
+        beside = {name: partial(asyncio.to_thread, told) for name, told in live.items()}
+        return {**super().answers, **beside, STOP: self.stop_for_anybody}
+
+    async def stop_for_anybody(self) -> dict[str, object]:
+        """Begins to stop the arm, ends the lease, and records both afterwards ([LIV-2]): nobody is asked who it is."""
+        lease = self.leases.current
+        standing = asyncio.ensure_future(self.tools.stop())
+        await asyncio.sleep(0)  # it has begun
+        self._kept(self._stopped(standing, lease))
+        return {"begun": True, "lease": "" if lease is None else lease.agent}
+
+    async def _stopped(self, standing: Awaitable[MotionEnd], lease: Lease | None) -> None:
+        if lease is not None and self.leases.current is lease:
+            await self._end(LeaseEnding.STOPPED)
+        end = await standing
+        body = {
+            "effect": "PERMIT",
+            "operation": "stop",
+            "caller": None,
+            "fault": None,
+            "asked": "page",
+            "lease": None if lease is None else lease.agent,
+            "result": {"end": str(end.end)},
+        }
+        with contextlib.suppress(JournalError):  # a stop that cannot be recorded is still a stop
+            await self.gate.record("outcome", {"request_id": "stop", "decision": "", "outcome": "done", "stop": body})
 
     async def report(self) -> dict[str, object]:
         """Report on robot and its latch, perception and revocation view."""
@@ -372,7 +415,10 @@ class GatewayServer(RobotPoint):
             "hop": chain.leaf.hop_id if isinstance(chain, Chain) else "",
             "ending": str(ending),
         }
-        task = asyncio.get_running_loop().create_task(self._noted(body))
+        self._kept(self._noted(body))
+
+    def _kept(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.get_running_loop().create_task(work)
         self._notes.add(task)
         task.add_done_callback(self._notes.discard)
 

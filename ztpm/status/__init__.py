@@ -1,1 +1,1 @@
-"""The status page of a running cell: read-only, on loopback, for the user who runs it."""
+"""The page of a running cell, on loopback, for the user who runs it: how it stands, live, and a stop."""
