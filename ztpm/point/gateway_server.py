@@ -277,6 +277,7 @@ class GatewayServer(RobotPoint):
         return {"begun": True, "lease": "" if lease is None else lease.agent}
 
     async def _stopped(self, standing: Awaitable[MotionEnd], lease: Lease | None) -> None:
+        self.latch.latching.asked()
         if lease is not None and self.leases.current is lease:
             await self._end(LeaseEnding.STOPPED)
         end = await standing

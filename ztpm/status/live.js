@@ -5,12 +5,13 @@
 const at = (id) => document.getElementById(id);
 const told = at("told"), stop = at("stop"), stopped = at("stopped"), alarm = at("alarm");
 const OLD_MS = 2500; // without news for so long, what is shown is old
+const SAID_MS = 15000; // an outcome stands for so long; the decisions tell of it from then on
 let view = null, heard = null, ahead = 0, seen = null, way = null, silent = "";
 
 // ---- the arm
 
 function standing(picture) {
-  const drawn = { ...picture, whole: true, postures: [], witnesses: [] };
+  const drawn = { ...picture, postures: [], witnesses: [] };
   if (view) view.replace(drawn);
   else view = ztpmViewer.show(at("view"), drawn);
   if (view) view.live({ bodies: seen, postures: way });
@@ -81,6 +82,7 @@ stop.addEventListener("click", async () => {
     const said = await answer.json();
     stopped.textContent = said.told;
     stopped.className = answer.ok ? "good" : "bad";
+    if (answer.ok) setTimeout(() => { stopped.textContent = ""; }, SAID_MS);
   } catch {
     stopped.textContent = "The cell does not answer. Use the robot's own emergency stop.";
     stopped.className = "bad";

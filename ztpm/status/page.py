@@ -23,6 +23,9 @@ REFRESH_S: Final = 2
 SCRIPTS: Final = ("three-0.187.0.js", "viewer.js", "live.js")
 """Scripts of the page, in their order."""
 STYLE: Final = "console.css"
+LONG: Final = ("decisions", "story")
+"""Parts that scroll by themselves."""
+SCROLLED: Final = {"class_": "long", "tabindex": "0"}
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 ROBOT_MODES: Final = {
     -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on", 5: "idle",
@@ -62,7 +65,10 @@ def parts_of(picture: Snapshot) -> dict[str, Markup]:
 
 def render(picture: Snapshot) -> str:
     """The whole page as HTML."""
-    part = {name: tag("div", html, id=f"part-{name}") for name, html in parts_of(picture).items()}
+    part = {
+        name: tag("div", html, id=f"part-{name}", **(SCROLLED if name in LONG else {}))
+        for name, html in parts_of(picture).items()
+    }
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
@@ -101,13 +107,13 @@ def render(picture: Snapshot) -> str:
         "main",
         arm,
         side,
-        *(
+        tag("div", *(
             _section(title, part[name])
             for title, name in (
                 ("Robot", "robot"), ("Perception", "perception"), ("Revocations", "view"), ("Agents", "agents"),
                 ("Processes", "parts"),
             )
-        ),
+        ), class_="rest"),
     )  # fmt: skip
     alarm = tag("p", id="alarm", class_="bad", role="alert", hidden="hidden")
     body = tag("body", header, part["incomplete"], alarm, part["asks"], main, class_="live")
@@ -269,6 +275,8 @@ def _agents(picture: Snapshot) -> Markup:
     return _table(("agent", "trust"), rows, numbers=(1,))
 
 
+UNKNOWN: Final = {"stop": "somebody"}
+"""Who a record without an agent is of, by its request: a stop asks nobody who it is."""
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 
@@ -281,7 +289,7 @@ def _decisions(decisions: Iterable[Decided]) -> Markup:
             _tier(decided.tier),
             " ",
             tag("b", decided.effect, class_=EFFECTS.get(decided.effect, "")),
-            f" {decided.agent or 'nobody known'}: {decided.operation or 'a call'}",
+            f" {decided.agent or UNKNOWN.get(decided.request_id, 'nobody known')}: {decided.operation or 'a call'}",
             f", {decided.outcome}" if decided.outcome else "",
             "" if decided.reason == "PERMITTED" else tag("span", f" {decided.reason}", class_="mono dim"),
             tag("span", f" {', '.join(OWED.get(kind, kind) for kind in decided.owed)}", class_="wait")

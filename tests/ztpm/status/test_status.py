@@ -244,7 +244,7 @@ def test_a_gateway_or_robot_that_is_silent_is_told_in_the_next_frame(served):
     assert faults == ["gateway"]
 
 
-HTTP = httpx2.Client(timeout=20)
+HTTP = httpx2.Client(timeout=20, limits=httpx2.Limits(max_keepalive_connections=0))
 
 
 def stop_at(served, *, content='{"stop":true}', **headers):

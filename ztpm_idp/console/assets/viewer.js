@@ -2,7 +2,7 @@
 // The picture of a cell, an assessment or a live arm, turned by hand: three.js draws the bodies, the page's own
 // elements are their names. One function for every page:
 //
-//     const view = ztpmViewer.show(element, picture, { moved(told, row) {} });
+//     const view = ztpmViewer.show(element, picture);
 //     ztpmViewer.controls(page, view);                  // slider, buttons and rows that are there
 //     view.live({ ends, bodies });                      // an arm that is measured, beside the drawn motion
 //
@@ -166,7 +166,7 @@ window.ztpmViewer = (() => {
   }
 
   // Draws a picture in an element; null where the browser offers no WebGL, with a sentence in its place.
-  function show(element, picture, options = {}) {
+  function show(element, picture) {
     const page = element.ownerDocument;
     let renderer;
     try {
@@ -191,7 +191,7 @@ window.ztpmViewer = (() => {
     scene.add(new THREE.AmbientLight("#ffffff", 2.0), light, light.target);
 
     const state = { azimuth: 0, elevation: 0.45, zoom: 1, row: 0, target: null, high: 1, wanted: false };
-    let shown, path, solid, mark, fixed, seen, floor, names = new Map(), labels = [], seenBodies = [], live = false;
+    let shown, path, solid, mark, fixed, seen, floor, names = new Map(), labels = [], seenBodies = [], live = false, now = null;
     const colour = (name, other) => getComputedStyle(element).getPropertyValue(name).trim() || other;
     const label = (of, kind = "") => {
       const span = page.createElement("span");
@@ -216,7 +216,7 @@ window.ztpmViewer = (() => {
       }
     };
     const points_of = (bodies) => bodies.flatMap((b) => b.corners ?? [b.a, b.b].flatMap((p) => [-1, 1].map((s) => p.map((v) => v + s * (b.r ?? 0)))));
-    const arm_points = () => shown.postures.flatMap((p) => p.ends.flat());
+    const arm_points = () => shown.postures.flatMap((p) => p.ends.flat()).concat(now ? now.flat() : []);
     const around = () => {
       const low = new Vector3(Infinity, Infinity, Infinity), high = low.clone().negate();
       for (const p of [[0, 0, 0], ...arm_points(), ...points_of(shown.bodies), ...points_of(seenBodies)].map(point)) { low.min(p); high.max(p); }
@@ -249,7 +249,8 @@ window.ztpmViewer = (() => {
       aim();
       let points = arm_points().concat(shown.witnesses.flatMap((w) => [w.a, w.b]));
       points.push(...points_of(shown.bodies.concat(seenBodies).filter((b) => b.kind === "person")));
-      if (shown.whole || !points.length) points.push(...points_of(shown.bodies), ...corners(shown));
+      if (live) points.push(...points_of(shown.bodies.filter((b) => b.kind !== "zone")));
+      else if (shown.whole || !points.length) points.push(...points_of(shown.bodies), ...corners(shown));
       if (!points.length) points = [[0, 0, 0]];
       const at = points.map((p) => point(p).applyMatrix4(camera.matrixWorldInverse));
       const [low, high] = [at[0].clone(), at[0].clone()];
@@ -307,15 +308,14 @@ window.ztpmViewer = (() => {
     };
     const go = (row) => {
       state.row = clamp(row, 0, Math.max(0, shown.postures.length - 1));
-      const now = shown.postures[state.row];
-      if (now) place_arm(now.ends);
+      const at = shown.postures[state.row];
+      if (at) place_arm(at.ends);
       if (mark) emptied(mark);
       const lead = lead_of();
       mark = lead ? witness(lead) : null;
       if (mark) scene.add(mark);
       const near = lead ? `; ${lead.link} and ${lead.object}: ${lead.clearance_mm.toFixed(0)} mm` : "";
-      options.moved?.(now ? `${now.t.toFixed(2)} s${near}` : "", state.row);
-      view.moved?.(now ? `${now.t.toFixed(2)} s${near}` : "", state.row);
+      view.moved?.(at ? `${at.t.toFixed(2)} s${near}` : "", state.row);
       redraw();
     };
     const turn = (dx, dy) => { state.azimuth -= dx; state.elevation = clamp(state.elevation + dy, -Math.PI / 2, Math.PI / 2); redraw(); };
@@ -334,7 +334,7 @@ window.ztpmViewer = (() => {
         [path, solid, mark, fixed, seen, seenBodies] = [swept(shown, colour("--ink", "#1c2733")), null, null, standing(shown), null, []];
         for (const told of shown.bodies) fixed.add(body(told));
         scene.add(path, fixed);
-        live = false;
+        [live, now] = [false, null];
         named_anew();
         laid_out();
         fit();
@@ -350,7 +350,9 @@ window.ztpmViewer = (() => {
       swept(on) { path.ghosts.visible = on; redraw(); },
       // The arm as it is measured, and who and what is seen now; `postures` of the motion under way, where they changed.
       live({ ends, bodies, postures }) {
+        const first = !live;
         live = true;
+        if (ends) now = ends;
         if (postures) {
           emptied(path);
           shown = { ...shown, postures };
@@ -367,6 +369,7 @@ window.ztpmViewer = (() => {
           named_anew();
           if (before !== bodies.length) { laid_out(); fit(); }
         }
+        if (first || postures?.length) fit();
         if (ends) place_arm(ends);
         if (mark) { emptied(mark); mark = null; }
         renderer.shadowMap.needsUpdate = true;
