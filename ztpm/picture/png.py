@@ -125,17 +125,17 @@ def _heading(figure: Any, shown: Picture, subtitle: str) -> None:
         chip = figure.text(left, 0.977, f"Tier {tier}", va="top", fontsize=13, fontweight="bold", color=PAPER, bbox=box)
         figure.text(left, 0.943, "index", va="top", fontsize=11, color=SOFT)
         left += chip.get_window_extent().width / figure.bbox.width + 0.018
-    said_lines = _lines_of(figure, words, 17.0, 1.0 - EDGE - left, most=2)
+    said_lines = lines_of(figure, words, 17.0, 1.0 - EDGE - left, most=2)
     figure.text(
         left, 0.978, said_lines, va="top", fontsize=17, fontweight="bold", color=INK, parse_math=False, linespacing=1.25
     )
     figure.text(
-        EDGE, 0.908, _lines_of(figure, subtitle, 11.0, 1.0 - 2 * EDGE, most=2),
+        EDGE, 0.908, lines_of(figure, subtitle, 11.0, 1.0 - 2 * EDGE, most=2),
         va="top", fontsize=11, color=SOFT, parse_math=False,
     )  # fmt: skip
 
 
-def _lines_of(figure: Any, text: str, size_pt: float, width: float, *, most: int) -> str:
+def lines_of(figure: Any, text: str, size_pt: float, width: float, *, most: int) -> str:
     """The text in at most so many lines that fit a share of the figure's width; what is left is an ellipsis.
 
     Args:

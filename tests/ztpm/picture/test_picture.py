@@ -17,10 +17,10 @@ import pytest
 from docs import generate
 from pep.pit.geometry.hull import hull_of
 from tests.pep.pit.scenes import CELL, HOME, ROBOT, random_convex, sweep, tcp
-from ztpm.picture.bodies import extent, triangles_of
+from ztpm.picture.bodies import COLOURS, TONES, extent, triangles_of
 from ztpm.picture.page import ASSETS, page
 from pep.pit.picture.picture import picture, to_plain
-from ztpm.picture.png import level_azimuth
+from ztpm.picture.png import SIZE_INCH, TIERS, level_azimuth, lines_of, plots_in_space
 from pep.pit.picture.postures import PostureCapsule, nearest, route_of
 from pep.pit.picture.surface import capsule, cut, normals_of, surface_of
 from ztpm.pit import Arm, asked
@@ -267,6 +267,35 @@ def test_the_page_is_told_every_body():
     assert len(value["postures"][0]["ends"]) == len(value["parts"])
 
 
+@pytest.mark.clause("LIV-5")
+def test_a_person_whose_arms_nobody_saw_gets_none_and_that_is_said(tmp_path):
+    arms = {"upper_arm", "lower_arm", "hand"}
+
+    def trunk(value):
+        capsule = {"a_m": [-0.5, -0.5, 0.0], "b_m": [-0.5, -0.5, 0.4], "radius_m": 0.19}
+        value["view"]["people"] = [{"id": "anna", "regions": [{"region": "torso", "capsule": capsule}]}]
+
+    whole, part = shown(), shown("c2-person", "sweep", trunk, tmp_path)
+    for seen, armless in ((whole, False), (part, True)):
+        told = [body for body in to_plain(seen)["bodies"] if body["kind"] == "person"]
+        assert told
+        assert all(body.get("armless", False) is armless for body in told)
+        assert any(body["name"].split("/")[1] in arms for body in told) is not armless
+
+
+def test_the_viewer_has_the_colours_of_every_other_drawing():
+    script = (ASSETS / "viewer.js").read_text()
+
+    def table(name):
+        text = re.search(rf"const {name} = {{(.*?)}};", script, re.DOTALL)[1]
+        return dict(re.findall(r'(\w+): "?(#?[\w.]+)"?', text))
+
+    assert table("COLOURS") == COLOURS
+    assert {name: float(tone) for name, tone in table("SKIN").items()} == TONES
+    sheet = (ASSETS / "console.css").read_text()
+    assert re.findall(r"--tier-\d: (#\w+)", sheet)[:5] == list(TIERS)
+
+
 # ---- the page
 
 
@@ -354,6 +383,31 @@ def test_the_table_says_all_that_the_answer_does():
     assert text.count('scope="col"') == 9
     assert "what was asked" in text
     assert "what would help" in text
+
+
+@pytest.mark.clause("LIV-5")
+def test_the_index_stands_before_all_words_and_nothing_pushes_it_out(tmp_path):
+    def edit(value):
+        value["view"]["objects"][0]["id"] = "x" * 128
+
+    seen = shown("c1-glass", edit=edit, tmp=tmp_path)
+    text = page(seen, subtitle="", advice="")
+    number = f"{seen.assessment.index:.2f}"
+    assert text.index(f"<b>{number}</b>") < text.index("<h1>")
+    sheet = (ASSETS / "console.css").read_text()
+    assert "white-space: nowrap" in re.search(r"\.index b {([^}]*)}", sheet)[1]
+    assert re.search(r'<th scope="col">#</th><th scope="col" class="n">index</th>', text)
+    pytest.importorskip("matplotlib")
+    plots = plots_in_space()
+    figure = plots.figure(figsize=SIZE_INCH)
+    words = "y" * 300 + " the end of 0.38 m/s"
+    lines = lines_of(figure, words, 17.0, 0.5, most=9).split("\n")
+    assert "".join(lines).replace(" ", "") == words.replace(" ", ""), "broken, and nothing is lost"
+    assert lines_of(figure, words, 17.0, 0.5, most=2).endswith("…")
+    for line in lines:
+        drawn = figure.text(0, 0, line, fontsize=17.0, fontweight="bold")
+        assert drawn.get_window_extent().width <= 0.5 * figure.bbox.width
+    plots.close(figure)
 
 
 def test_what_has_no_arm_and_no_contribution_is_drawn_too(tmp_path):
