@@ -136,7 +136,7 @@ def _heading(figure: Any, shown: Picture, subtitle: str) -> None:
 
 
 def lines_of(figure: Any, text: str, size_pt: float, width: float, *, most: int) -> str:
-    """The text in at most so many lines that fit a share of the figure's width; what is left is an ellipsis.
+    """The text in lines that fit a share of the figure's width; an ellipsis stands for the rest.
 
     Args:
         figure: that it will stand on.

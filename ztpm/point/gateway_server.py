@@ -41,7 +41,6 @@ from pep.rtde.lease.lease_endpoint import LeaseEndpoint
 from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
-from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.dashboard import RemoteControl, confirm_model
@@ -60,7 +59,8 @@ from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.lease_listener import LeaseListener
 from ztpm.point.live_report import LiveReport
-from ztpm.point.robot import confirm_kinematics, found_holding, readiness
+from ztpm.point.page_stop import PageStop
+from ztpm.point.robot import PortStopper, confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_latch import RobotLatch
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
@@ -77,12 +77,10 @@ if TYPE_CHECKING:
     from pep.gate.observe_only import Simulated
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
-    from pep.rtde.motion.standstill import MotionEnd
     from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
     from pep.rtde.wire.refusal import InputRefusal
     from pep.world.led_motion import Led
     from policies.decision.policy import PolicySet
-    from policies.words.reason_table import Reason
 
 LOOK_S: Final = 0.1
 """Time between checks of the open lease's token; while it moves, revocations reach a view as fast."""
@@ -168,7 +166,7 @@ class GatewayServer(RobotPoint):
         # It compiles what its steps ask when it is made, or reads what was compiled before.
         self._stream(frozenset()).see(self.state.read().q_rad)
         self.judging = ThreadPoolExecutor(1, "rest")
-        stopper = _Stopper(self.ports, self._loop)
+        stopper = PortStopper(self.ports, self._loop)
         self.motions = Motions(
             starts=self.physics,
             hurry=self.follower.hurry,
@@ -180,15 +178,6 @@ class GatewayServer(RobotPoint):
         )
         watching = partial(
             watch, views=self.frames, limits=WatchAges.of(self.cell), clock=self.clock, submit=self.judging.submit
-        )
-        self.live = LiveReport(
-            holding=self.holding,
-            cell=self.cell,
-            frames=self.frames,
-            state=self.state,
-            physics=self.physics,
-            under_way=lambda: self.motions.under_way,
-            clock=self.clock,
         )
         self.tools = tool_motions(self, lines=self.own, motions=self.motions, gripper=gripper, watching=watching)
         self.gate = self.gated(policies, slot=self.tools, latches=self.latch.latches)
@@ -216,6 +205,9 @@ class GatewayServer(RobotPoint):
             fitted=self._fitted,
             audience=config.audience,
             clock=self.clock,
+        )
+        self.page_stop = PageStop(
+            leases=self.leases, tools=self.tools, latching=self.latch.latching, gate=self.gate, end=self._end
         )
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
         self.arrivals = LeaseListener(self.carriages)
@@ -264,34 +256,7 @@ class GatewayServer(RobotPoint):
     @property
     def answers(self) -> Mapping[str, Callable[[], Awaitable[dict[str, object]]]]:
         """Likewise, with the cell as it is now, and the stop of its page."""
-        live = {"live": self.live.now, "standing": self.live.standing, "way": self.live.way}
-        beside = {name: partial(asyncio.to_thread, told) for name, told in live.items()}
-        return {**super().answers, **beside, STOP: self.stop_for_anybody}
-
-    async def stop_for_anybody(self) -> dict[str, object]:
-        """Begins to stop the arm, ends the lease, and records both afterwards ([LIV-2]): nobody is asked who it is."""
-        lease = self.leases.current
-        standing = asyncio.ensure_future(self.tools.stop())
-        await asyncio.sleep(0)  # it has begun
-        self._kept(self._stopped(standing, lease))
-        return {"begun": True, "lease": "" if lease is None else lease.agent}
-
-    async def _stopped(self, standing: Awaitable[MotionEnd], lease: Lease | None) -> None:
-        self.latch.latching.asked()
-        if lease is not None and self.leases.current is lease:
-            await self._end(LeaseEnding.STOPPED)
-        end = await standing
-        body = {
-            "effect": "PERMIT",
-            "operation": "stop",
-            "caller": None,
-            "fault": None,
-            "asked": "page",
-            "lease": None if lease is None else lease.agent,
-            "result": {"end": str(end.end)},
-        }
-        with contextlib.suppress(JournalError):  # a stop that cannot be recorded is still a stop
-            await self.gate.record("outcome", {"request_id": "stop", "decision": "", "outcome": "done", "stop": body})
+        return {**super().answers, **LiveReport(self, lambda: self.motions.under_way).answers, STOP: self.page_stop}
 
     async def report(self) -> dict[str, object]:
         """Report on robot and its latch, perception and revocation view."""
@@ -338,6 +303,7 @@ class GatewayServer(RobotPoint):
 
     async def close(self) -> None:
         """Ends the connections to the robot."""
+        await self.page_stop.close()
         await self.tools.close()
         self.motions.close()
         self.latch.latching.close()
@@ -416,10 +382,7 @@ class GatewayServer(RobotPoint):
             "hop": chain.leaf.hop_id if isinstance(chain, Chain) else "",
             "ending": str(ending),
         }
-        self._kept(self._noted(body))
-
-    def _kept(self, work: Coroutine[Any, Any, None]) -> None:
-        task = asyncio.get_running_loop().create_task(work)
+        task = asyncio.get_running_loop().create_task(self._noted(body))
         self._notes.add(task)
         task.add_done_callback(self._notes.discard)
 
@@ -461,23 +424,6 @@ class GatewayServer(RobotPoint):
             finally:
                 if self.leases.current is lease:
                     self.carriages.end(ending)
-
-
-class _Stopper:
-    """`pep.rtde.robot.judge_port.Stopper` over the ports, from any thread."""
-
-    def __init__(self, ports: LeasedPorts, loop: asyncio.AbstractEventLoop) -> None:
-        self._ports = ports
-        self._loop = loop
-
-    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - the caller has it on record
-        """See `Stopper.stop`."""
-        self._loop.call_soon_threadsafe(self._ports.stop, StopMeans.PROGRAM)
-
-    @property
-    def stopped_ms(self) -> int | None:
-        """See `Stopper.stopped_ms`."""
-        return self._ports.stopped_ms
 
 
 async def serve(

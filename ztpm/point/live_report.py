@@ -5,6 +5,8 @@ Nothing is decided on it. It is made of what the watch goes by, and costs the ga
 
 from __future__ import annotations
 
+import asyncio
+from functools import partial
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,15 +19,10 @@ from pep.pit.picture.postures import posture_at, route_of
 from pep.world.world import scene_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Awaitable, Callable
 
-    from pep.base.ports import Clock
-    from pep.perception.sensor_frames import Frames
-    from pep.pit import CellParameters
     from pep.request.permit import Permit
-    from pep.rtde.robot.state_receiver import StateReceiver
-    from pep.world.held_object import CommittedGrip
-    from pep.world.world import CellPhysics
+    from ztpm.point.robot_point import RobotPoint
 
 OLD_MS: Final = 1_000
 """Age from which a package of the controller is no news of the arm."""
@@ -39,40 +36,26 @@ class LiveReport:
     """Reports of one gateway on its cell as it is now. From any thread, one report at a time.
 
     Args:
-        holding: the arm, with what it holds.
-        cell: parameters and surveyed things.
-        frames: the believed perception.
-        state: of the controller.
-        physics: knows what was assessed.
+        point: the gateway's parts.
         under_way: permit of the motion that is being followed; None while there is none.
-        clock: the monotonic one counts.
     """
 
-    def __init__(
-        self,
-        *,
-        holding: CommittedGrip,
-        cell: CellParameters,
-        frames: Frames,
-        state: StateReceiver,
-        physics: CellPhysics,
-        under_way: Callable[[], Permit | None],
-        clock: Clock,
-    ) -> None:
-        self._holding = holding
-        self._cell = cell
-        self._frames = frames
-        self._state = state
-        self._physics = physics
+    def __init__(self, point: RobotPoint, under_way: Callable[[], Permit | None]) -> None:
+        self._point = point
         self._under_way = under_way
-        self._clock = clock
         self._seen: tuple[object, list[dict[str, Any]]] = None, []
+
+    @property
+    def answers(self) -> dict[str, Callable[[], Awaitable[dict[str, object]]]]:
+        """The reports by name, each made in a worker thread."""
+        told = {"live": self.now, "standing": self.standing, "way": self.way}
+        return {name: partial(asyncio.to_thread, make) for name, make in told.items()}
 
     def now(self) -> dict[str, Any]:
         """The arm and what is seen: "arm" (None where the controller is silent), "held", "bodies", "motion"."""
-        package, permit = self._state.newest(), self._under_way()
-        age_ms = self._clock.monotonic_ms() - package.arrived_ms
-        robot = self._holding.robot
+        package, permit = self._point.state.newest(), self._under_way()
+        age_ms = self._point.clock.monotonic_ms() - package.arrived_ms
+        robot = self._point.holding.robot
         arm = None
         if package.state is not None and age_ms <= OLD_MS:
             posture = posture_to_plain(posture_at(robot, package.state.q_rad))
@@ -85,8 +68,8 @@ class LiveReport:
         }
 
     def standing(self) -> dict[str, Any]:
-        """What does not move, as a picture without postures: the arm's parts, surveyed things, zones, workspace."""
-        robot, surveyed = self._holding.robot, self._cell.surveyed
+        """The standing rest, as a picture without postures: the arm's parts, surveyed things, zones, workspace."""
+        robot, surveyed = self._point.holding.robot, self._point.cell.surveyed
         posture = posture_at(robot, [0.0] * len(robot.model.joints))
         area, kinds = surveyed.workspace, zip(parts_of(robot), posture.parts, strict=True)
         return {
@@ -101,10 +84,10 @@ class LiveReport:
         permit = self._under_way()
         if permit is None:
             return {"motion": "", "postures": []}
-        motion, postures = self._physics.motion_of(permit.request_id), []
+        motion, postures = self._point.physics.motion_of(permit.request_id), []
         if isinstance(motion, AHEAD):
             try:
-                route = route_of(self._holding.robot, motion, self._cell, perception_age_s=0.0)
+                route = route_of(self._point.holding.robot, motion, self._point.cell, perception_age_s=0.0)
                 times = np.linspace(0.0, route.duration_s, WAY_STEPS).tolist()
                 postures = [posture_to_plain(each) for each in route.postures(times)]
             except PitError:
@@ -113,13 +96,13 @@ class LiveReport:
 
     def _bodies(self) -> list[dict[str, Any]]:
         """People and things that sensors see; computed anew where the view has changed."""
-        view = self._frames.view()
+        view = self._point.frames.view()
         if not isinstance(view, Seen):
             return []
         content = view.content
         if content != self._seen[0]:
             try:
-                bodies = bodies_in(scene_of(view, self._cell), seen_s=0.0)
+                bodies = bodies_in(scene_of(view, self._point.cell), seen_s=0.0)
             except PitError:
                 bodies = ()
             self._seen = content, [{**body_to_plain(body), "told": body.source} for body in bodies if body.source]

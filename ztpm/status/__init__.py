@@ -1,1 +1,1 @@
-"""The page of a running cell, on loopback, for the user who runs it: how it stands, live, and a stop."""
+"""The page of a running cell for the user who runs it: its state, live, and a stop."""

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 ANSWER_S: Final = 1.0
 """Longest wait for one part."""
 OLD_S: Final = 5.0
-"""Age of a picture that is shown rather than nothing, while a part of the next one is slow to answer."""
+"""Greatest age of a picture that is shown while the next one is being taken."""
 KEEP_S: Final = 0.5
 """Time for which a picture is shown again, to all requests."""
 
@@ -69,7 +69,7 @@ class SnapshotCollector:
         self._kept: tuple[float, Snapshot] | None = None
 
     def picture(self) -> Snapshot:
-        """Picture of the cell, at most half a second old; older while one is being taken, so that nobody waits for it."""
+        """Picture of the cell, half a second old at most, or older while the next one is being taken."""
         kept = self._kept
         if self._lock.locked() and kept is not None and self._clock() - kept[0] <= OLD_S:
             return kept[1]

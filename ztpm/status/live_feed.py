@@ -1,9 +1,9 @@
-"""Feed of a running cell to the browsers that look at it: made once, however many there are, and only while one looks.
+"""Feed of a running cell to the browsers that look at it, made once for all of them.
 
     gateway's live report, 10 times a second ─┐
     picture of the cell, once a second ───────┴▶ what changed ─▶ one mailbox per viewer ─▶ server-sent events
 
-A slow viewer misses intermediate values, never the newest one, and holds nobody else up.
+Nothing is made while nobody looks. A slow viewer misses intermediate values, never the newest, and holds up nobody.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ FRAME_S: Final = 0.1
 PARTS_S: Final = 1.0
 """Period of everything else."""
 ALIVE_S: Final = 1.0
-"""Longest time without a frame while the gateway answers: the page tells an older one from a living one by it."""
+"""Longest time without a frame: the page knows by it that the feed lives."""
 ANSWER_S: Final = 0.5
 """Longest wait for the gateway."""
 JOIN_S: Final = 3.0
@@ -157,13 +157,13 @@ class LiveFeed:
             self._tell(f"part-{name}", {"name": name, "html": html}, event="part")
 
     def _tell(self, kind: str, value: Any, *, event: str = "") -> None:
-        """Gives the viewers a value that is not the newest of its kind already; a frame also from time to time."""
+        """Gives the viewers a value, where it is news of its kind."""
         if kind == "frame":
             value = {**value, "at_ms": self._wall_ms()} if self._due(value) else None
             if value is None:
                 return
-        data = json.dumps(value, allow_nan=False, separators=(",", ":"))
-        text = f"event: {event or kind}\ndata: {data}\n\n".encode()
+        said = json.dumps(value, allow_nan=False, separators=(",", ":"))
+        text = f"event: {event or kind}\ndata: {said}\n\n".encode()
         with self._lock:
             if self._newest.get(kind) == text or not self._boxes:
                 return

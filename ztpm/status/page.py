@@ -39,7 +39,7 @@ SAFE_MODES: Final = (1, 2)
 VIEW_LIMIT_MS: Final = 2_000
 """Beyond this age of the revocation view motion is denied: the shipped policy's `lease_motion_ms`."""
 DASHBOARD: Final = 29999
-"""UR dashboard server: the port at which anybody may stop the arm."""
+"""UR dashboard server, whose stop is for all."""
 VIEW_WORDS: Final = (
     "The arm as it is now, with who and what is seen around it, zones, and the way of a motion under way. "
     "Arrow keys turn it, plus and minus zoom."
@@ -276,7 +276,7 @@ def _agents(picture: Snapshot) -> Markup:
 
 
 UNKNOWN: Final = {"stop": "somebody"}
-"""Who a record without an agent is of, by its request: a stop asks nobody who it is."""
+"""Names for records without an agent, by their request: a stop asks for none."""
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 

@@ -1,8 +1,8 @@
 """Server of a running cell's page: on loopback, for the user who runs the cell alone.
 
 The page shows the arm's place and all asks, which the gateway keeps from strangers; so other accounts on this machine
-are refused by the owner of the connection's other end. One thing can be done here: the arm can be stopped, by whoever
-can open the page ([LIV-2]).
+are refused by the owner of the connection's other end. One thing can be done here: each of them can stop the arm
+([LIV-2]).
 """
 
 from __future__ import annotations

@@ -39,7 +39,7 @@ class LatchCause(StrEnum):
     ROBOT_FAILED = "robot-failed"
     """The arm did not do what was permitted: it stood, was silent or took too long."""
     ASKED = "asked"
-    """Somebody whom nobody asked who it is has stopped the arm on the cell's page."""
+    """The arm was stopped on the cell's page, which asks nobody for a name."""
     INTERRUPTED = "interrupted"
     """The enforcement point ended while an act was under way."""
     UNREADABLE = "unreadable"

@@ -48,7 +48,7 @@ def headline(assessment: Assessment) -> str:
 
 
 def sentence(assessment: Assessment) -> str:
-    """What decides the answer, as a sentence without its end."""
+    """Sentence about the deciding cause, without its end."""
     if assessment.violations:
         said = (VIOLATIONS.get(str(word), shown(str(word))) for word in assessment.violations)
         return f"refused at any speed, since {' and '.join(said)}"

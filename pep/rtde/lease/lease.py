@@ -48,7 +48,7 @@ class LeaseEnding(StrEnum):
     AUTHORITY = "authority"
     """The token no longer holds, or its validity cannot be told."""
     STOPPED = "stopped"
-    """Somebody has stopped the arm on the cell's page."""
+    """The arm was stopped on the cell's page."""
     GATEWAY = "gateway"
     """The gateway ends."""
 

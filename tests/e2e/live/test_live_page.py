@@ -1,4 +1,4 @@
-"""The page of a running cell in a real browser: the arm on it, a stop that stops it, and what is old told as old."""
+"""The page of a running cell in a real browser: its arm, its stop, and what is old."""
 
 import json
 import os
@@ -67,7 +67,7 @@ def picture(page, name):
 
 
 def across(cell):
-    """Where the arm's base joint stands, and the far end of the sweep."""
+    """Place of the arm's base joint, and the far end of the sweep."""
     at = cell.status()["robot"]["q_rad"][0]
     return at, RIGHT if abs(at - LEFT[0]) < abs(at - RIGHT[0]) else LEFT
 
@@ -136,7 +136,7 @@ def test_its_stop_stops_a_moving_arm_and_is_in_the_ledger(cell, page, caller):
 
 @pytest.mark.clause("LIV-2")
 def test_no_other_page_stops_it(cell, page):
-    """What a page of another origin can send without asking first stops nothing."""
+    """A page of another origin stops nothing by what it can send without asking first."""
     url = cell.told["status"]
     stops = lambda: sum(decided["operation"] == "stop" for decided in cell.status()["decisions"])
     before = stops()

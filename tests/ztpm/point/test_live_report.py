@@ -1,4 +1,4 @@
-"""The cell as it is now: told as the watch has it, the same view told once computed, and no arm where it is silent."""
+"""The cell as it is now, told as the watch has it; no arm where the controller is silent."""
 
 from types import SimpleNamespace
 
@@ -14,20 +14,20 @@ pytestmark = pytest.mark.clause("LIV-3")
 
 
 class Gateway:
-    """What a report is made of."""
+    """Parts that a report is made of."""
 
     def __init__(self):
         self.now_ms, self.motion, self.permit = 10_000, sweep(), None
         self.state = SimpleNamespace(q_rad=HOME, still=True)
-        self.report = LiveReport(
+        point = SimpleNamespace(
             holding=SimpleNamespace(robot=ROBOT),
             cell=CELL,
             frames=SimpleNamespace(view=Unseen),
             state=SimpleNamespace(newest=lambda: SimpleNamespace(state=self.state, arrived_ms=10_000)),
             physics=SimpleNamespace(motion_of=lambda _: self.motion),
-            under_way=lambda: self.permit,
             clock=SimpleNamespace(monotonic_ms=lambda: self.now_ms),
         )
+        self.report = LiveReport(point, lambda: self.permit)
 
 
 def test_the_arm_is_where_its_joints_say_and_is_none_once_the_controller_is_silent():

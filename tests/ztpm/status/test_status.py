@@ -228,7 +228,9 @@ def test_the_feed_tells_all_at_first_then_what_changed_and_is_made_once(served):
         assert [kind for kind, _ in begun].index("standing") < [kind for kind, _ in begun].index("frame")
         assert {told["name"] for kind, told in begun if kind == "part"} == set(parts_of(PICTURE))
         with httpx2.stream("GET", served.url + "events", timeout=20) as second:
-            assert {kind for kind, _ in events(second.iter_lines(), 15)} == {kind for kind, _ in begun}, "a later one is told all too"
+            assert {kind for kind, _ in events(second.iter_lines(), 15)} == {kind for kind, _ in begun}, (
+                "a later one is told all too"
+            )
     assert [question["report"] for question in served.gateway.asked].count("standing") == 1
 
 

@@ -1,4 +1,4 @@
-"""Words of a picture: every kind of cause has a sentence, numbers stay, and names of others cannot push them out."""
+"""Words of a picture: each kind of cause has a sentence, and names cannot push its numbers out."""
 
 from types import SimpleNamespace
 
