@@ -143,11 +143,11 @@ def run(
     )
     supervision = Supervision(cell, scene=SceneFile(layout.scene, log), log=log, ended=ended, clock=time.monotonic)
     trust = TrustBundle.from_json(layout.trust.read_bytes())
-    camera = SnapshotCollector(cell, supervision, wall_s=time.time, clock=time.monotonic)
+    camera = SnapshotCollector(cell, supervision.restarts, wall_s=time.time, clock=time.monotonic)
     status: StatusServer | None = None
     try:
         _await_addresses(addresses, ended)
-        status = StatusServer(camera.picture, host=addresses.status_host, port=addresses.status_port)
+        status = StatusServer.of(cell, camera, note=log.note)
         cell.start_idp()
         log.note("started", f"the identity provider runs: {addresses.issuer}")
         differing = _enrol(cell, trust)

@@ -230,10 +230,14 @@ class CellPhysics:
                 return Together(rest.index_milli)
         return Together(max(Tier) * MILLI)
 
+    def motion_of(self, request_id: str) -> Motion | None:
+        """The motion that was assessed for that request; None when none was."""
+        with self._lock:
+            return self._motions.get(request_id)
+
     def start_of(self, request_id: str) -> tuple[float, ...] | None:
         """The joint angles (rad) from which that request was assessed, or None when it was not."""
-        with self._lock:
-            motion = self._motions.get(request_id)
+        motion = self.motion_of(request_id)
         match motion:
             case None | OutputSet():
                 return None
@@ -256,9 +260,7 @@ class CellPhysics:
 
     def arrived(self, request_id: str, q_rad: Sequence[float]) -> bool:
         """True where these joint angles (rad) are the end of that request's motion, as it was assessed."""
-        with self._lock:
-            motion = self._motions.get(request_id)
-        return arrived(motion, self._holding.robot, q_rad)
+        return arrived(self.motion_of(request_id), self._holding.robot, q_rad)
 
     def held_s(self, request_id: str) -> float:
         """Time for which that request's tool may go on until a contact, s; 0 where it was not assessed."""

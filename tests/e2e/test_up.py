@@ -157,12 +157,12 @@ def test_up_shows_how_it_stands_ends_in_order_or_not_and_comes_back_as_it_was(up
     assert set(first.pids) == {"identity provider", "controller", "sensor", "gateway", "tool server"}
     assert first.told["differing"] == []
 
-    # the page: for people and programs, no script, everything answers
+    # the page: for people and programs, its own scripts alone, everything answers
     page = HTTP.get(first.told["status"])
     assert page.status_code == 200
     assert page.headers["content-security-policy"].startswith("default-src 'none'; style-src 'self';")
-    assert "<script" not in page.text and "http-equiv" in page.text
-    assert HTTP.get(first.told["status"] + "style.css").headers["content-type"].startswith("text/css")
+    assert "<noscript><meta http-equiv" in page.text, "without a script it loads itself again"
+    assert HTTP.get(first.told["status"] + "console.css").headers["content-type"].startswith("text/css")
     assert HTTP.post(first.told["status"]).status_code == 405
     status = until(lambda: (s := first.status()) and s["perception"]["perception"] == "fresh" and s, "fresh perception")
     assert all(part["pid"] and part["answers"] is not False for part in status["parts"])

@@ -35,6 +35,9 @@ POLL_S: Final = 0.2
 """Longest time for which an end of the wait goes unnoticed."""
 ANSWER: Final = '{"answer":'
 """Beginning of a line that answers a question; it is no output."""
+REPORT: Final = "report"
+STOP: Final = "stop"
+"""Lanes of questions, by their member; a question of one lane waits for no answer of the other."""
 PREPARING: Final = '{"preparing":'
 """Beginning of a line that tells of preparation; likewise no output."""
 
@@ -72,6 +75,15 @@ def _how(status: int) -> str:
 
 
 @dataclass
+class _Lane:
+    """Questions of one kind, one at a time."""
+
+    asking: threading.Lock = field(default_factory=threading.Lock)
+    answers: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
+    unanswered: bool = False
+
+
+@dataclass
 class Child:
     """One running child process.
 
@@ -92,9 +104,7 @@ class Child:
     ended: Callable[[], bool] = lambda: False
     preparing: Preparing = SHOWN
     _lines: queue.SimpleQueue[str | None] = field(default_factory=queue.SimpleQueue)
-    _answers: queue.SimpleQueue[dict[str, Any]] = field(default_factory=queue.SimpleQueue)
-    _asking: threading.Lock = field(default_factory=threading.Lock)
-    _unanswered: bool = False
+    _lanes: dict[str, _Lane] = field(default_factory=lambda: {REPORT: _Lane(), STOP: _Lane()})
 
     @classmethod
     def start(cls, name: str, module: str, *arguments: str, environment: Mapping[str, str], **options: Any) -> Child:
@@ -161,9 +171,10 @@ class Child:
             line = raw.decode("utf-8", "replace").rstrip()
             if line.startswith(ANSWER):
                 with suppress(ValueError, RecursionError):
-                    answer = json.loads(line)["answer"]
-                    if isinstance(answer, dict):
-                        self._answers.put(answer)
+                    said = json.loads(line)
+                    lane = self._lanes.get(said.get("lane", REPORT))
+                    if lane is not None and isinstance(said["answer"], dict):
+                        lane.answers.put(said["answer"])
                 continue
             if not line.startswith(PREPARING):
                 self.output.append(line)
@@ -214,7 +225,7 @@ class Child:
         self.popen.stdin.write(json.dumps(command).encode() + b"\n")
         self.popen.stdin.flush()
 
-    def ask(self, question: object, *, timeout_s: float) -> dict[str, Any] | None:
+    def ask(self, question: object, *, timeout_s: float, lane: str = REPORT) -> dict[str, Any] | None:
         """The child's answer to a JSON line: the object behind `{"answer": `, or None when none comes in time.
 
         Any thread. A child that has not answered yet is not asked again, so that one that stands still is not buried
@@ -223,22 +234,24 @@ class Child:
         Args:
             question: to be told.
             timeout_s: longest wait.
+            lane: `REPORT`, or `STOP`, which waits for no report.
         """
-        with self._asking:
+        asked = self._lanes[lane]
+        with asked.asking:
             while True:  # an answer that came too late answers nothing now
                 try:
-                    self._answers.get_nowait()
-                    self._unanswered = False
+                    asked.answers.get_nowait()
+                    asked.unanswered = False
                 except queue.Empty:
                     break
             try:
-                if not self._unanswered:
+                if not asked.unanswered:
                     self.tell(question)
-                    self._unanswered = True
-                answer = self._answers.get(timeout=timeout_s)
+                    asked.unanswered = True
+                answer = asked.answers.get(timeout=timeout_s)
             except (OSError, ValueError, queue.Empty):  # ended, closed, silent
                 return None
-            self._unanswered = False
+            asked.unanswered = False
             return answer
 
     def pause(self) -> None:

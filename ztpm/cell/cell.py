@@ -31,6 +31,9 @@ PROCESSES: Final = {
 }
 """The processes of a cell by their attribute, those that others use first."""
 
+REPORTS: Final = "--reports"
+"""Option by which the gateway answers the process that starts it (ztpm/base/report_server.py)."""
+
 SIMULATED: Final = frozenset({"robot", "sensor"})
 """Those of them that a cell with a controller and sensors of its own does not have."""
 
@@ -189,13 +192,13 @@ class Cell:
         )  # fmt: skip
 
     def start_gateway(self, *options: str) -> None:
-        """Starts the robot's gateway, and waits until the tools have the arm.
+        """Starts the robot's gateway, which answers this process, and waits until the tools have the arm.
 
         Args:
             options: further ones of its command line.
         """
         self._start(
-            "gateway", "ztpm.point.gateway_server", "--config", str(self.layout.gateway_config), *options,
+            "gateway", "ztpm.point.gateway_server", "--config", str(self.layout.gateway_config), REPORTS, *options,
             environment=self._secret,
         )  # fmt: skip
 

@@ -44,8 +44,6 @@ TOLD_LINES: Final = 20
 """Last lines of a dead process that are put on record."""
 STOP_S: Final = 5.0
 """Longest wait for the dashboard's stop, when everything ends."""
-REPORTS: Final = "--reports"
-"""Option by which the gateway answers this process (ztpm/base/report_server.py)."""
 EMPTY_SCENE: Final[dict[str, object]] = {"people": [], "objects": []}
 
 
@@ -144,7 +142,7 @@ class Supervision:
         with self.cell.beside():
             if self.cell.simulated:
                 self._start_sensor()
-            self.cell.start_gateway(REPORTS)
+            self.cell.start_gateway()
             self.cell.start_tools()
         self._guard_arm()
         beside = "sensor, gateway" if self.cell.simulated else "gateway"
@@ -245,7 +243,7 @@ class Supervision:
             return
 
     def _start_gateway(self) -> None:
-        self.cell.start_gateway(REPORTS)
+        self.cell.start_gateway()
         self._guard_arm()
 
     def _guard_arm(self) -> None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
     from rich.status import Status
 
+    from ztpm.demo.live_story import LiveStory
     from ztpm.demo.run import StepReport
+    from ztpm.stage.stage import Stage
 
 STARTING: Final = "starting the cell"
 
@@ -35,6 +38,24 @@ def start_failures() -> Iterator[None]:
     except ChildError as error:
         failed = start_failure(error)
         fail(failed.code, str(failed))
+
+
+@contextmanager
+def live_page(on_stage: Stage, *, wanted: bool) -> Iterator[LiveStory]:
+    """Steps as a page of the stage's cell shows them; the page is served meanwhile, where one is wanted."""
+    from ztpm.demo.live_story import LiveStory, served
+    from ztpm.status.server import StatusError
+
+    story = LiveStory()
+    if not wanted:
+        yield story
+        return
+    try:
+        with served(on_stage, story) as url:
+            console.print(f"Look: {url}", markup=False)
+            yield story
+    except StatusError as error:
+        fail("PORT_UNUSABLE", f"page: {error}")
 
 
 class _Shown(Preparing):
@@ -67,6 +88,10 @@ def demo(
     record: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Also write the story as a moving picture, 60 s of SVG.")
     ] = None,
+    web: Annotated[bool, typer.Option("--web", help="Show it on the live page of the cell, too.")] = False,
+    seconds: Annotated[
+        float | None, typer.Option(min=0.0, help="With --web: time for which the page stays (else until Ctrl-C).")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON object instead of the story.")] = False,
 ) -> None:
     """Tell the story end to end on an embedded cell.
@@ -82,6 +107,10 @@ def demo(
 
     if record is not None and as_json:
         fail("USAGE", "--record is of the story; with --json none is told")
+    if web and as_json:
+        fail("USAGE", "--web is of the story; with --json none is told")
+    if seconds is not None and not web:
+        fail("USAGE", "--seconds is of the page: give --web")
     started = time.perf_counter()
     told: list[StepReport] = []
     recording = Recording(time.monotonic)
@@ -91,6 +120,7 @@ def demo(
         with start_failures(), waiting(STARTING, at_once=True) as started_up, stage() as on_stage:
             started_up()
             told.extend(play(on_stage, step) for step in STORY.steps)
+            ended = time.perf_counter()
     else:
         console.print("A whole cell on this machine: provider, simulated UR3e, sensor, gateway, tools.")
         with (
@@ -98,6 +128,7 @@ def demo(
             console.status("They start") as status,
             waiting(STARTING, shown := _Shown(status)) as started_up,
             stage(begin=partial(Child.begin, preparing=shown)) as on_stage,
+            live_page(on_stage, wanted=web) as page,
         ):
             started_up()
             for number, step in enumerate(STORY.steps, 1):
@@ -105,12 +136,19 @@ def demo(
                     lines.announce(step.id)
                 recording.look()
                 shown.begin(f"{step.id} ({number} of {len(STORY.steps)})")
+                page.begin(step.id)
                 told.append(play(on_stage, step))
+                page.end(told[-1])
                 for lines in all_lines:
                     lines.tell(told[-1])
                 recording.look()
+            ended = time.perf_counter()
+            if web:
+                shown.begin("The page stays, until Ctrl-C" if seconds is None else f"The page stays for {seconds:g} s")
+                with suppress(KeyboardInterrupt):
+                    threading.Event().wait(seconds)
             shown.begin("They end")
-    sums = telling.figures(told, time.perf_counter() - started, moved_rad=MOVED_RAD)
+    sums = telling.figures(told, ended - started, moved_rad=MOVED_RAD)
     if as_json:
         say_json({"ok": sums.ok, "steps": [telling.as_json(step) for step in told], "figures": asdict(sums)})
     else:

@@ -20,7 +20,7 @@ from capabilities import tracing
 from pep.base.errors import ConfigError, PepError
 from pep.point.parts import PointParts
 from ztpm.base.path_router import PathRouter
-from ztpm.base.report_server import serve_reports, view_of
+from ztpm.base.report_server import WHOLE, serve_reports, view_of
 from ztpm.base.trace_export import exporting
 from ztpm.codes.code_table import FAILURE, status_of
 from ztpm.codes.unavailable import UnavailableError, line_of, unavailable
@@ -30,7 +30,7 @@ from ztpm.edge.server import EdgeServer
 from ztpm.point.health import health
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine, Iterator
+    from collections.abc import Awaitable, Callable, Coroutine, Iterator, Mapping
     from pathlib import Path
 
     from ztpm.point.point_config import PointConfig
@@ -81,7 +81,7 @@ class EnforcementPoint(PointParts):
             loop.add_signal_handler(number, self.ended.set)
         parts = self.beside()
         if reports:
-            parts["reports"] = serve_reports(self.report)
+            parts["reports"] = serve_reports(self.answers)
         tasks = [self.incidents.watched(what, part) for what, part in parts.items()]
         try:
             await self.first_view()
@@ -123,6 +123,11 @@ class EnforcementPoint(PointParts):
             check_tls_pair(certificate, own, at=self.clock.wall_s())
         except SettingsError as error:
             raise ValueError(f"{error.setting}: {error.why}") from None
+
+    @property
+    def answers(self) -> Mapping[str, Callable[[], Awaitable[dict[str, object]]]]:
+        """Answers for the process that started it, by name (ztpm/base/report_server.py)."""
+        return {WHOLE: self.report}
 
     async def report(self) -> dict[str, object]:
         """Report for the process that started it."""

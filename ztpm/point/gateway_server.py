@@ -41,7 +41,6 @@ from pep.rtde.lease.lease_endpoint import LeaseEndpoint
 from pep.rtde.lease.lease_port import LeasePort
 from pep.rtde.line.controller_ports import LeasedPorts
 from pep.rtde.line.gateway import Gateway
-from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.motion.motions import Motions
 from pep.rtde.own.tool_lease import OwnLease, OwnLines
 from pep.rtde.robot.dashboard import RemoteControl, confirm_model
@@ -52,19 +51,22 @@ from pep.world.cell_stream import CellStream
 from pep.world.tool_poses import ToolPoses
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
+from ztpm.base.processes import STOP
 from ztpm.codes.unavailable import unavailable
 from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
 from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.lease_listener import LeaseListener
-from ztpm.point.robot import confirm_kinematics, found_holding, readiness
+from ztpm.point.live_report import LiveReport
+from ztpm.point.page_stop import PageStop
+from ztpm.point.robot import PortStopper, confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_latch import RobotLatch
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Coroutine
+    from collections.abc import Awaitable, Callable, Coroutine, Mapping
     from typing import Any
 
     import httpx2
@@ -79,7 +81,6 @@ if TYPE_CHECKING:
     from pep.rtde.wire.refusal import InputRefusal
     from pep.world.led_motion import Led
     from policies.decision.policy import PolicySet
-    from policies.words.reason_table import Reason
 
 LOOK_S: Final = 0.1
 """Time between checks of the open lease's token; while it moves, revocations reach a view as fast."""
@@ -165,7 +166,7 @@ class GatewayServer(RobotPoint):
         # It compiles what its steps ask when it is made, or reads what was compiled before.
         self._stream(frozenset()).see(self.state.read().q_rad)
         self.judging = ThreadPoolExecutor(1, "rest")
-        stopper = _Stopper(self.ports, self._loop)
+        stopper = PortStopper(self.ports, self._loop)
         self.motions = Motions(
             starts=self.physics,
             hurry=self.follower.hurry,
@@ -204,6 +205,9 @@ class GatewayServer(RobotPoint):
             fitted=self._fitted,
             audience=config.audience,
             clock=self.clock,
+        )
+        self.page_stop = PageStop(
+            leases=self.leases, tools=self.tools, latching=self.latch.latching, gate=self.gate, end=self._end
         )
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
         self.arrivals = LeaseListener(self.carriages)
@@ -248,6 +252,11 @@ class GatewayServer(RobotPoint):
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
         """Tasks that run as long as it serves, by name."""
         return {**super().beside(), **self.latch.beside()}
+
+    @property
+    def answers(self) -> Mapping[str, Callable[[], Awaitable[dict[str, object]]]]:
+        """Likewise, with the cell as it is now, and the stop of its page."""
+        return {**super().answers, **LiveReport(self, lambda: self.motions.under_way).answers, STOP: self.page_stop}
 
     async def report(self) -> dict[str, object]:
         """Report on robot and its latch, perception and revocation view."""
@@ -294,6 +303,7 @@ class GatewayServer(RobotPoint):
 
     async def close(self) -> None:
         """Ends the connections to the robot."""
+        await self.page_stop.close()
         await self.tools.close()
         self.motions.close()
         self.latch.latching.close()
@@ -414,23 +424,6 @@ class GatewayServer(RobotPoint):
             finally:
                 if self.leases.current is lease:
                     self.carriages.end(ending)
-
-
-class _Stopper:
-    """`pep.rtde.robot.judge_port.Stopper` over the ports, from any thread."""
-
-    def __init__(self, ports: LeasedPorts, loop: asyncio.AbstractEventLoop) -> None:
-        self._ports = ports
-        self._loop = loop
-
-    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - the caller has it on record
-        """See `Stopper.stop`."""
-        self._loop.call_soon_threadsafe(self._ports.stop, StopMeans.PROGRAM)
-
-    @property
-    def stopped_ms(self) -> int | None:
-        """See `Stopper.stopped_ms`."""
-        return self._ports.stopped_ms
 
 
 async def serve(

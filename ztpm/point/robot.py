@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.values.units import Unit
 from pep.base.errors import ConfigError, PepFault, RobotError
 from pep.pit.robot.calibration import nominal_error_m, own_kinematics
+from pep.rtde.line.lease_stop import StopMeans
 from pep.rtde.robot.readiness import OWN_POSE_M, RobotReadiness
 from pep.world.world import tool_position
 
@@ -17,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from pep.pit import Robot
+    from pep.rtde.line.controller_ports import LeasedPorts
     from pep.rtde.own.tool_lease import OwnLines
     from pep.rtde.robot.dashboard import RemoteControl
     from pep.rtde.robot.gripper import GripResult, RobotiqGripper
@@ -24,9 +26,27 @@ if TYPE_CHECKING:
     from pep.rtde.robot.state_receiver import StateReceiver
     from pep.world.held_object import CommittedGrip
     from pep.world.world import CellPhysics
+    from policies.words.reason_table import Reason
 
 PROGRAM_S: Final = 1.0
 """Longest wait for the controller to tell where its tool is; it takes some milliseconds."""
+
+
+class PortStopper:
+    """`pep.rtde.robot.judge_port.Stopper` over the ports, from any thread."""
+
+    def __init__(self, ports: LeasedPorts, loop: asyncio.AbstractEventLoop) -> None:
+        self._ports = ports
+        self._loop = loop
+
+    def stop(self, reason: Reason) -> None:  # noqa: ARG002 - the caller has it on record
+        """See `Stopper.stop`."""
+        self._loop.call_soon_threadsafe(self._ports.stop, StopMeans.PROGRAM)
+
+    @property
+    def stopped_ms(self) -> int | None:
+        """See `Stopper.stopped_ms`."""
+        return self._ports.stopped_ms
 
 
 def found_holding(holding: CommittedGrip, gripper: RobotiqGripper) -> None:

@@ -1,1 +1,1 @@
-"""The status page of a running cell: read-only, on loopback, for the user who runs it."""
+"""The page of a running cell for the user who runs it: its state, live, and a stop."""

@@ -18,18 +18,19 @@ from capabilities.values.errors import CapabilityError
 from ztpm.base.layout import read_key
 from ztpm.cell.cell import PROCESSES
 from ztpm.status.decisions import Decisions
-from ztpm.status.picture import Known, Part, Snapshot
+from ztpm.status.picture import Known, Part, Snapshot, Told
 from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping, Sequence
 
     from ztpm.base.processes import Child
     from ztpm.cell.cell import Cell
-    from ztpm.cell.supervision import Supervision
 
 ANSWER_S: Final = 1.0
 """Longest wait for one part."""
+OLD_S: Final = 5.0
+"""Greatest age of a picture that is shown while the next one is being taken."""
 KEEP_S: Final = 0.5
 """Time for which a picture is shown again, to all requests."""
 
@@ -39,23 +40,26 @@ class SnapshotCollector:
 
     Args:
         cell: running.
-        supervision: knows the restarts.
+        restarts: number of restarts of each process.
         wall_s: wall clock, seconds since the epoch.
         clock: monotonic, seconds.
+        story: what a story told on the cell has told so far; None where none is told.
         transport: of `httpx2`, for tests.
     """
 
     def __init__(
         self,
         cell: Cell,
-        supervision: Supervision,
+        restarts: Mapping[str, int],
         *,
         wall_s: Callable[[], float],
         clock: Callable[[], float],
+        story: Callable[[], Sequence[Told] | None] = lambda: None,
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         self._cell = cell
-        self._supervision = supervision
+        self._restarts = restarts
+        self._story = story
         self._wall_s = wall_s
         self._clock = clock
         self._http = direct_http.client(ANSWER_S, transport)
@@ -65,7 +69,10 @@ class SnapshotCollector:
         self._kept: tuple[float, Snapshot] | None = None
 
     def picture(self) -> Snapshot:
-        """Picture of the cell, at most half a second old."""
+        """Picture of the cell, half a second old at most, or older while the next one is being taken."""
+        kept = self._kept
+        if self._lock.locked() and kept is not None and self._clock() - kept[0] <= OLD_S:
+            return kept[1]
         with self._lock:
             if self._kept is None or self._clock() - self._kept[0] > KEEP_S:
                 taken = self._take()
@@ -95,6 +102,7 @@ class SnapshotCollector:
             data=str(self._cell.layout.root),
             issuer=addresses.issuer,
             audience=addresses.audience,
+            robot_host=addresses.face_host,
             parts=tuple(
                 self._part_of(name, children.get(name), answers.get(name), now) for name in self._cell.expected
             ),
@@ -105,10 +113,11 @@ class SnapshotCollector:
             asks=self._decisions.open_asks(at_ms=at_ms),
             agents=agents,
             incomplete=tuple(incomplete),
+            story=self._story(),
         )
 
     def _part_of(self, name: str, child: Child | None, answers: bool | None, now: float) -> Part:  # noqa: FBT001
-        restarts = self._supervision.restarts[name]
+        restarts = self._restarts.get(name, 0)
         if child is None or not child.alive:
             return Part(PROCESSES[name], None, answers=False, up_s=0.0, restarts=restarts)
         return Part(PROCESSES[name], child.popen.pid, answers, now - child.since, restarts)

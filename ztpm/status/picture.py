@@ -6,6 +6,8 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from ztpm.status.decisions import Decided, OpenAsk
 
 
@@ -37,6 +39,25 @@ class Known:
 
 
 @dataclass(frozen=True, slots=True)
+class Told:
+    """A step of a story that is told on the cell.
+
+    Attributes:
+        step: its id.
+        words: one sentence; "" while it is played.
+        decision, reason, tier: of its decisive call.
+        ok: as told; None while it is played.
+    """
+
+    step: str
+    words: str = ""
+    decision: str = ""
+    reason: str = ""
+    tier: int | None = None
+    ok: bool | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Snapshot:
     """State of a cell.
 
@@ -44,6 +65,7 @@ class Snapshot:
         at_ms: wall clock, milliseconds since the epoch.
         data: its directory.
         issuer, audience: its two addresses.
+        robot_host: where its gateway stands in the controller's place.
         parts: its processes.
         robot: "q_rad", "moving", "robot_mode" and "safety_mode", or "fault", and its "latch"; None when the gateway
             says nothing.
@@ -53,12 +75,14 @@ class Snapshot:
         asks: open ones, oldest first.
         agents: with a stated trust; None when the registry is not to be had.
         incomplete: missing parts, as sentences.
+        story: steps so far, newest last; None where none is told.
     """
 
     at_ms: int
     data: str
     issuer: str
     audience: str
+    robot_host: str
     parts: tuple[Part, ...]
     robot: dict[str, Any] | None
     perception: dict[str, Any] | None
@@ -67,6 +91,7 @@ class Snapshot:
     asks: tuple[OpenAsk, ...]
     agents: tuple[Known, ...] | None
     incomplete: tuple[str, ...]
+    story: Sequence[Told] | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The picture as plain JSON."""

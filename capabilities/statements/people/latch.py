@@ -38,6 +38,8 @@ class LatchCause(StrEnum):
     """The program that moved it was gone before the arm stood."""
     ROBOT_FAILED = "robot-failed"
     """The arm did not do what was permitted: it stood, was silent or took too long."""
+    ASKED = "asked"
+    """The arm was stopped on the cell's page, which asks nobody for a name."""
     INTERRUPTED = "interrupted"
     """The enforcement point ended while an act was under way."""
     UNREADABLE = "unreadable"

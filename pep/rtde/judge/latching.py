@@ -192,6 +192,12 @@ class Latching:
         if moving is not None:
             self._stopped(lost_with(ending, moving))
 
+    def asked(self) -> None:
+        """Latches where the policies name a stop on the cell's page, whose caller nobody knows ([LIV-2])."""
+        moving = self._under_way()
+        tier, act = (Tier.NO_EFFECT, "") if moving is None else (tier_of(moving), moving.request_id)
+        self._stopped(LatchedStop(LatchCause.ASKED, "", tier, act))
+
     def look(self) -> None:
         """Latches where the controller has stopped for safety since the last look."""
         state = self._newest().state

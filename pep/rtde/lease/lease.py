@@ -47,6 +47,8 @@ class LeaseEnding(StrEnum):
     """Input came that neither a program nor its side of the carriage sends."""
     AUTHORITY = "authority"
     """The token no longer holds, or its validity cannot be told."""
+    STOPPED = "stopped"
+    """The arm was stopped on the cell's page."""
     GATEWAY = "gateway"
     """The gateway ends."""
 

@@ -127,6 +127,39 @@ def test_a_child_that_stands_still_is_asked_once(module):
         child.stop()
 
 
+REPORTING = (
+    "import asyncio, json\n"
+    "from ztpm.base.report_server import serve_reports\n"
+    "async def never(): await asyncio.sleep(60)\n"
+    "async def breaks(): raise KeyError('x')\n"
+    "async def stop(): return {'begun': True}\n"
+    "print(json.dumps({'ready': True}), flush=True)\n"
+    "asyncio.run(serve_reports({'never': never, 'breaks': breaks, 'stop': stop}))\n"
+)
+
+
+@pytest.mark.clause("LIV-2")
+def test_a_stop_waits_for_no_report_and_for_none_that_breaks(module):
+    child = Child.start("a child", module(REPORTING), environment={})
+    try:
+        assert child.ask({"report": "breaks"}, timeout_s=10) == {"fault": "KeyError"}
+        assert child.ask({"report": "stop"}, timeout_s=0.2) is None, "a report asks for no stop"
+        assert child.ask({"stop": True}, timeout_s=10, lane="stop") == {"begun": True}
+    finally:
+        child.stop()
+
+
+@pytest.mark.clause("LIV-2")
+def test_a_stop_is_answered_while_a_report_takes_long(module):
+    child = Child.start("a child", module(REPORTING), environment={})
+    try:
+        assert child.ask({"report": "never"}, timeout_s=0.1) is None
+        assert child.ask({"stop": True}, timeout_s=10, lane="stop") == {"begun": True}
+        assert child.ask({"stop": True}, timeout_s=10, lane="stop") == {"begun": True}
+    finally:
+        child.stop()
+
+
 def test_a_child_that_falls_silent_before_it_ends_is_not_waited_for(module):
     """The ends of its pipes come before its exit status does, on a loaded machine by much."""
     text = "import os, time\nos.close(1)\nos.close(2)\ntime.sleep(0.5)\nos._exit(3)\n"

@@ -1,8 +1,10 @@
 """The status page: nothing on it can become markup, and it is served to its owner alone."""
 
+import contextlib
 import json
 import os
 import socket
+import time
 from dataclasses import replace
 
 import httpx2
@@ -11,9 +13,13 @@ from policies.evidence.model import ObligationKind
 from ztpm.base.peer import owner_of
 from ztpm.status.decisions import Decided, Decisions, OpenAsk
 from ztpm.status.markup import Markup, tag, text
-from ztpm.status.page import render
-from ztpm.status.picture import Known, Part, Snapshot
+from pep.base.errors import PepFault, RobotError
+from ztpm.cell.addresses import Addresses
+from ztpm.status.live_feed import LiveFeed
+from ztpm.status.page import SCRIPTS, STYLE, parts_of, render
+from ztpm.status.picture import Known, Part, Snapshot, Told
 from ztpm.status.server import StatusError, StatusServer
+from ztpm.status.stopping import CellStop, StopAnswer
 
 HOST = "127.77.0.11"
 EVIL = "<script>alert(1)</script>\"'&\x1b[2J"
@@ -22,6 +28,7 @@ PICTURE = Snapshot(
     data="/cell",
     issuer="http://127.77.0.11:8700/ztpm",
     audience="http://127.77.0.11:8800/mcp",
+    robot_host="127.77.0.12",
     parts=(Part("tool server", 12, answers=True, up_s=75.0, restarts=1), Part("sensor", None, answers=False, up_s=0, restarts=2)),
     robot={"q_rad": [0.0, 1.0, 2.0, 3.0, 4.0, 5.0], "moving": True, "robot_mode": 7, "safety_mode": 1},
     perception={
@@ -51,7 +58,7 @@ def test_everything_is_on_the_page():
     page = render(PICTURE)
     for shown in (
         "tool server", "1 min 15 s", "does not run", "57.3°", "moving", "running", "normal", "fresh", "camera-2", "p1",
-        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "denies in 30 s",
+        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", ">30 s<",
         "a person has to see this, attest the agent again",
         f"http://127.77.0.11:8700/ztpm/approvals/{'ab' * 16}/page", f"ztpm approvals approve {'ab' * 16} --data /cell --as NAME",
     ):  # fmt: skip
@@ -66,6 +73,7 @@ def test_what_is_not_known_or_not_well_is_said_and_not_left_out(picture):
     page = render(picture)
     assert 'class="bad"' in page
     assert page.count("<section") == 7
+    assert page.count('id="part-') == 10
 
 
 @pytest.mark.clause("LSD-21")
@@ -107,9 +115,11 @@ def test_nothing_becomes_markup():
         asks=(OpenAsk(EVIL, EVIL, EVIL, EVIL, None, 0),),
         agents=(Known(EVIL, 1),),
         incomplete=(EVIL,),
+        robot_host=EVIL,
+        story=(Told(EVIL, EVIL, EVIL, EVIL, 3, False),),
     )
     page = render(evil)
-    assert "<script" not in page and "\x1b" not in page and "&lt;script&gt;" in page
+    assert page.count("<script") == len(SCRIPTS) and "\x1b" not in page and "&lt;script&gt;" in page
     assert 'href="http://127.77.0.11:8700/ztpm/approvals/&lt;script&gt;' in page
 
 
@@ -124,45 +134,210 @@ def test_a_name_that_looks_like_another_is_shown_apart():
     )
 
 
+class Gateway:
+    """A gateway that answers, or stands still."""
+
+    def __init__(self):
+        self.arm = {"ends": [[[0, 0, 0], [0, 0, 1]]], "tcp": [0, 0, 1], "moving": False}
+        self.asked, self.silent, self.motion = [], False, ""
+
+    def ask(self, question, *, timeout_s, lane="report"):
+        self.asked.append(question)
+        if self.silent:
+            return None
+        return {
+            "live": {"arm": self.arm, "held": "h", "bodies": [], "motion": self.motion},
+            "standing": {"held": "h", "parts": [], "bodies": [], "workspace": None},
+            "way": {"motion": self.motion, "postures": []},
+        }[question["report"]]
+
+
+class Served:
+    """A page on a port of its own, before that gateway."""
+
+    def __init__(self, port):
+        self.gateway, self.stops = Gateway(), []
+        self.feed = LiveFeed(
+            lambda: self.gateway, lambda: parts_of(PICTURE), clock=time.monotonic, wall_ms=lambda: 1_700_000_000_000
+        )
+        self.server = StatusServer(lambda: PICTURE, feed=self.feed, stop=self.stop, host=HOST, port=port)
+        self.url = self.server.url
+        self.origin = self.url.rstrip("/")
+
+    def stop(self):
+        self.stops.append("stop")
+        return StopAnswer("gateway", "The arm is being stopped.")
+
+
+@contextlib.contextmanager
+def serving(port):
+    served = Served(port)
+    served.server.start()
+    yield served
+    served.server.stop()
+
+
 @pytest.fixture
 def served():
-    server = StatusServer(lambda: PICTURE, host=HOST, port=8890)
-    server.start()
-    yield server
-    server.stop()
+    with serving(8890) as served:
+        yield served
 
 
-def test_served_read_only_with_strict_headers(served):
+@pytest.mark.clause("LIV-1")
+def test_served_with_strict_headers_and_nothing_but_its_own_files(served):
     page = httpx2.get(served.url)
     assert (page.status_code, page.text) == (200, render(PICTURE))
     assert page.headers["content-security-policy"] == (
-        "default-src 'none'; style-src 'self'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; base-uri 'none'; "
+        "form-action 'none'; frame-ancestors 'none'"
     )
     assert page.headers["x-content-type-options"] == "nosniff"
     assert page.headers["cache-control"] == "no-store"
     assert httpx2.get(served.url + "status.json").json()["view"] == {"epoch": 3, "age_ms": 120}
+    for name in (*SCRIPTS, STYLE):
+        assert f'"{name}"' in page.text
+        assert httpx2.get(served.url + name).status_code == 200
     for method in ("POST", "PUT", "DELETE", "PATCH"):
         assert httpx2.request(method, served.url).status_code == 405
-    assert httpx2.get(served.url + "other").status_code == 404
+    for other in ("other", "__init__.py", "README.md", "..%2fpage.py"):
+        assert httpx2.get(served.url + other).status_code == 404
     assert httpx2.get(served.url, headers={"Host": "localhost:8890"}).status_code == 421
+
+
+def events(lines, wanted):
+    """Events of an answer's lines by kind, until `wanted` of them came."""
+    found = []
+    for line in lines:
+        if line.startswith("event: "):
+            kind = line.removeprefix("event: ")
+        elif line.startswith("data: "):
+            found.append((kind, json.loads(line.removeprefix("data: "))))
+            if len(found) >= wanted:
+                return found
+    return found
+
+
+@pytest.mark.clause("LIV-3")
+def test_the_feed_tells_all_at_first_then_what_changed_and_is_made_once(served):
+    assert served.gateway.asked == [], "nothing is made while nobody looks"
+    with httpx2.stream("GET", served.url + "events", timeout=20) as first:
+        assert first.headers["content-type"].startswith("text/event-stream")
+        looking = first.iter_lines()
+        begun = events(looking, 15)
+        assert {kind for kind, _ in begun} == {"standing", "seen", "way", "frame", "part"}
+        assert [kind for kind, _ in begun].index("standing") < [kind for kind, _ in begun].index("frame")
+        assert {told["name"] for kind, told in begun if kind == "part"} == set(parts_of(PICTURE))
+        with httpx2.stream("GET", served.url + "events", timeout=20) as second:
+            assert {kind for kind, _ in events(second.iter_lines(), 15)} == {kind for kind, _ in begun}, (
+                "a later one is told all too"
+            )
+    assert [question["report"] for question in served.gateway.asked].count("standing") == 1
+
+
+@pytest.mark.clause("LIV-4")
+def test_a_gateway_or_robot_that_is_silent_is_told_in_the_next_frame(served):
+    served.gateway.arm = None
+    with httpx2.stream("GET", served.url + "events", timeout=20) as answer:
+        faults = [told["fault"] for kind, told in events(answer.iter_lines(), 15) if kind == "frame"]
+    assert faults[0] == "robot"
+    served.gateway.silent = True
+    with httpx2.stream("GET", served.url + "events", timeout=20) as answer:
+        faults = [told["fault"] for kind, told in events(answer.iter_lines(), 12) if kind == "frame"]
+    assert faults == ["gateway"]
+
+
+HTTP = httpx2.Client(timeout=20, limits=httpx2.Limits(max_keepalive_connections=0))
+
+
+def stop_at(served, *, content='{"stop":true}', **headers):
+    headers = {"Content-Type": "application/json", "Origin": served.origin} | {
+        name.replace("_", "-"): value for name, value in headers.items()
+    }
+    kept = {name: value for name, value in headers.items() if value is not None}
+    return HTTP.post(served.url + "stop", content=content, headers=kept)
+
+
+@pytest.mark.clause("LIV-2")
+def test_whoever_opens_the_page_stops_the_arm_as_often_as_it_wants(served):
+    for _ in range(200):
+        answer = stop_at(served)
+        assert (answer.status_code, answer.json()["by"]) == (200, "gateway")
+    assert len(served.stops) == 200
+
+
+@pytest.mark.clause("LIV-2")
+@pytest.mark.parametrize(
+    ("headers", "content", "status", "code"),
+    [
+        ({"Origin": None}, '{"stop":true}', 403, "WRONG_ORIGIN"),
+        ({"Origin": "null"}, '{"stop":true}', 403, "WRONG_ORIGIN"),
+        ({"Origin": f"http://{HOST}:8891"}, '{"stop":true}', 403, "WRONG_ORIGIN"),
+        ({"Origin": f"https://{HOST}:8890"}, '{"stop":true}', 403, "WRONG_ORIGIN"),
+        ({"Origin": "http://evil.example"}, '{"stop":true}', 403, "WRONG_ORIGIN"),
+        ({"Content-Type": "text/plain"}, '{"stop":true}', 400, "BODY_MALFORMED"),
+        ({"Content-Type": "application/x-www-form-urlencoded"}, "stop=true", 400, "BODY_MALFORMED"),
+        ({}, "", 400, "BODY_MALFORMED"),
+        ({}, '{"stop":1}', 400, "BODY_MALFORMED"),
+        ({}, '{"stop":true,"x":1}', 400, "BODY_MALFORMED"),
+        ({}, '{"stop":true' + " " * 300 + "}", 400, "BODY_MALFORMED"),
+    ],
+)
+def test_no_other_page_stops_it_and_nothing_else_is_taken(served, headers, content, status, code):
+    answer = stop_at(served, content=content, **{name.replace("-", "_"): value for name, value in headers.items()})
+    assert (answer.status_code, answer.json()["code"]) == (status, code)
+    assert served.stops == []
+    wrong = stop_at(served, Host=f"localhost:{httpx2.URL(served.url).port}")
+    assert (wrong.status_code, wrong.text) == (421, "WRONG_HOST\n")
+    assert served.stops == []
+
+
+class Place:
+    """A cell whose gateway is that one, or none."""
+
+    def __init__(self, gateway):
+        self.children = {} if gateway is None else {"gateway": gateway}
+        self.addresses = Addresses(HOST)
+
+
+class Stopping:
+    def __init__(self, answer):
+        self.answer = answer
+
+    def ask(self, question, *, timeout_s, lane):
+        assert (question, lane) == ({"stop": True}, "stop")
+        return self.answer
+
+
+@pytest.mark.clause("LIV-2")
+def test_a_silent_gateway_is_passed_by_at_the_dashboard_and_silence_of_both_is_told():
+    def fails(_):
+        raise RobotError(PepFault.ROBOT_UNREACHABLE, "")
+
+    for gateway, dashboard, expected in (
+        (Stopping({"begun": True, "lease": "mover"}), fails, (True, "gateway", [])),
+        (Stopping(None), lambda _: None, (True, "dashboard", ["arm-stopped"])),
+        (Stopping({"fault": "KeyError"}), lambda _: None, (True, "dashboard", ["arm-stopped"])),
+        (None, fails, (False, "", ["stop-failed"])),
+    ):
+        noted = []
+        stop = CellStop(Place(gateway), note=lambda event, _, noted=noted: noted.append(event), dashboard=dashboard)
+        answer = stop()
+        assert (answer.stopped, answer.by, noted) == expected
 
 
 def test_not_served_to_others(monkeypatch):
     monkeypatch.setattr("ztpm.status.server.owner_of", lambda near, far: 12_345)
-    server = StatusServer(lambda: PICTURE, host=HOST, port=8891)
-    server.start()
-    try:
-        answer = httpx2.get(server.url)
+    with serving(8891) as served:
+        answer = httpx2.get(served.url)
         assert (answer.status_code, answer.text) == (403, "NOT_YOURS\n")
+        assert stop_at(served).status_code == 403 and served.stops == []
         monkeypatch.setattr("ztpm.status.server.owner_of", lambda near, far: None)
-        assert httpx2.get(server.url).status_code == 403
-    finally:
-        server.stop()
+        assert httpx2.get(served.url).status_code == 403
 
 
 def test_a_port_that_is_taken_is_said():
     with socket.create_server((HOST, 8892)), pytest.raises(StatusError):
-        StatusServer(lambda: PICTURE, host=HOST, port=8892)
+        Served(8892)
 
 
 def test_the_kernel_says_whose_connection_it_is(tmp_path):

@@ -84,6 +84,7 @@ def test_the_tier_is_the_acts_or_the_higher_one_that_was_seen():
     [
         (LeaseEnding.CLOSED, None),
         (LeaseEnding.GATEWAY, None),
+        (LeaseEnding.STOPPED, None),
         (LeaseEnding.LEFT, LatchCause.CLIENT_LOST),
         (LeaseEnding.CUT, LatchCause.CLIENT_LOST),
         (LeaseEnding.SILENT, LatchCause.CLIENT_LOST),
@@ -126,6 +127,7 @@ class Robot:
     def __init__(self, path):
         self.scene = scene = Scene()
         self.path, self.impact, self.halted, self.counts, self.told = path, reading(), True, 0, []
+        self.causes = frozenset(LatchCause)
         self.journal = FileJournal.open(path / "journal.ndjson", pep_id="pep-1", clock=scene.clock)
         self.latching = self.made(self.journal)
         self.motions = Motions(
@@ -145,7 +147,7 @@ class Robot:
             clock=self.scene.clock,
             author=Asker(pep="pep-1", audience=AUDIENCE, issuer="https://idp.example", key=keys.generate()),
             robot="ur3e",
-            causes=frozenset(LatchCause),
+            causes=self.causes,
             approvers=Registry(),
             caps=CAPS,
             new_id=lambda: secrets.token_hex(16),
@@ -260,6 +262,26 @@ def test_a_safety_stop_that_is_seen_before_its_motion_has_ended_is_of_the_motion
     robot.moved(stopped)
     latch = robot.latches.in_force.latch
     assert (latch.cause, latch.tier, latch.request_id) == (LatchCause.SAFETY_STOP, Tier.CONSEQUENTIAL, "ab" * 16)
+
+
+@pytest.mark.clause("LIV-2", "LSD-21")
+def test_a_stop_whose_caller_nobody_knows_latches_where_the_policies_name_it_and_nowhere_else(robot):
+    def stopped():
+        robot.latching.asked()
+        robot.scene.arm.stopped_ms = robot.scene.clock.mono
+        robot.scene.arm.halt()
+
+    robot.causes = frozenset(LatchCause) - {LatchCause.ASKED}
+    robot.latching.close()
+    robot.latching = robot.made(robot.journal)
+    assert robot.moved(stopped).end is MotionOutcome.STOPPED
+    assert robot.latches.latch_id is None
+    robot.causes = frozenset({LatchCause.ASKED})
+    robot.latching.close()
+    robot.latching = robot.made(robot.journal)
+    robot.latching.asked()
+    latch = robot.latches.in_force.latch
+    assert (latch.cause, latch.tier, latch.request_id) == (LatchCause.ASKED, Tier.NO_EFFECT, "")
 
 
 def test_a_program_that_leaves_a_standing_arm_latches_nothing(robot):
