@@ -52,6 +52,7 @@ SHOWN = {
     "expires_at": 1_700_000_060,
     "mandate_id": "",
     "facts": [],
+    "picture_digest": "55" * 32,
 }
 ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "votes": [], "expires_at": 1_700_000_060}
 
