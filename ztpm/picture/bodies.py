@@ -32,6 +32,16 @@ COLOURS: Final = {
     "workspace": "#6b7783",
     "witness": "#d11149",
 }
+TONES: Final = {
+    "head": 1.18,
+    "neck": 1.12,
+    "upper_arm": 0.86,
+    "lower_arm": 0.8,
+    "hand": 1.12,
+    "thigh": 0.92,
+    "shin": 0.86,
+}
+"""Brightness of a person's regions, so that arms are seen before the trunk; the others have the colour itself."""
 GHOSTS: Final = 14
 """Postures of the swept path that are shown faintly."""
 OPAQUE: Final = {"solid": 1.0, "end": 0.2, "ghost": 0.04, "zone": 0.14, "fragile": 0.75}
@@ -54,13 +64,13 @@ class Filled:
     colours: Floats
 
 
-def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
+def _filled(triangles: Floats, colour: str, opaque: float, *, tone: float = 1.0) -> Filled:
     """Triangles shaded by their angle to the light."""
     normals = normals_of(triangles)
     bright = 0.5 + 0.5 * normals @ (LIGHT / np.linalg.norm(LIGHT))
     rgb = np.array([int(colour[k : k + 2], 16) / 255 for k in (1, 3, 5)])
     light = np.clip(2.0 * bright[:, None] - 1.1, 0, 1) * 0.3
-    shade = rgb * (0.62 + 0.38 * bright[:, None])
+    shade = np.minimum(rgb * tone, 1.0) * (0.62 + 0.38 * bright[:, None])
     colours = shade + light * (1.0 - shade)
     return Filled(triangles, normals, np.column_stack([colours, np.full(len(triangles), opaque)]))
 
@@ -68,8 +78,9 @@ def _filled(triangles: Floats, colour: str, opaque: float) -> Filled:
 def bodies_of(shown: Picture) -> Iterator[Filled]:
     """Everything that has a body: the surroundings, the arm's deciding posture, and its swept path."""
     for body in shown.bodies:
+        tone = TONES.get(body.name.partition("/")[2], 1.0) if body.kind == "person" else 1.0
         for triangles in triangles_of(body.shape, CELL_M / 2):
-            yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0))
+            yield _filled(triangles, COLOURS[body.kind], OPAQUE.get(body.kind, 1.0), tone=tone)
     last = len(shown.postures) - 1
     decides = shown.witnesses[0].posture if shown.witnesses else last
     looks = {round(k * last / GHOSTS): "ghost" for k in range(1, GHOSTS)} | {0: "end", last: "end", decides: "solid"}

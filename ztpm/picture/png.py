@@ -12,6 +12,7 @@ import numpy as np
 
 from capabilities.values.characters import shown
 from pep.pit.picture.picture import MICRO_PER_MILLI
+from pep.pit.picture.words import sentence
 from ztpm.picture.bodies import CELL_M, COLOURS, bodies_of, extent, triangles_of
 
 if TYPE_CHECKING:
@@ -22,7 +23,11 @@ if TYPE_CHECKING:
     from ztpm.picture.bodies import Filled
 
 PAPER, INK, FAINT, SOFT = "#ffffff", "#1c2733", "#8b98a5", "#4a5763"
+TIERS: Final = ("#566270", "#18703a", "#7d6200", "#a84600", "#b3261e")
+"""Colours of the tiers, as in `console.css`."""
 SIZE_INCH: Final = (16.0, 9.4)
+EDGE: Final = 0.045
+"""Edge left and right of words, a share of the figure's width."""
 ARROW: Final = 0.004
 """Length of the arrow at the end of the tool point's way, a share of the view."""
 ZOOM: Final = (1.42, 1.2)
@@ -98,13 +103,74 @@ def draw(shown: Picture, file: Path, *, subtitle: str) -> None:
             color=SOFT,
         )
         _draw_view(axes, shown, view, bodies)
-    figure.text(0.045, 0.945, _short(shown.title, 110), fontsize=19, fontweight="bold", color=INK, parse_math=False)
-    figure.text(0.045, 0.912, _short(subtitle, 190), fontsize=11.5, color=SOFT, parse_math=False)
     _legend(figure, plots, shown)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="Glyph .* missing from font")  # a name in another script
+        _heading(figure, shown, subtitle)
         figure.savefig(file, dpi=160, format="png", metadata={"Software": None})
     plots.close(figure)
+
+
+def _heading(figure: Any, shown: Picture, subtitle: str) -> None:
+    """The index large, its tier, and what decides in words; of a cell its name. Words are broken, never cut."""
+    left, said = EDGE, shown.assessment
+    words = shown.title
+    if said is not None:
+        words = sentence(said)
+        words = f"{words[:1].upper()}{words[1:]}."
+        number = figure.text(left, 0.985, f"{said.index:.2f}", va="top", fontsize=38, fontweight="bold", color=INK)
+        left += number.get_window_extent().width / figure.bbox.width + 0.012
+        tier = int(said.tier)
+        box = {"boxstyle": "round,pad=0.3", "facecolor": TIERS[tier], "edgecolor": "none"}
+        chip = figure.text(left, 0.977, f"Tier {tier}", va="top", fontsize=13, fontweight="bold", color=PAPER, bbox=box)
+        figure.text(left, 0.943, "index", va="top", fontsize=11, color=SOFT)
+        left += chip.get_window_extent().width / figure.bbox.width + 0.018
+    said_lines = _lines_of(figure, words, 17.0, 1.0 - EDGE - left, most=2)
+    figure.text(
+        left, 0.978, said_lines, va="top", fontsize=17, fontweight="bold", color=INK, parse_math=False, linespacing=1.25
+    )
+    figure.text(
+        EDGE, 0.908, _lines_of(figure, subtitle, 11.0, 1.0 - 2 * EDGE, most=2),
+        va="top", fontsize=11, color=SOFT, parse_math=False,
+    )  # fmt: skip
+
+
+def _lines_of(figure: Any, text: str, size_pt: float, width: float, *, most: int) -> str:
+    """The text in at most so many lines that fit a share of the figure's width; what is left is an ellipsis.
+
+    Args:
+        figure: that it will stand on.
+        text: as others wrote it.
+        size_pt: height of its letters, points.
+        width: of a line, as a share of the figure's.
+        most: greatest number of lines.
+    """
+    ruler = figure.text(0, 0, "", fontsize=size_pt, fontweight="bold", parse_math=False)
+    widest = width * figure.bbox.width
+
+    def fits(line: str) -> bool:
+        ruler.set_text(line)
+        return bool(ruler.get_window_extent().width <= widest)
+
+    lines, line = [], ""
+    for word in shown(text).split(" "):
+        longer = f"{line} {word}".strip()
+        if line and not fits(longer):
+            lines.append(line)
+            longer = word
+        while not fits(longer):  # one word that is wider than a line
+            part = next(n for n in range(len(longer) - 1, 0, -1) if fits(longer[:n]) or n == 1)
+            lines.append(longer[:part])
+            longer = longer[part:]
+        line = longer
+    lines.append(line)
+    if len(lines) > most:
+        kept = lines[most - 1]
+        while kept and not fits(f"{kept}…"):
+            kept = kept[:-1]
+        lines = [*lines[: most - 1], f"{kept}…"]
+    ruler.remove()
+    return "\n".join(lines)
 
 
 def level_azimuth(shown: Picture) -> float:
@@ -194,14 +260,14 @@ def _flat(axes: Any, point: object) -> tuple[float, float]:
 
 def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[float, float]]:
     """Draws each body's name at its highest or lowest visible place; returns the places."""
-    points: dict[tuple[str, str, str], list[Floats]] = {}
+    points: dict[tuple[str, str, str, bool], list[Floats]] = {}
     for body in shown.bodies:
         name = body.name.split("/")[0] if body.kind == "person" else body.name
-        visible = points.setdefault((name, body.kind, body.told), [])
+        visible = points.setdefault((name, body.kind, body.told, body.armless), [])
         visible += [each.reshape(-1, 3) for each in triangles_of(body.shape, CELL_M)]
     places: list[tuple[float, float]] = []
     labels: list[tuple[float, float, float]] = []
-    for (name, kind, told), each in points.items():
+    for (name, kind, told, armless), each in points.items():
         every = np.concatenate(each)
         inside = every[((every >= low) & (every <= high)).all(axis=1)]
         if len(inside):
@@ -209,6 +275,7 @@ def _names(axes: Any, shown: Picture, low: Floats, high: Floats) -> list[tuple[f
             flat = np.array([_flat(axes, point) for point in inside[:: max(1, len(inside) // 400)]])
             x, y = flat[flat[:, 1].argmax() if above else flat[:, 1].argmin()]
             said = f"{_short(name)} ({_short(told)})" if told else _short(name)
+            said += ", arms not seen" if armless else ""
             box = {"boxstyle": "round,pad=0.15", "facecolor": PAPER, "edgecolor": COLOURS[kind], "alpha": 0.85}
             up = _free(axes, (x, y), LETTER_PT * len(said), labels, above=above)
             axes.annotate(

@@ -9,6 +9,7 @@ import numpy as np
 
 from pep.pit.picture.postures import nearest, route_of
 from pep.pit.picture.surface import surface_of
+from pep.pit.picture.words import headline
 from pep.pit.scene.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
 from pep.pit.scene.view import view_of
 
@@ -38,6 +39,7 @@ class DrawnBody:
         source: the sensor, or "" for the signed cell file.
         age_s: age of the sighting, all in all; 0 for a surveyed object.
         note: what else is to be said of it, as that the tool may touch it.
+        armless: part of a person of whose arms no region is seen: they are not drawn, and may be anywhere near.
     """
 
     kind: str
@@ -47,6 +49,7 @@ class DrawnBody:
     source: str = CELL_FILE
     age_s: float = 0.0
     note: str = ""
+    armless: bool = False
 
     @property
     def told(self) -> str:
@@ -68,7 +71,7 @@ class Picture:
     """Everything that is drawn.
 
     Attributes:
-        title: tier and index, and what decides.
+        title: tier and index, and what decides, in words.
         postures: the arm over time; none where the motion does not concern it. The witnesses' instants are among them.
         parts: kind of each of a posture's parts: "base", "arm", "tool" or "payload".
         bodies: people's regions, objects and zones.
@@ -113,7 +116,7 @@ def picture(
     found = (_witness(c, shown, bodies, scene, whole) for c in causes)
     area = scene.workspace
     return Picture(
-        title=LED if assessment is None else title(assessment),
+        title=LED if assessment is None else headline(assessment),
         postures=shown,
         parts=parts_of(robot) if shown else (),
         bodies=bodies,
@@ -128,7 +131,9 @@ def bodies_in(scene: Scene, *, seen_s: float) -> tuple[DrawnBody, ...]:
     """Everybody and everything in a scene that was seen so long ago."""
     return (
         *(
-            DrawnBody("person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s)
+            DrawnBody(
+                "person", f"{p.id}/{region}", shape, None, p.source, seen_s + p.age_s, armless=not p.limbs_tracked
+            )
             for p in scene.people
             for region, shape in p.regions
         ),
@@ -143,20 +148,6 @@ def bodies_in(scene: Scene, *, seen_s: float) -> tuple[DrawnBody, ...]:
 def parts_of(robot: Robot) -> tuple[str, ...]:
     """Kind of each capsule of a robot: "base", "arm", "tool" or "payload"."""
     return tuple(_part(c.name, c.link, robot) for c in robot.capsules)
-
-
-def title(assessment: Assessment) -> str:
-    """Tier and index, with the deciding contribution."""
-    said = f"Tier {int(assessment.tier)}, index {assessment.index:.2f}"
-    if assessment.violations:
-        return f"{said}: violation ({', '.join(assessment.violations)})"
-    if not assessment.contributions:
-        return f"{said}: nothing raises it"
-    first = assessment.contributions[0]
-    between = " and ".join(name for name in (first.link, first.object) if name)
-    met = f" ({between})" if between else ""
-    near = f", {first.clearance_um / MICRO_PER_MILLI:.0f} mm at {first.at_ms / MILLI:.2f} s" if first.link else ""
-    return f"{said}: {first.kind}{met}{near}"
 
 
 def _part(name: str, link: int, robot: Robot) -> str:
@@ -235,17 +226,8 @@ def to_plain(shown: Picture) -> dict[str, Any]:
             {"kind": kind, "name": part.name, "r": part.radius_m}
             for kind, part in zip(shown.parts, shown.postures[0].parts if shown.postures else (), strict=True)
         ],
-        "postures": [
-            {
-                "t": round(p.t_s, 4),
-                "ends": [[_rounded(x.a_m), _rounded(x.b_m)] for x in p.parts],
-                "tcp": _rounded(p.tcp_m),
-            }
-            for p in shown.postures
-        ],
-        "bodies": [
-            {"kind": b.kind, "name": b.name, "tier": b.tier, "told": b.told, **plain(b.shape)} for b in shown.bodies
-        ],
+        "postures": [posture_to_plain(posture) for posture in shown.postures],
+        "bodies": [body_to_plain(body) for body in shown.bodies],
         "workspace": None if shown.workspace is None else [_rounded(corner) for corner in shown.workspace],
         "witnesses": [
             {
@@ -261,6 +243,21 @@ def to_plain(shown: Picture) -> dict[str, Any]:
             for w in shown.witnesses
         ],
     }
+
+
+def posture_to_plain(posture: Posture) -> dict[str, Any]:
+    """Posture as JSON: its time, s, the ends of each part, and the tool point, m."""
+    return {
+        "t": round(posture.t_s, 4),
+        "ends": [[_rounded(part.a_m), _rounded(part.b_m)] for part in posture.parts],
+        "tcp": _rounded(posture.tcp_m),
+    }
+
+
+def body_to_plain(body: DrawnBody) -> dict[str, Any]:
+    """Body as JSON: its kind, name, tier and source, whether a person's arms are not seen, and its shape."""
+    about = {"kind": body.kind, "name": body.name, "tier": body.tier, "told": body.told}
+    return {**about, **({"armless": True} if body.armless else {}), **plain(body.shape)}
 
 
 def row_of(shown: Picture, witness: DrawnPlace) -> int:

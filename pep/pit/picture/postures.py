@@ -124,7 +124,7 @@ class MotionPostures:
         q = np.array([self._q(t) for t in times])
         rotation, origin = link_frames(self.robot, q)
         return tuple(
-            self._at(t, angles, turned, moved)
+            _placed(self.robot, t, angles, turned, moved)
             for t, angles, turned, moved in zip(times, q, rotation, origin, strict=True)
         )
 
@@ -163,15 +163,22 @@ class MotionPostures:
             left -= stretch.duration_s
         return self.stretches[-1].q(min(left, self.stretches[-1].duration_s))
 
-    def _at(self, t_s: float, q: Floats, rotation: Floats, origin: Floats) -> Posture:
-        def placed(link: int, point: Vector) -> Vector:
-            return _vector(rotation[link] @ np.array(point) + origin[link])
 
-        parts = tuple(
-            PostureCapsule(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m)
-            for c in self.robot.capsules
-        )
-        return Posture(t_s, tuple(q.tolist()), parts, placed(len(self.robot.model.joints), self.robot.tool.tcp_m))
+def posture_at(robot: Robot, q_rad: Sequence[float]) -> Posture:
+    """The arm at six joint angles, rad, at time 0."""
+    q = np.array([q_rad], dtype=float)
+    rotation, origin = link_frames(robot, q)
+    return _placed(robot, 0.0, q[0], rotation[0], origin[0])
+
+
+def _placed(robot: Robot, t_s: float, q: Floats, rotation: Floats, origin: Floats) -> Posture:
+    def placed(link: int, point: Vector) -> Vector:
+        return _vector(rotation[link] @ np.array(point) + origin[link])
+
+    parts = tuple(
+        PostureCapsule(c.name, c.link, placed(c.link, c.a_m), placed(c.link, c.b_m), c.radius_m) for c in robot.capsules
+    )
+    return Posture(t_s, tuple(q.tolist()), parts, placed(len(robot.model.joints), robot.tool.tcp_m))
 
 
 def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_age_s: float) -> MotionPostures:
