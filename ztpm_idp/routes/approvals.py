@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
@@ -37,6 +38,13 @@ Caller = Annotated[Call, Depends(authenticated)]
 Bound = Annotated[Call, Depends(in_session())]
 Asker = Annotated[Call, Depends(authenticated_within(PICTURED_BYTES))]
 _UNSTORED = {"Cache-Control": "no-store"}
+_SHARED = resources.files("ztpm_idp.console") / "assets"
+_ASSETS = {
+    **{name: ((_SHARED / name).read_text("utf-8"), "text/javascript") for name in ask_page.DRAWING},
+    **{name: (text, "text/javascript") for name, text in ask_page.SCRIPTS.items()},
+    "console.css": ((_SHARED / "console.css").read_text("utf-8"), "text/css"),
+}
+"""Files of the pages of asks, passkeys and latches."""
 
 
 @router.post("/approvals", status_code=201, openapi_extra=body_of(wire.AskBody))
@@ -124,11 +132,19 @@ async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
     asked, text, key = await found_ask(request, ask_id)
     at_ms = provider.now_ms()
     shown = ask.open(text, {key}, provider.rules.caps)
-    panel = ask_page.panel(text, shown, at_ms=at_ms)
-    headers = ask_page.HEADERS if panel is None else ask_page.scripted(provider.settings.issuer)
-    return HTMLResponse(
-        ask_page.render(shown, asked, asked.state(at_ms), at_ms=at_ms, passkey=panel), headers=_UNSTORED | headers
-    )
+    panel, headers = ask_page.panel(text, shown, at_ms=at_ms), ask_page.headers(provider.settings.issuer)
+    page = ask_page.render(text, shown, asked, asked.state(at_ms), at_ms=at_ms, passkey=panel)
+    return HTMLResponse(page, headers=_UNSTORED | headers)
+
+
+@router.get("/approvals/assets/{name}", response_class=Response)
+async def read_asset(name: str) -> Response:
+    """One of the files that the pages of asks have: the scripts, and the look."""
+    if name not in _ASSETS:
+        raise Problem(IdpCode.ASK_UNKNOWN, "no such file")
+    content, kind = _ASSETS[name]
+    headers = {"X-Content-Type-Options": "nosniff", "Cache-Control": "max-age=300"}
+    return Response(content, media_type=kind, headers=headers)
 
 
 @router.get("/approvals/{ask_id}/picture", response_class=Response)

@@ -1,0 +1,67 @@
+"""One sentence on an ask, in a person's words: what passes whom, how near and how fast, who asks, and why.
+
+Every figure is the ask's own; a distance is rounded down and a speed up. The page's script says the same of the signed
+text, out of the same words, and takes no vote where the page says otherwise ([PSK-8]).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.statements.people.ask import NO_ROBOT
+
+if TYPE_CHECKING:
+    from capabilities.statements.people.ask import Ask, Contributor
+
+WORDS_FILE: Final = Path(__file__).parent / "templates" / "ask_words.json"
+WORDS: Final[dict[str, Any]] = json.loads(WORDS_FILE.read_text("utf-8"))
+"""All English texts of the sentence."""
+CODE_DIGITS: Final = 8
+UM_PER_MM: Final = 1_000
+UM_PER_CM: Final = 10_000
+CM_PER_M: Final = 100
+
+
+def code_of(digest: str) -> str:
+    """Short code of an ask: the first eight hex digits of its text's digest, on the page and at a terminal."""
+    return digest[:CODE_DIGITS]
+
+
+def sentence_of(ask: Ask) -> str:
+    """The sentence on what would happen."""
+    named = {"operation": ask.operation, "name": ask.object}
+    if ask.contributors:
+        return _of_contributor(ask.contributors[0])
+    return str(WORDS["act" if ask.perception == NO_ROBOT else "alone"]).format(**named)
+
+
+def reason_of(ask: Ask) -> str:
+    """The sentence on who asks, and why a person is asked."""
+    return str(WORDS["who"]).format(agent=ask.agent, sponsor=ask.sponsor, tier=int(ask.tier))
+
+
+def _of_contributor(first: Contributor) -> str:
+    hundredths = -(-first.speed_um_s // UM_PER_CM)
+    told = {
+        "kind": first.kind,
+        "link": _link(first.link),
+        "object": _object(first),
+        "mm": str(first.clearance_um // UM_PER_MM),
+        "speed": f"{hundredths // CM_PER_M}.{hundredths % CM_PER_M:02d}",
+    }
+    return str(WORDS["kinds"].get(first.kind, WORDS["other"])).format(**told)
+
+
+def _link(name: str) -> str:
+    return next((word for begins, word in WORDS["links"].items() if name.startswith(begins)), name or "arm")
+
+
+def _object(first: Contributor) -> str:
+    if first.kind == "self":
+        return _link(first.object)
+    name, slash, region = first.object.partition("/")
+    if first.kind == "person" and slash:
+        return str(WORDS["person"]).format(name=name, region=region.replace("_", " "))
+    return first.object

@@ -1,0 +1,179 @@
+"use strict";
+// The page of one ask, beside `passkey.js`: it believes nothing of the page but the ask's signed text. It says the sentence
+// out of that text, draws the picture whose digest the text names, and lets nobody approve where the page says otherwise.
+
+const question = document.querySelector("#question");
+const POLL_MS = 5_000;
+const UM = 1e6;
+const alerted = document.querySelector("#alert");
+
+class Differs extends Error {}
+
+function warn(text) {
+  alerted.hidden = false;
+  alerted.textContent = text;
+}
+
+const filled = (words, members) => words.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
+
+function linkWord(name) {
+  const found = Object.entries(ASK_WORDS.links).find(([begins]) => name.startsWith(begins));
+  return found ? found[1] : name || "arm";
+}
+
+function objectWord(first) {
+  if (first.kind === "self") return linkWord(first.object);
+  const slash = first.object.indexOf("/");
+  if (first.kind !== "person" || slash < 0) return first.object;
+  const region = first.object.slice(slash + 1).replaceAll("_", " ");
+  return filled(ASK_WORDS.person, { name: first.object.slice(0, slash), region });
+}
+
+// As `ask_words.py` says it: a distance is rounded down, a speed up.
+function sentenceOf(ask) {
+  const named = { operation: ask.operation, name: ask.object };
+  if (!ask.contributors.length) return filled(ASK_WORDS[ask.perception === "none" ? "act" : "alone"], named);
+  const first = ask.contributors[0], hundredths = Math.ceil(first.speed_um_s / 10_000);
+  return filled(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
+    kind: first.kind,
+    link: linkWord(first.link),
+    object: objectWord(first),
+    mm: String(Math.floor(first.clearance_um / 1_000)),
+    speed: `${Math.floor(hundredths / 100)}.${String(hundredths % 100).padStart(2, "0")}`,
+  });
+}
+
+const points = (numbers) =>
+  Array.from({ length: numbers.length / 3 }, (_, k) => numbers.slice(3 * k, 3 * k + 3).map((each) => each / UM));
+
+// A triangle, moved outward by the rounding.
+function outward([a, b, c], r) {
+  const [u, v] = [b, c].map((p) => p.map((x, k) => x - a[k]));
+  const across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
+  const long = Math.hypot(...across) || 1;
+  return [a, b, c].map((p) => p.map((x, k) => x + (r * across[k]) / long));
+}
+
+function bodyOf(told) {
+  const corners = points(told.corners_um), r = (told.radius_um ?? 0) / UM;
+  const said = { kind: told.kind, name: told.name, tier: told.tier ?? null, told: told.source ?? "", r };
+  if (!told.faces) return { ...said, a: corners[0], b: corners[corners.length - 1] };
+  const triangles = points(told.faces.map((each) => each * UM)).map((face) => outward(face.map((k) => corners[k]), r));
+  const rods = r > 0 ? triangles.flatMap(([a, b, c]) => [[a, b], [b, c], [c, a]]) : [];
+  return { ...said, triangles, rods, corners };
+}
+
+// A person of whose arms no region is seen: they may be anywhere near.
+function armless(told, shown) {
+  if (told.kind !== "person") return false;
+  const whose = `${told.name.split("/")[0]}/`, regions = shown.bodies.map((each) => each.name).filter((name) => name.startsWith(whose));
+  return !regions.some((name) => /(arm|hand)$/.test(name));
+}
+
+// The picture as the viewer draws it, in metres and seconds.
+function drawable(shown, title) {
+  return {
+    title,
+    whole: false,
+    parts: shown.parts.map((part) => ({ kind: part.kind, name: part.name, r: part.radius_um / UM })),
+    postures: shown.postures.map((each) => {
+      const ends = points(each.ends_um);
+      return {
+        t: each.at_ms / 1_000,
+        ends: shown.parts.map((_, k) => [ends[2 * k], ends[2 * k + 1]]),
+        tcp: points(each.tcp_um)[0],
+      };
+    }),
+    bodies: shown.bodies.map((told) => ({ ...bodyOf(told), ...(armless(told, shown) ? { armless: true } : {}) })),
+    workspace: shown.workspace_um ? points(shown.workspace_um) : null,
+    witnesses: (shown.places ?? []).map((place, row) => ({
+      row,
+      posture: place.posture,
+      a: points(place.on_link_um)[0],
+      b: points(place.on_object_um)[0],
+      clearance_mm: place.clearance_um / 1_000,
+      kind: place.kind,
+      link: place.link,
+      object: place.object,
+    })),
+  };
+}
+
+// Whether the page shows what was signed; else why not.
+async function checked() {
+  const text = question.dataset.text, digest = hex(await sha256(utf8(text)));
+  const ask = JSON.parse(new TextDecoder().decode(unb64u(text.split(".")[1])));
+  const said = [
+    ["ask", question.dataset.digest, digest],
+    ["sentence", document.querySelector("#sentence").textContent, sentenceOf(ask)],
+    ["person and agent", document.querySelector("#reason").textContent, filled(ASK_WORDS.who, ask)],
+    ["code", document.querySelector("#code").textContent, digest.slice(0, 8)],
+    ["ask to sign", panel?.dataset.ask ?? text, text],
+  ];
+  for (const [what, shown, signed] of said) {
+    if (shown !== signed) throw new Differs(`the ${what} on this page is not the one that was signed`);
+  }
+  if (ask.picture_digest) await draw(ask);
+  else if (ask.start_urad.length) warn("No picture was sent with this ask: it is told as text alone.");
+  return ask;
+}
+
+async function draw(ask) {
+  const answer = await fetch(question.dataset.picture, { credentials: "omit" });
+  if (!answer.ok) throw new Differs("the picture of this ask is not there");
+  const bytes = await answer.arrayBuffer();
+  if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs("the picture is not the one that was signed");
+  const shown = JSON.parse(new TextDecoder().decode(bytes));
+  const view = ztpmViewer.show(document.querySelector("#view"), drawable(shown, sentenceOf(ask)));
+  if (view === null) throw new Error("no WebGL");
+  ztpmViewer.controls(document.querySelector("#picture"), view);
+  document.querySelector("#controls").hidden = view.size < 2;
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) document.querySelector("[data-play]").click();
+  const margin = shown.margin_um < 0 ? "Not all of the way is known to the picture." : `Between two drawn postures no part is farther than ${Math.ceil(shown.margin_um / 1_000)} mm from them.`;
+  document.querySelector("#margin").textContent = shown.omitted ? `${margin} ${shown.omitted} bodies are not drawn.` : margin;
+}
+
+function countDown(ask) {
+  const left = document.querySelector("#left");
+  const tick = () => {
+    const s = Math.max(0, ask.expires_at - Number(question.dataset.now) - Math.floor((performance.now() - started) / 1_000));
+    left.textContent = s > 0 ? `${Math.floor(s / 60)}:${String(s % 60).padStart(2, "0")} left.` : "Over.";
+    left.classList.toggle("soon", s <= 15);
+    if (s === 0) {
+      allow(false);
+      clearInterval(ticking);
+    }
+  };
+  const ticking = setInterval(tick, 1_000);
+  tick();
+}
+
+// The page is loaded again when the ask stands otherwise than it says; a connection that is lost is told.
+async function watch() {
+  try {
+    const answer = await fetch(question.dataset.state, { credentials: "omit", cache: "no-store" });
+    if (!answer.ok) throw new Error(String(answer.status));
+    const { state, votes } = await answer.json();
+    if (lost) alerted.hidden = true;
+    lost = false;
+    if (!busy && (state !== "open" || votes !== Number(question.dataset.votes))) location.reload();
+  } catch {
+    lost = true;
+    warn("No connection to the identity provider: what stands here may be old.");
+  }
+}
+
+let lost = false;
+
+checked()
+  .then((ask) => {
+    allow(question.dataset.open === "yes");
+    if (question.dataset.open === "yes") {
+      countDown(ask);
+      setInterval(watch, POLL_MS);
+    }
+  })
+  .catch((error) => {
+    allow(false);
+    warn(`Nothing can be approved here: ${error instanceof Differs ? error.message : "the picture cannot be drawn"}. Use your operator key, as below.`);
+  });
