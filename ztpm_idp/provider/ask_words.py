@@ -19,6 +19,8 @@ WORDS_FILE: Final = Path(__file__).parent / "templates" / "ask_words.json"
 WORDS: Final[dict[str, Any]] = json.loads(WORDS_FILE.read_text("utf-8"))
 """All English texts of the sentence."""
 CODE_DIGITS: Final = 8
+NAME_LIMIT: Final = 40
+"""Characters of another's name that the sentence has, so that figures stay in sight; all of it stands below."""
 UM_PER_MM: Final = 1_000
 UM_PER_CM: Final = 10_000
 CM_PER_M: Final = 100
@@ -31,7 +33,7 @@ def code_of(digest: str) -> str:
 
 def sentence_of(ask: Ask) -> str:
     """The sentence on what would happen."""
-    named = {"operation": ask.operation, "name": ask.object}
+    named = {"operation": _short(ask.operation), "name": _short(ask.object)}
     if ask.contributors:
         return _of_contributor(ask.contributors[0])
     return str(WORDS["act" if ask.perception == NO_ROBOT else "alone"]).format(**named)
@@ -39,13 +41,13 @@ def sentence_of(ask: Ask) -> str:
 
 def reason_of(ask: Ask) -> str:
     """The sentence on who asks, and why a person is asked."""
-    return str(WORDS["who"]).format(agent=ask.agent, sponsor=ask.sponsor, tier=int(ask.tier))
+    return str(WORDS["who"]).format(agent=_short(ask.agent), sponsor=_short(ask.sponsor), tier=int(ask.tier))
 
 
 def _of_contributor(first: Contributor) -> str:
     hundredths = -(-first.speed_um_s // UM_PER_CM)
     told = {
-        "kind": first.kind,
+        "kind": _short(first.kind),
         "link": _link(first.link),
         "object": _object(first),
         "mm": str(first.clearance_um // UM_PER_MM),
@@ -55,7 +57,7 @@ def _of_contributor(first: Contributor) -> str:
 
 
 def _link(name: str) -> str:
-    return next((word for begins, word in WORDS["links"].items() if name.startswith(begins)), name or "arm")
+    return next((word for begins, word in WORDS["links"].items() if name.startswith(begins)), _short(name) or "arm")
 
 
 def _object(first: Contributor) -> str:
@@ -63,5 +65,9 @@ def _object(first: Contributor) -> str:
         return _link(first.object)
     name, slash, region = first.object.partition("/")
     if first.kind == "person" and slash:
-        return str(WORDS["person"]).format(name=name, region=region.replace("_", " "))
-    return first.object
+        return str(WORDS["person"]).format(name=_short(name), region=_short(region.replace("_", " ")))
+    return _short(first.object)
+
+
+def _short(name: str) -> str:
+    return name if len(name) <= NAME_LIMIT else f"{name[: NAME_LIMIT - 1]}…"

@@ -3,7 +3,10 @@
 // out of that text, draws the picture whose digest the text names, and lets nobody approve where the page says otherwise.
 
 const question = document.querySelector("#question");
-const POLL_MS = 5_000;
+const POLL_MS = 3_000;
+const STEP_MS = 60;
+const HOLD_MS = 2_000;
+const NAME_LIMIT = 40;
 const UM = 1e6;
 const alerted = document.querySelector("#alert");
 
@@ -14,19 +17,22 @@ function warn(text) {
   alerted.textContent = text;
 }
 
-const filled = (words, members) => words.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
+const short = (name) => (name.length <= NAME_LIMIT ? name : `${name.slice(0, NAME_LIMIT - 1)}…`);
+const words = (text, members) => text.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
+const filled = (text, members) =>
+  words(text, Object.fromEntries(Object.entries(members).map(([name, value]) => [name, short(String(value))])));
 
 function linkWord(name) {
   const found = Object.entries(ASK_WORDS.links).find(([begins]) => name.startsWith(begins));
-  return found ? found[1] : name || "arm";
+  return found ? found[1] : short(name) || "arm";
 }
 
 function objectWord(first) {
   if (first.kind === "self") return linkWord(first.object);
   const slash = first.object.indexOf("/");
-  if (first.kind !== "person" || slash < 0) return first.object;
+  if (first.kind !== "person" || slash < 0) return short(first.object);
   const region = first.object.slice(slash + 1).replaceAll("_", " ");
-  return filled(ASK_WORDS.person, { name: first.object.slice(0, slash), region });
+  return words(ASK_WORDS.person, { name: short(first.object.slice(0, slash)), region: short(region) });
 }
 
 // As `ask_words.py` says it: a distance is rounded down, a speed up.
@@ -34,8 +40,8 @@ function sentenceOf(ask) {
   const named = { operation: ask.operation, name: ask.object };
   if (!ask.contributors.length) return filled(ASK_WORDS[ask.perception === "none" ? "act" : "alone"], named);
   const first = ask.contributors[0], hundredths = Math.ceil(first.speed_um_s / 10_000);
-  return filled(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
-    kind: first.kind,
+  return words(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
+    kind: short(first.kind),
     link: linkWord(first.link),
     object: objectWord(first),
     mm: String(Math.floor(first.clearance_um / 1_000)),
@@ -128,9 +134,37 @@ async function draw(ask) {
   if (view === null) throw new Error("no WebGL");
   ztpmViewer.controls(document.querySelector("#picture"), view);
   document.querySelector("#controls").hidden = view.size < 2;
-  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) document.querySelector("[data-play]").click();
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) play(view);
   const margin = shown.margin_um < 0 ? "Not all of the way is known to the picture." : `Between two drawn postures no part is farther than ${Math.ceil(shown.margin_um / 1_000)} mm from them.`;
   document.querySelector("#margin").textContent = shown.omitted ? `${margin} ${shown.omitted} bodies are not drawn.` : margin;
+}
+
+// Plays the motion as fast as it would be, and holds where it decides, until a hand is laid on it.
+function play(view) {
+  const room = document.querySelector("#picture"), times = view.picture.postures.map((each) => each.t);
+  const decides = view.picture.witnesses[0]?.posture ?? 0, end = times[times.length - 1];
+  let timer = null, at = times[decides], last = 0;
+  const hold = (row) => {
+    view.go(row);
+    timer = setTimeout(() => { last = performance.now(); step(); }, HOLD_MS);
+  };
+  const step = () => {
+    const before = at, now = performance.now();
+    at += (now - last) / 1_000;
+    last = now;
+    if (before < times[decides] && at >= times[decides]) {
+      at = times[decides];
+      hold(decides);
+    } else if (before >= end) {
+      at = 0;
+      hold(0);
+    } else {
+      view.go(times.findLastIndex((t) => t <= at));
+      timer = setTimeout(step, STEP_MS);
+    }
+  };
+  for (const touched of ["pointerdown", "keydown"]) room.addEventListener(touched, () => clearTimeout(timer), { once: true, capture: true });
+  if (view.size > 1) hold(decides);
 }
 
 function countDown(ask) {
