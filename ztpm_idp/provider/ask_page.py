@@ -55,7 +55,7 @@ HEADERS: Final = {
 """Headers of every page: no content but styles of its host and its own, named by its hash, and no frame around it."""
 SCRIPT: Final = (_FOLDER / "passkey.js").read_text("utf-8")
 """The one script of the pages with passkeys."""
-DRAWING: Final = ("three-0.187.0.js", "viewer.js")
+DRAWING: Final = ("three-0.187.0.js", "viewer.js", "shown_picture.js")
 """Scripts that draw the picture, of the room that all pages have in common."""
 SCRIPTS: Final = {
     "words.js": f"const ASK_WORDS = {json.dumps(WORDS)};\n",

@@ -10,10 +10,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.statements.people.ask import NO_ROBOT
+from capabilities.statements.people.ask import NO_ROBOT, claims
 
 if TYPE_CHECKING:
-    from capabilities.statements.people.ask import Ask, Contributor
+    from collections.abc import Mapping
+
+    from capabilities.statements.people.ask import Ask
 
 WORDS_FILE: Final = Path(__file__).parent / "templates" / "ask_words.json"
 WORDS: Final[dict[str, Any]] = json.loads(WORDS_FILE.read_text("utf-8"))
@@ -33,10 +35,15 @@ def code_of(digest: str) -> str:
 
 def sentence_of(ask: Ask) -> str:
     """The sentence on what would happen."""
-    named = {"operation": _short(ask.operation), "name": _short(ask.object)}
-    if ask.contributors:
-        return _of_contributor(ask.contributors[0])
-    return str(WORDS["act" if ask.perception == NO_ROBOT else "alone"]).format(**named)
+    return sentence_of_claims(claims(ask))
+
+
+def sentence_of_claims(shown: Mapping[str, Any]) -> str:
+    """The same sentence, of the members of an ask as plain JSON."""
+    if shown["contributors"]:
+        return _of_contributor(shown["contributors"][0])
+    named = {"operation": _short(shown["operation"]), "name": _short(shown["object"])}
+    return str(WORDS["act" if shown["perception"] == NO_ROBOT else "alone"]).format(**named)
 
 
 def reason_of(ask: Ask) -> str:
@@ -44,29 +51,29 @@ def reason_of(ask: Ask) -> str:
     return str(WORDS["who"]).format(agent=_short(ask.agent), sponsor=_short(ask.sponsor), tier=int(ask.tier))
 
 
-def _of_contributor(first: Contributor) -> str:
-    hundredths = -(-first.speed_um_s // UM_PER_CM)
+def _of_contributor(first: Mapping[str, Any]) -> str:
+    hundredths = -(-first["speed_um_s"] // UM_PER_CM)
     told = {
-        "kind": _short(first.kind),
-        "link": _link(first.link),
-        "object": _object(first),
-        "mm": str(first.clearance_um // UM_PER_MM),
+        "kind": _short(first["kind"]),
+        "link": _link(first["link"]),
+        "object": _object(first["kind"], first["object"]),
+        "mm": str(first["clearance_um"] // UM_PER_MM),
         "speed": f"{hundredths // CM_PER_M}.{hundredths % CM_PER_M:02d}",
     }
-    return str(WORDS["kinds"].get(first.kind, WORDS["other"])).format(**told)
+    return str(WORDS["kinds"].get(first["kind"], WORDS["other"])).format(**told)
 
 
 def _link(name: str) -> str:
     return next((word for begins, word in WORDS["links"].items() if name.startswith(begins)), _short(name) or "arm")
 
 
-def _object(first: Contributor) -> str:
-    if first.kind == "self":
-        return _link(first.object)
-    name, slash, region = first.object.partition("/")
-    if first.kind == "person" and slash:
+def _object(kind: str, thing: str) -> str:
+    if kind == "self":
+        return _link(thing)
+    name, slash, region = thing.partition("/")
+    if kind == "person" and slash:
         return str(WORDS["person"]).format(name=_short(name), region=_short(region.replace("_", " ")))
-    return _short(first.object)
+    return _short(thing)
 
 
 def _short(name: str) -> str:

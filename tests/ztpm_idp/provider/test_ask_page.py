@@ -216,7 +216,7 @@ def test_nothing_foreign_and_no_other_script_can_be_on_the_page(cell):
     response = fetched(cell, ask_id)
     (style,) = re.findall(r"<style>(.*?)</style>", response.text, re.S)
     scripts = re.findall(r'<script src="(.*?)" defer></script>', response.text)
-    assert response.text.count("<script") == len(scripts) == 5
+    assert response.text.count("<script") == len(scripts) == 6
     with cell.world.anonymous() as http:
         for script in scripts:
             given = http.get(script)

@@ -7,7 +7,6 @@ const POLL_MS = 3_000;
 const STEP_MS = 60;
 const HOLD_MS = 2_000;
 const NAME_LIMIT = 40;
-const UM = 1e6;
 const alerted = document.querySelector("#alert");
 
 class Differs extends Error {}
@@ -49,62 +48,6 @@ function sentenceOf(ask) {
   });
 }
 
-const points = (numbers) =>
-  Array.from({ length: numbers.length / 3 }, (_, k) => numbers.slice(3 * k, 3 * k + 3).map((each) => each / UM));
-
-// A triangle, moved outward by the rounding.
-function outward([a, b, c], r) {
-  const [u, v] = [b, c].map((p) => p.map((x, k) => x - a[k]));
-  const across = [u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]];
-  const long = Math.hypot(...across) || 1;
-  return [a, b, c].map((p) => p.map((x, k) => x + (r * across[k]) / long));
-}
-
-function bodyOf(told) {
-  const corners = points(told.corners_um), r = (told.radius_um ?? 0) / UM;
-  const said = { kind: told.kind, name: told.name, tier: told.tier ?? null, told: told.source ?? "", r };
-  if (!told.faces) return { ...said, a: corners[0], b: corners[corners.length - 1] };
-  const triangles = points(told.faces.map((each) => each * UM)).map((face) => outward(face.map((k) => corners[k]), r));
-  const rods = r > 0 ? triangles.flatMap(([a, b, c]) => [[a, b], [b, c], [c, a]]) : [];
-  return { ...said, triangles, rods, corners };
-}
-
-// A person of whose arms no region is seen: they may be anywhere near.
-function armless(told, shown) {
-  if (told.kind !== "person") return false;
-  const whose = `${told.name.split("/")[0]}/`, regions = shown.bodies.map((each) => each.name).filter((name) => name.startsWith(whose));
-  return !regions.some((name) => /(arm|hand)$/.test(name));
-}
-
-// The picture as the viewer draws it, in metres and seconds.
-function drawable(shown, title) {
-  return {
-    title,
-    whole: false,
-    parts: shown.parts.map((part) => ({ kind: part.kind, name: part.name, r: part.radius_um / UM })),
-    postures: shown.postures.map((each) => {
-      const ends = points(each.ends_um);
-      return {
-        t: each.at_ms / 1_000,
-        ends: shown.parts.map((_, k) => [ends[2 * k], ends[2 * k + 1]]),
-        tcp: points(each.tcp_um)[0],
-      };
-    }),
-    bodies: shown.bodies.map((told) => ({ ...bodyOf(told), ...(armless(told, shown) ? { armless: true } : {}) })),
-    workspace: shown.workspace_um ? points(shown.workspace_um) : null,
-    witnesses: (shown.places ?? []).map((place, row) => ({
-      row,
-      posture: place.posture,
-      a: points(place.on_link_um)[0],
-      b: points(place.on_object_um)[0],
-      clearance_mm: place.clearance_um / 1_000,
-      kind: place.kind,
-      link: place.link,
-      object: place.object,
-    })),
-  };
-}
-
 // Whether the page shows what was signed; else why not.
 async function checked() {
   const text = question.dataset.text, digest = hex(await sha256(utf8(text)));
@@ -130,13 +73,12 @@ async function draw(ask) {
   const bytes = await answer.arrayBuffer();
   if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs("the picture is not the one that was signed");
   const shown = JSON.parse(new TextDecoder().decode(bytes));
-  const view = ztpmViewer.show(document.querySelector("#view"), drawable(shown, sentenceOf(ask)));
+  const view = ztpmViewer.show(document.querySelector("#view"), shownPicture.drawable(shown, sentenceOf(ask)));
   if (view === null) throw new Error("no WebGL");
   ztpmViewer.controls(document.querySelector("#picture"), view);
   document.querySelector("#controls").hidden = view.size < 2;
   if (!matchMedia("(prefers-reduced-motion: reduce)").matches) play(view);
-  const margin = shown.margin_um < 0 ? "Not all of the way is known to the picture." : `Between two drawn postures no part is farther than ${Math.ceil(shown.margin_um / 1_000)} mm from them.`;
-  document.querySelector("#margin").textContent = shown.omitted ? `${margin} ${shown.omitted} bodies are not drawn.` : margin;
+  document.querySelector("#margin").textContent = shownPicture.told(shown);
 }
 
 // Plays the motion as fast as it would be, and holds where it decides, until a hand is laid on it.
