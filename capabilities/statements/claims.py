@@ -42,6 +42,7 @@ TokenId = Annotated[str, whole(text.TOKEN_ID.pattern)]
 Thumbprint = Annotated[str, whole(text.THUMBPRINT.pattern)]
 HexDigest = Annotated[str, whole(r"[0-9a-f]{64}")]
 """A SHA-256 as 64 lower-case hex digits."""
+HexDigestOrEmpty = Annotated[str, whole(r"([0-9a-f]{64})?")]
 
 
 def _canonical(value: object) -> bytes:

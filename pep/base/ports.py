@@ -248,6 +248,18 @@ class Together:
     index_milli: int
 
 
+class Pictures(Protocol):
+    """The picture of an assessed motion, as people are shown it."""
+
+    def shown(self, request_id: str) -> str | None:
+        """Text of the picture of what was assessed for that request; None for an act without motion.
+
+        Raises:
+            StatementError: there is none, so people must not be asked.
+        """
+        ...
+
+
 class Physics(Protocol):
     """The runtime physical impact of a request in the world as it is now."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import keys
-from capabilities.statements.people import ask
+from capabilities.statements.people import ask, picture
 from capabilities.statements.people.ask import APPROVERS_OF_TIER, CONTRIBUTORS, NO_ROBOT, Ask, AskedFact, Contributor
 from capabilities.values.caps import DEFAULT as CAPS
 from capabilities.values.chain import Chain
@@ -17,6 +17,7 @@ from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
+    from pep.base.ports import Pictures
     from policies.evidence.evidence import Evidence
     from policies.evidence.model import Decision, Request
 
@@ -28,12 +29,16 @@ ABOUT_AN_ANSWER: Final = frozenset({Reason.APPROVAL_USED, Reason.APPROVAL_NOT_US
 
 @dataclass(frozen=True, slots=True)
 class Asker:
-    """Author of asks: this PEP, with its audience, its key and its identity provider."""
+    """Author of asks: this PEP, with its audience, its key and its identity provider.
+
+    `pictures` gives what people are shown of a motion; None for a point where nothing moves.
+    """
 
     pep: str
     audience: str
     issuer: str
     key: PrivateKey
+    pictures: Pictures | None = None
 
     def page(self, ask_id: str) -> str:
         """URL of the provider's page on which people see the ask."""
@@ -54,8 +59,8 @@ def compose(
     nonce: str,
     asked_at: int,
     expires_at: int,
-) -> tuple[Ask, str]:
-    """The ask and its signed text, readable as one.
+) -> tuple[Ask, str, str]:
+    """The ask and its signed text, readable as one, and the text of the picture that it names, or "".
 
     Args:
         request: that was deferred.
@@ -74,6 +79,7 @@ def compose(
     if not isinstance(chain, Chain) or decision.tier is None:
         raise ValueError("nothing that people could be asked")
     seen = impact if isinstance(impact, ImpactReading) else None
+    shown = "" if seen is None or asker.pictures is None else asker.pictures.shown(request.request_id) or ""
     unseen = NO_ROBOT if isinstance(impact, DeclaredImpact) else "missing"
     wanted = APPROVERS_OF_TIER.get(decision.tier, 1)
     leave = prior_leave(evidence) if wanted > 1 else None
@@ -110,10 +116,11 @@ def compose(
         expires_at=expires_at,
         mandate_id=chain.mandate_id or "",
         facts=_facts(impact) if isinstance(impact, DeclaredImpact) else (),
+        picture_digest=picture.digest_of(shown) if shown else "",
     )
     text = ask.sign(asked, asker.key)
     # an unreadable question must not be asked
-    return ask.open(text, [keys.public_raw(asker.key)], CAPS), text
+    return ask.open(text, [keys.public_raw(asker.key)], CAPS), text, shown
 
 
 def _facts(impact: DeclaredImpact) -> tuple[AskedFact, ...]:

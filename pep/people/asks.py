@@ -229,7 +229,7 @@ class Asks:
                     return standing
             wall_s = self._wall_s()
             expires_at = wall_s + self._timeout_ms / 1000
-            question, text = compose(
+            question, text, shown = compose(
                 request,
                 evidence,
                 decision,
@@ -241,6 +241,7 @@ class Asks:
             ask = self._ask(
                 question, text, reason=str(decision.reason), expires_at=expires_at, trace_id=trace_id() or ""
             )
+            ask = replace(ask, picture=shown)
             self._journal.append("ask", opened_body(ask))
             with self._lock:
                 self._deferrals[ask.ask_id] = Deferral(ask, question, key_of(question))

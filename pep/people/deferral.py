@@ -66,6 +66,7 @@ class AskNotice:
         url: the page on which people see it.
         text: the signed ask.
         trace_id: of the trace in which it was asked; empty where none is known. It is not signed.
+        picture: text of the picture that the ask names, or "": of an act without motion, and after a restart.
     """
 
     ask_id: str
@@ -77,6 +78,7 @@ class AskNotice:
     url: str
     text: str
     trace_id: str = ""
+    picture: str = ""
 
 
 @dataclass(slots=True)

@@ -215,7 +215,8 @@ def own_key(approvers: Mapping[bytes, str], person: str, signer: str) -> bytes |
 def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[bytes, str]) -> Tally:
     """Count of the votes: each person once, the newest vote counting, by people who are registered now.
 
-    One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it.
+    One deny ends the ask for good. A withdrawal ends what its author approved, and the ask with it. Of two people that
+    are wanted, one votes with an operator key.
 
     Args:
         ballots: verified votes on `question`.
@@ -224,15 +225,18 @@ def tally(ballots: Iterable[VerifiedVote], question: Ask, approvers: Mapping[byt
     """
     standing = [ballot for ballot in ballots if approvers.get(ballot.key) == ballot.vote.approver]
     newest = {
-        ballot.vote.approver: ballot.vote
+        ballot.vote.approver: ballot
         for ballot in sorted(standing, key=lambda ballot: (ballot.vote.at, _RANK[ballot.vote.answer]))
     }
-    approving = {person: vote for person, vote in newest.items() if vote.answer == "approve"}
+    approving = {person: ballot.vote for person, ballot in newest.items() if ballot.vote.answer == "approve"}
+    # [PSK-9] a page may have been made by a changed script, and a terminal draws the ask from its own copy
+    keyed = any(person in approving and not passkey_vote.is_one(ballot.text) for person, ballot in newest.items())
+    enough = len(approving) >= question.approvers and (keyed or question.approvers == 1)
     if any(ballot.vote.answer == "deny" for ballot in standing):
         count = Count.DENIED
-    elif any(vote.answer == "withdraw" for vote in newest.values()):
+    elif any(ballot.vote.answer == "withdraw" for ballot in newest.values()):
         count = Count.WITHDRAWN
-    elif len(approving) >= question.approvers:
+    elif enough:
         count = Count.GRANTED
     else:
         count = Count.OPEN

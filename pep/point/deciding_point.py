@@ -54,7 +54,7 @@ class DecidingPoint(PointParts):
         self._sensor_address = config.sensor_address() if config.sensors else None
         self.facts = FactFeed(self.follower, clock=self.clock, caps=CAPS, incident=self._frame_incident)
         self.kept = TaskStore(config.state_dir / TASKS)
-        people = Deferrals.of(self, journal=self.journal, timeout_ms=ASK_MS, trust=trust, key=key)
+        people = Deferrals.of(self, journal=self.journal, timeout_ms=ASK_MS, trust=trust, key=key, pictures=None)
         self.asks, self._asking = people.asks, people.asking
         self.gate = Gate(
             clock=self.clock,

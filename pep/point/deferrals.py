@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
     from capabilities.keys.keys import PrivateKey
     from capabilities.keys.trust import TrustBundle
-    from pep.base.ports import Journal
+    from pep.base.ports import Journal, Pictures
     from pep.gate.gate import Gate
     from pep.journal.file_journal import FileJournal
     from pep.point.parts import PointParts
@@ -31,7 +31,14 @@ class Deferrals:
 
     @classmethod
     def of(
-        cls, parts: PointParts, *, journal: Journal, timeout_ms: int, trust: TrustBundle, key: PrivateKey
+        cls,
+        parts: PointParts,
+        *,
+        journal: Journal,
+        timeout_ms: int,
+        trust: TrustBundle,
+        key: PrivateKey,
+        pictures: Pictures | None,
     ) -> Deferrals:
         """Deferrals over the parts of a point.
 
@@ -41,9 +48,10 @@ class Deferrals:
             timeout_ms: time for which a deferral waits for people.
             trust: the issuer's public keys.
             key: of this PEP.
+            pictures: of motions; None for a point without a robot.
         """
         config = parts.config
-        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key)
+        asker = Asker(pep=config.pep_id, audience=config.audience, issuer=config.issuer, key=key, pictures=pictures)
         asks = Asks(
             clock=parts.clock,
             journal=journal,

@@ -142,7 +142,7 @@ class AskClient:
         tries = self._next_ms.get(ask.ask_id, (0, 0))[0]
         wait_ms = int(BACK_OFF_S[min(tries, len(BACK_OFF_S) - 1)] * 1000)
         self._next_ms[ask.ask_id] = (tries + 1, self._clock.monotonic_ms() + int(TIMEOUT_S * 1000) + wait_ms)
-        body = json.dumps({"ask": ask.text}).encode()
+        body = json.dumps({"ask": ask.text, **({"picture": ask.picture} if ask.picture else {})}).encode()
         try:
             status, answer = await self.send(
                 "POST", "/approvals", body=body, most_bytes=REFUSAL_BYTES, trace_id=ask.trace_id

@@ -41,12 +41,14 @@ from pep.pit import (
 )
 from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.timed_points import refuse_untimed
+from pep.pit.files.scene_file import Situation
 from pep.pit.robot.inverse_kinematics import followed, joint_speeds
 from pep.pit.robot.kinematics import link_frames
 from pep.pit.search.contact_way import contact_speed, until_contact
 from pep.pit.search.speed_envelope import moves_with, stream_envelope
 from pep.world.arrival import arrived
 from pep.world.led_motion import AGAIN_S, LedView, force_of, led_by
+from pep.world.questions import AssessedQuestions
 from pep.world.timed_request import refuse_elsewhere, refuse_faster, trajectory_of
 from pep.world.waypoints import through_waypoints
 from policies.evidence.evidence import ImpactFault, ImpactReading
@@ -103,6 +105,7 @@ class CellPhysics:
         self._lock = threading.Lock()
         self._motions: OrderedDict[str, Motion] = OrderedDict()
         self._until_s: dict[str, float] = {}  # of the motions that go on until a contact
+        self.questions = AssessedQuestions()
 
     def assess(self, request: Request, *, touch: frozenset[str]) -> Assessed:
         """Runtime impact of the request in the world as it is now, or a fault, with the view's origin.
@@ -159,7 +162,9 @@ class CellPhysics:
         led = led_by(request)
         if led is not None:
             # It begins where the arm stands; its envelope is around that.
-            self._keep(request, MoveJ(state.q_rad, state.q_rad, 1.0, 1.0))  # type: ignore[arg-type]  # as below
+            still = MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]  # as below
+            self._keep(request, still)
+            self.questions.keep(request.request_id, robot, self._situation(sight, touch), still, None)
             view = LedView(sight.scene, sight.age_s, self._cell, touch)
             return view.reading(led, robot, state.q_rad, force_n=force_of(request), seed=seed)
         motion = _motion(request, state, robot, self._cell)
@@ -177,9 +182,13 @@ class CellPhysics:
             case ImpactFault():
                 return assessed
             case Assessment():
+                self.questions.keep(request.request_id, robot, self._situation(sight, touch), motion, assessed)
                 return assessed.reading()
             case _:
                 assert_never(assessed)
+
+    def _situation(self, sight: AgedScene, touch: frozenset[str]) -> Situation:
+        return Situation(self._cell, sight.scene, sight.age_s, self._holding.held, touch)
 
     def _keep(self, request: Request, motion: Motion) -> None:
         with self._lock:

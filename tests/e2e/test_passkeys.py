@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import hashlib
+import itertools
 import os
+import re
 import shutil
 import socket
 import time
@@ -14,8 +16,12 @@ import pytest
 import uvicorn
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
+from msgspec import structs
 from pep.people.clearings import count
 from pep.people.votes import Count, VerifiedVote, read_vote, tally
+from pep.pit.files.scene_file import Situation
+from pep.pit.picture.shown_form import shown_text
+from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.routes.test_latches import taken as told_latch
 from tests.ztpm_idp.world import AUDIENCE, World
@@ -23,6 +29,8 @@ from tests.ztpm_idp.world import AUDIENCE, World
 from capabilities.keys import keys
 from capabilities.statements import registry
 from capabilities.statements.people import ask, latch, passkey_vote
+from capabilities.statements.people import picture as wire
+from pep.pit import assess
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
@@ -60,7 +68,7 @@ def page():
     playwright = pytest.importorskip("playwright.sync_api")
     with playwright.sync_playwright() as started:
         browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        opened = browser.new_context(viewport={"width": 390, "height": 844}).new_page()
+        opened = browser.new_context(viewport={"width": 390, "height": 844}, reduced_motion="reduce").new_page()
         opened.authenticator = opened.context.new_cdp_session(opened)
         opened.authenticator.send("WebAuthn.enable")
         opened.id = opened.authenticator.send(
@@ -97,9 +105,64 @@ class Snapshot:
         return {entry.key: entry.id for entry in self.read.passkeys}
 
 
-def picture(page, name):
+def picture(page, name, *, whole=True):
     if PICTURES:
-        page.screenshot(path=str(Path(PICTURES) / f"{name}.png"), full_page=True)
+        page.screenshot(path=str(Path(PICTURES) / f"{name}.png"), full_page=whole)
+
+
+MOTION = sweep()
+SEEN = Situation(CELL, with_person(0.55), 0.05, None, NOTHING)
+FOUND = assess(ROBOT, SEEN.scene, MOTION, CELL, perception_age_s=0.05, touch=NOTHING, seed=SEED)
+SHOWN = shown_text(ROBOT, SEEN, MOTION, FOUND)
+"""The picture of a real motion near a person, as physics assessed it."""
+
+
+def asked(cell, *, shown=SHOWN, **changes):
+    """The id and text of an ask about that motion, which the provider took with its picture."""
+    reading = FOUND.reading()
+    stated = {
+        "contributors": tuple(
+            ask.Contributor(c.kind, c.link, c.object, c.index_milli, c.clearance_um, c.speed_um_s, c.source)
+            for c in reading.contributions
+        ),
+        "index_milli": reading.index_milli,
+        "start_urad": reading.start_urad,
+        "picture_digest": wire.digest_of(SHOWN),
+    }
+    text = cell.text(**(stated | changes))
+    answer = cell.post(PEP, "/approvals", {"ask": text, "picture": shown})
+    assert answer.status_code == 201, answer.text
+    return answer.json()["ask_id"], text
+
+
+def checked(page):
+    """Waits until the script has found the page to show what was signed, and has drawn the picture."""
+    page.wait_for_function("() => !document.querySelector('#approve').disabled", timeout=20_000)
+
+
+def narrow(page):
+    wide = "() => [...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().width > innerWidth)"
+    assert page.evaluate(f"() => ({wide})().map(e => e.outerHTML.slice(0, 200))") == []
+    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
+
+
+ACT = {
+    "perception": "none",
+    "object": "valve-7",
+    "operation": "open_valve",
+    "start_urad": (),
+    "contributors": (),
+    "index_milli": 0,
+    "perception_age_ms": None,
+}
+"""An act without motion."""
+FIRST = ask.Contributor("person", "wrist_3", f"{'p' * 240}/torso", 2_640, 133_700, 371_000, "c" * 256)
+LONG = {"object": "x" * 256, "operation": "m" * 256, "contributors": (FIRST,)}
+"""The longest names that an ask may have, none of which can be broken at a space."""
+
+
+def opened(cell, text):
+    return ask.open(text, {keys.public_raw(cell.world.private[PEP])}, DEFAULT)
 
 
 def answered(page, told):
@@ -119,9 +182,10 @@ def test_a_passkey_is_made_and_answers_an_ask(cell, page):
     assert hashlib.sha256(keys.unb64u(key)).hexdigest()[:8] in page.text_content("#told")
     assert dan.confirm_change(carol.propose_passkey(begun["enrolment_id"], key)) == "done"
 
-    ask_id, text = cell.taken()
+    ask_id, text = asked(cell)
     page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
-    assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
+    checked(page)
+    narrow(page)
     # a person who is not verified signs nothing, and nor does one in another's name
     page.fill("#approver", "carol")
     page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
@@ -153,12 +217,118 @@ def test_a_passkey_is_made_and_answers_an_ask(cell, page):
 def test_a_denial_by_passkey_ends_the_ask(cell, page):
     ask_id, _ = cell.taken(perception="stale")
     page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
     page.fill("#approver", "carol")
     page.click("#approve")
     answered(page, "CLEAR_NOT_SEEN")
     page.click("#deny")
     answered(page, "The ask is denied")
     assert cell.told(ask_id).state == "denied"
+
+
+@pytest.mark.clause("PSK-8")
+def test_the_page_says_draws_and_counts_down_what_was_signed(cell, page):
+    ask_id, text = asked(cell)
+    page.emulate_media(reduced_motion="no-preference")
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    first = FOUND.contributions[0]
+    person, region = first.object.split("/")
+    said = page.text_content("#sentence")
+    assert f"passes person {person}'s {region.replace('_', ' ')} at {first.clearance_um // 1000} mm" in said
+    assert page.text_content("#reason") == "Agent mover, for alice. Why you: tier 3."
+    assert page.text_content("#code") == digest_of(text)[:8]
+    assert re.fullmatch(r"\d+:\d\d left\.", page.text_content("#left"))
+    before = page.text_content("#left")
+    page.wait_for_function("was => document.querySelector('#left').textContent !== was", arg=before, timeout=5_000)
+    decides = str(wire.read(SHOWN).places[0].posture)
+    page.wait_for_function("at => document.querySelector('#time').value === at", arg=decides, timeout=15_000)
+    at = page.input_value("#time")
+    page.wait_for_function("was => document.querySelector('#time').value !== was", arg=at, timeout=15_000)
+    page.emulate_media(reduced_motion="reduce")
+    assert not page.evaluate("document.querySelector('#all').open"), "digests and angles are folded"
+    assert page.evaluate("document.querySelector('#view canvas').width > 0")
+    cell.world.people["alice"].deny(ask_id)
+
+
+@pytest.mark.clause("PSK-8")
+@pytest.mark.parametrize("what", ["picture", "sentence", "who", "code", "digest", "ask", "text"])
+def test_nobody_can_approve_where_the_page_was_tampered_with(cell, page, what):
+    ask_id, text = asked(cell)
+    other = ask.sign(structs.replace(opened(cell, text), index_milli=1), cell.world.private[PEP])
+    spoil = {
+        "sentence": lambda html: html.replace(" mm, ", " m, ", 1),
+        "who": lambda html: html.replace("for alice. Why", "for bob. Why", 1),
+        "code": lambda html: html.replace(f'id="code">{digest_of(text)[:8]}', 'id="code">00000000', 1),
+        "digest": lambda html: html.replace(digest_of(text), digest_of(other)),
+        "ask": lambda html: html.replace(f'data-ask="{text}"', f'data-ask="{other}"'),
+        "text": lambda html: html.replace(f'data-text="{text}"', f'data-text="{other}"'),
+    }
+
+    def changed(route):
+        found = route.fetch()
+        body = found.text()
+        spoilt = body.replace('"at_ms":0', '"at_ms":1', 1) if what == "picture" else spoil[what](body)
+        assert spoilt != body
+        route.fulfill(response=found, body=spoilt)
+
+    pattern = f"**/approvals/{ask_id}/{'picture' if what == 'picture' else 'page'}"
+    page.route(pattern, changed)
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    page.wait_for_function("() => !document.querySelector('#alert').hidden", timeout=20_000)
+    assert "Nothing can be approved here" in page.text_content("#alert")
+    assert page.is_disabled("#approve")
+    page.unroute(pattern)
+    cell.world.people["alice"].deny(ask_id)
+
+
+@pytest.mark.clause("PSK-8")
+def test_a_connection_that_is_lost_and_an_ask_that_ends_are_told(cell, page):
+    ask_id, _ = asked(cell)
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    page.route("**/state", lambda route: route.abort())
+    page.wait_for_function("() => !document.querySelector('#alert').hidden", timeout=15_000)
+    assert "No connection" in page.text_content("#alert")
+    page.unroute("**/state")
+    cell.world.people["alice"].deny(ask_id)
+    page.wait_for_selector("text=State: denied", timeout=15_000)
+    assert page.query_selector("#approve") is None
+
+
+@pytest.mark.clause("PSK-8")
+def test_nothing_is_wider_than_the_screen(cell, page):
+    for name, changes in {"motion": {}, "long": LONG, "act": ACT}.items():
+        ask_id, _ = cell.taken(**changes) if name == "act" else asked(cell, **changes)
+        page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+        checked(page)
+        for width, scheme in itertools.product((390, 768, 1280), ("light", "dark")):
+            page.set_viewport_size({"width": width, "height": 844 if width < 700 else 900})
+            page.emulate_media(color_scheme=scheme)
+            for whole in (False, True):
+                page.evaluate("whole => { document.querySelector('#all').open = whole; }", whole)
+                narrow(page)
+                if whole is False or name == "motion":
+                    picture(page, f"ask-{name}-{width}-{scheme}{'-all' if whole else ''}", whole=whole)
+        cell.world.people["alice"].deny(ask_id)
+    page.emulate_media(color_scheme="light")
+    page.set_viewport_size({"width": 390, "height": 844})
+
+
+@pytest.mark.clause("PSK-8")
+def test_without_javascript_the_text_and_the_command_remain(cell, page):
+    ask_id, text = asked(cell)
+    context = page.context.browser.new_context(java_script_enabled=False, viewport={"width": 390, "height": 844})
+    bare = context.new_page()
+    bare.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    seen = bare.inner_text("main")
+    assert "passes person" in seen
+    assert f"ztpm approvals approve {ask_id}" in seen
+    assert digest_of(text)[:8] in seen
+    assert bare.is_disabled("#approve")
+    picture(bare, "ask-no-script")
+    context.close()
+    cell.world.people["alice"].deny(ask_id)
 
 
 @pytest.mark.clause("PSK-7", "STM-22")

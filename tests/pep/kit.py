@@ -404,6 +404,7 @@ class Rig:
     clock: object = field(default_factory=ManualClock)
     timeout_ms: int = 60_000
     caps: object = CAPS
+    pictures = None
 
     def __post_init__(self):
         self.made, self.trust = issuer_keys()
@@ -424,7 +425,7 @@ class Rig:
 
     def build(self, journal=None):
         journal = journal or self.journal
-        asker = Asker(pep=PEP, audience=AUDIENCE, issuer=ISSUER, key=self.pep_key)
+        asker = Asker(pep=PEP, audience=AUDIENCE, issuer=ISSUER, key=self.pep_key, pictures=self.pictures)
         self.asks = Asks(
             clock=self.clock,
             journal=journal,
@@ -550,7 +551,7 @@ class FakeIssuer:
         self.signer = made["feed"]
         self.registry_audience = None
         self.shipped, self.through = [], 0
-        self.pep_key, self.asks, self.votes, self.openings = pep_key, {}, {}, []
+        self.pep_key, self.asks, self.votes, self.openings, self.pictures = pep_key, {}, {}, [], {}
         self.envelopes, self.clearings, self.latches, self.latch_status = [], [], [], 201
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.traces = []
@@ -698,6 +699,7 @@ class FakeIssuer:
             return httpx2.Response(409, json={"code": "ASK_DIFFERS"})
         status = 200 if asked.ask_id in self.asks else 201
         self.asks[asked.ask_id] = text
+        self.pictures[asked.ask_id] = json.loads(request.content).get("picture")
         return httpx2.Response(status, json={"ask_id": asked.ask_id, "url": f"{ISSUER}/approvals/{asked.ask_id}/page"})
 
     def answers(self, *, audience, nonce):

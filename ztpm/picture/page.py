@@ -50,8 +50,8 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
     content = "; ".join(
         (
             "default-src 'none'",
-            f"script-src {' '.join(map(_hash, scripts))}",
-            f"style-src {_hash(STYLE)}",
+            f"script-src {' '.join(map(hash_of, scripts))}",
+            f"style-src {hash_of(STYLE)}",
             "base-uri 'none'",
             "form-action 'none'",
         )
@@ -161,7 +161,8 @@ def _told(body: DrawnBody) -> str:
     return "; ".join(escape(each) for each in said if each)
 
 
-def _hash(text: str) -> str:
+def hash_of(text: str) -> str:
+    """Hash by which a content policy names a script or style."""
     """The text as a policy names it."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 

@@ -112,7 +112,14 @@ class RobotPoint(EnforcementPoint):
             state=self.state,
             clock=self.clock,
         )
-        people = Deferrals.of(self, journal=self.marked, timeout_ms=config.defer_timeout_s * 1000, trust=trust, key=key)
+        people = Deferrals.of(
+            self,
+            journal=self.marked,
+            timeout_ms=config.defer_timeout_s * 1000,
+            trust=trust,
+            key=key,
+            pictures=self.physics.questions,
+        )
         self.asks, self.asking = people.asks, people.asking
         self.kept = TaskStore(config.state_dir / TASKS)
 

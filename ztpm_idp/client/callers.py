@@ -31,6 +31,7 @@ from ztpm_idp.client import person_answers
 from ztpm_idp.client.auditing import AuditingCaller
 from ztpm_idp.client.caller import Caller, ClientError, Issued
 from ztpm_idp.client.oauth import OAuthCaller
+from ztpm_idp.client.person_answers import DEFAULT_TERMS
 from ztpm_idp.client.registering import RegistryCaller
 from ztpm_idp.client.renewal import Renewal
 from ztpm_idp.client.signing import MetaAuth
@@ -441,6 +442,13 @@ class Operator(RegistryCaller, AuditingCaller, OAuthCaller):
         """The opening is over."""
         self._post(f"/openings/{quote(opening_id, safe='')}/withdraw", {"reason": reason})
 
+    def picture(self, ask_id: str) -> str:
+        """Text of the picture that the ask names, by the digest in the ask itself; "" where it names none."""
+        _, shown = self._shown(ask_id)
+        if not shown.ask.picture_digest:
+            return ""
+        return person_answers.pictured(shown, self._send("GET", f"/approvals/{ask_id}/picture", b"", None).text)
+
     def _shown(self, ask_id: str) -> tuple[dict[str, Any], person_answers.ShownAsk]:
         found = self._json(self._send("GET", f"/approvals/{quote(ask_id, safe='')}", b"", None))
         answer: dict[str, Any] = found if isinstance(found, dict) else {}
@@ -450,11 +458,7 @@ class Operator(RegistryCaller, AuditingCaller, OAuthCaller):
             raise ClientError("ANSWER_MALFORMED", 200, error.detail) from None
 
     def _vote(
-        self,
-        ask_id: str,
-        answer: str,
-        terms: person_answers.Terms = person_answers.DEFAULT_TERMS,
-        expected: str | None = None,
+        self, ask_id: str, answer: str, terms: person_answers.Terms = DEFAULT_TERMS, expected: str | None = None
     ) -> dict[str, Any]:
         _, shown = self._shown(ask_id)
         if expected is not None and expected != shown.digest:

@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Any, Final
 from msgspec import structs
 
 from capabilities.keys.keys import check_raw, unb64u
-from capabilities.statements.people import ask, vote
+from capabilities.statements.people import ask, picture, vote
 from capabilities.values.arguments import Argument
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import BadKeyError, FaultCode, StatementError
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity
+from ztpm_idp.client.caller import ClientError
 
 if TYPE_CHECKING:
     from capabilities.keys.keys import PrivateKey
@@ -74,6 +75,21 @@ def read(answer: dict[str, Any], ask_id: str) -> ShownAsk:
     if shown.ask_id != ask_id:
         raise StatementError(FaultCode.STATEMENT_MALFORMED, "another ask")
     return ShownAsk(shown, vote.digest_of(text))
+
+
+def pictured(shown: ShownAsk, text: str) -> str:
+    """The text of the ask's own picture, read strictly.
+
+    Raises:
+        ClientError: `ASK_PICTURE_DIFFERS`, it is another; `ANSWER_MALFORMED`, it is none.
+    """
+    if picture.digest_of(text) != shown.ask.picture_digest:
+        raise ClientError("ASK_PICTURE_DIFFERS", 200, "the ask names another picture")
+    try:
+        picture.read(text)
+    except StatementError as error:
+        raise ClientError("ANSWER_MALFORMED", 200, error.detail) from None
+    return text
 
 
 def sign_vote(shown: ShownAsk, answer: str, terms: Terms, key: PrivateKey, *, approver: str, at: int) -> str:

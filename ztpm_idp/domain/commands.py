@@ -272,11 +272,16 @@ class TakeRecords:
 
 @dataclass(frozen=True, slots=True)
 class TakeAsk:
-    """An enforcement point asks people; `text` is its signed ask, `trace_id` that of the request that brought it."""
+    """An enforcement point asks people.
+
+    `text` is its signed ask, `trace_id` that of the request that brought it, `picture` the text of the picture that the
+    ask names, or "" where it names none.
+    """
 
     by: str
     text: str
     trace_id: str = ""
+    picture: str = ""
 
 
 @dataclass(frozen=True, slots=True)

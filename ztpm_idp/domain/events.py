@@ -289,10 +289,14 @@ class AgentRestored:
 
 @dataclass(frozen=True, slots=True)
 class AskTaken:
-    """An enforcement point's ask is shown to people from now on. `text` is as it was signed."""
+    """An enforcement point's ask is shown to people from now on, with the picture that it names, if any.
+
+    `text` is as it was signed.
+    """
 
     ask: AskRecord
     text: str
+    picture: str = ""
 
 
 @dataclass(frozen=True, slots=True)

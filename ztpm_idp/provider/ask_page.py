@@ -1,8 +1,9 @@
-"""An ask as people read it: one plain page, without script, colour that means anything, or anything from elsewhere.
+"""An ask as people decide on it: one sentence, the picture, two buttons; and folded below it every word of the ask.
 
 Every value comes from the text whose digest an approval binds, and stands as its exact integer beside the readable
-figure. Names in an ask are of a closed ASCII grammar ([capabilities.values.text]), stand in a monospaced font, and are
-spelled by `shown`, so no name can look like another or turn the line; everything is escaped all the same.
+figure. Without a script the page has all of it but picture and buttons; with one, the script checks the page ([PSK-8]).
+Names in an ask are of a closed ASCII grammar ([capabilities.values.text]), stand in a monospaced font or the sentence,
+and are spelled by `shown`, so no name can look like another or turn the line; everything is escaped all the same.
 """
 
 from __future__ import annotations
@@ -27,6 +28,7 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
 from ztpm_idp.domain.asking.asks import Answer, AskState
+from ztpm_idp.provider.ask_words import WORDS, code_of, reason_of, sentence_of
 
 if TYPE_CHECKING:
     from capabilities.statements.people.ask import Ask
@@ -44,15 +46,22 @@ PAGES: Final = jinja2.Environment(
 )
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
-    f"style-src 'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'",
+    f"style-src 'self' 'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Headers of every page: no content but its own style, named by its hash, and no frame around it."""
+"""Headers of every page: no content but styles of its host and its own, named by its hash, and no frame around it."""
 SCRIPT: Final = (_FOLDER / "passkey.js").read_text("utf-8")
 """The one script of the pages with passkeys."""
+DRAWING: Final = ("three-0.187.0.js", "viewer.js", "shown_picture.js")
+"""Scripts that draw the picture, of the room that all pages have in common."""
+SCRIPTS: Final = {
+    "words.js": f"const ASK_WORDS = {json.dumps(WORDS)};\n",
+    "ask.js": (_FOLDER / "ask.js").read_text("utf-8"),
+}
+"""Further scripts of the page of an ask: what it says, and what it checks and draws."""
 APPROVAL_S: Final = 120
 """Seconds for which an approval on a page holds, once (DESIGN section 6)."""
 RELOAD_S: Final = 10
@@ -122,6 +131,17 @@ def readable(value: int, unit: Measure) -> str:
     return f"{Decimal(value).scaleb(-places):f} {word}".strip()
 
 
+def scripts_of(issuer: str) -> list[str]:
+    """URLs of the scripts of the page of an ask, in their order."""
+    return [script_of(issuer), *(f"{issuer}/approvals/assets/{name}" for name in (*DRAWING, *SCRIPTS))]
+
+
+def headers(issuer: str) -> dict[str, str]:
+    """Headers of the page of an ask: its own style and scripts, and requests to its own host."""
+    allowed = f"script-src {' '.join(scripts_of(issuer))}; connect-src 'self'"
+    return HEADERS | {"Content-Security-Policy": f"{HEADERS['Content-Security-Policy']}; {allowed}"}
+
+
 @dataclass(frozen=True, slots=True)
 class _Figure:
     """One number as the page shows it."""
@@ -171,6 +191,11 @@ def script_of(issuer: str) -> str:
     return f"{issuer}/passkeys/passkey.js"
 
 
+def look_of(issuer: str) -> str:
+    """URL of the style that all pages have in common."""
+    return f"{issuer}/approvals/assets/console.css"
+
+
 def scripted(issuer: str) -> dict[str, str]:
     """Headers of a page with passkeys: beside its style, the one script, and requests to its own host."""
     policy = f"{HEADERS['Content-Security-Policy']}; script-src {script_of(issuer)}; connect-src 'self'"
@@ -188,6 +213,7 @@ def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, ob
     """
     return PAGES.get_template("enrol.html").render(
         style=STYLE,
+        look=look_of(issuer),
         person=person,
         issuer=issuer,
         script=script_of(issuer),
@@ -196,11 +222,14 @@ def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, ob
     )
 
 
-def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: PasskeyPanel | None = None) -> str:
+def render(
+    text: str, ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: PasskeyPanel | None = None
+) -> str:
     """The page of an ask.
 
     Args:
-        ask: as opened from the text whose digest `asked` holds.
+        text: of the ask, whose digest `asked` holds.
+        ask: as opened from it.
         asked: the votes so far.
         state: how it stands.
         at_ms: now, wall clock.
@@ -208,7 +237,17 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: Pass
     """
     return PAGES.get_template("ask.html").render(
         style=STYLE,
+        look=look_of(ask.issuer),
         passkey=passkey,
+        scripts=scripts_of(ask.issuer),
+        text=text,
+        now=at_ms // 1_000,
+        state_url=f"{ask.issuer}/approvals/{ask.ask_id}/state",
+        picture_url=f"{ask.issuer}/approvals/{ask.ask_id}/picture",
+        sentence=sentence_of(ask),
+        reason=reason_of(ask),
+        code=code_of(asked.ask.digest),
+        key_needed=ask.approvers > 1,
         ask=ask,
         digest=asked.ask.digest,
         state=_STATE[state],
@@ -250,7 +289,7 @@ def render(ask: Ask, asked: Asked, state: AskState, *, at_ms: int, passkey: Pass
         robot=ask.perception != NO_ROBOT,
         seen=ask.perception in {"fresh", NO_ROBOT},
         perception_age=None if ask.perception_age_ms is None else _figure("", ask.perception_age_ms, Unit.MILLISECOND),
-        reasons=[(code, _reason(code)) for code in ask.reasons],
+        reasons=[(each, _reason(each)) for each in ask.reasons],
         votes=[
             (vote.approver, _ANSWER[vote.answer], time_of(vote.not_after), "" if vote.active else "disabled since")
             for vote in asked.votes

@@ -9,7 +9,9 @@ from capabilities.values.strict_json import JsonDefect, JsonError, read
 from ztpm_idp.domain.codes import Code, IdpCode
 
 BODY_BYTES: Final = 262_144
-"""Largest body: a batch of journal records, the largest thing that is sent here."""
+"""Largest batch of journal records."""
+LARGEST_BYTES: Final = 2 * BODY_BYTES + 4_096
+"""Largest body: an ask with its picture. Each route has a bound of its own, and most have a smaller one."""
 BODY_DEPTH: Final = 32
 """Deepest nesting; our own bodies need nine."""
 

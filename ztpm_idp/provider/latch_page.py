@@ -35,6 +35,7 @@ def render(latch: Latch, record: LatchRecord, clearings: tuple[ClearingRecord, .
     way = latch.retreat[0] if latch.retreat else None
     return ask_page.PAGES.get_template("latch.html").render(
         style=ask_page.STYLE,
+        look=ask_page.look_of(latch.issuer),
         latch=latch,
         text=record.text,
         digest=record.digest,

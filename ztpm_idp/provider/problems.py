@@ -73,6 +73,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     # asking people
     IdpCode.ASK_UNKNOWN: (404, "There is no such ask."),
     IdpCode.ASK_DIFFERS: (409, "Another ask has this id."),
+    IdpCode.ASK_PICTURE_DIFFERS: (409, "The picture is not the one that the ask names."),
     IdpCode.ASK_NOT_YOURS: (403, "The ask is another enforcement point's."),
     IdpCode.ASK_CONTRADICTS_REGISTRY: (409, "The ask says otherwise than the registry."),
     IdpCode.ASK_OUT_OF_TIME: (409, "The times of the ask are out of bounds."),
@@ -85,6 +86,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.VOTED_BEFORE: (409, "This person has voted."),
     IdpCode.NOTHING_TO_WITHDRAW: (409, "This person has approved nothing here."),
     IdpCode.CLEAR_NOT_SEEN: (409, "The approver must attest to seeing the cell clear."),
+    IdpCode.OPERATOR_KEY_NEEDED: (409, "One of the two people must vote with an operator key."),
     IdpCode.OPENING_UNKNOWN: (404, "There is no such opening."),
     IdpCode.OPENING_DIFFERS: (409, "Another opening has this id."),
     IdpCode.OPENING_NOT_YOURS: (403, "The opening is another person's."),

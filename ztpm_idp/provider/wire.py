@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, StringConstra
 from capabilities.keys.keys import check_raw, unb64u
 from capabilities.statements import revocation
 from capabilities.statements.people.assertion import CREDENTIAL_BYTES
+from capabilities.statements.people.picture import PICTURE_BYTES
 from capabilities.token import hop_rules
 from capabilities.values import text
 from capabilities.values.caps import DEFAULT
@@ -17,7 +18,7 @@ from capabilities.values.errors import BadKeyError, ScopeError, StatementError
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole
-from ztpm_idp.provider.body_json import BodyError, parse_json
+from ztpm_idp.provider.body_json import LARGEST_BYTES, BodyError, parse_json
 
 TEXT_BYTES: Final = 512
 """Longest purpose or reason, as in a token (`Caps.purpose_bytes`)."""
@@ -95,6 +96,8 @@ AskText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]
 """A signed ask: the longest one, of 64 contributors and 32 parameters with the longest names, still fits."""
+PictureText = Annotated[str, StringConstraints(pattern=r"^[ -~]*$", max_length=PICTURE_BYTES)]
+"""The text of a picture, read strictly by the domain."""
 MandateText = Annotated[
     str, StringConstraints(pattern=r"^[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+\.[A-Za-z0-9_-]+$", max_length=131_072)
 ]
@@ -400,9 +403,10 @@ class RecordsBody(Body):
 
 
 class AskBody(Body):
-    """An enforcement point's signed ask."""
+    """An enforcement point's signed ask, with the text of the picture that it names, or "" where it names none."""
 
     ask: AskText
+    picture: PictureText = ""
 
 
 class VoteBody(Body):
@@ -430,7 +434,7 @@ def parse_body(model: type[B], raw: bytes) -> B:
         BodyError: as `parse_json`; `BODY_MALFORMED` for what the model refuses, naming the field and the fault but
             never the value.
     """
-    value = parse_json(raw)
+    value = parse_json(raw, limit_bytes=LARGEST_BYTES)
     try:
         return model.model_validate(value)
     except ValidationError as error:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from importlib import resources
 from typing import Annotated
 
 from fastapi import APIRouter, Depends, Request
-from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse
+from fastapi.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 
 from capabilities import tracing
 from capabilities.keys.keys import b64u
@@ -20,7 +21,7 @@ from ztpm_idp.provider import ask_page, wire
 from ztpm_idp.provider.feed import answers_for
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import (
-    ASK_BYTES,
+    PICTURED_BYTES,
     Call,
     authenticated,
     authenticated_within,
@@ -35,15 +36,24 @@ from ztpm_idp.routes.described import query
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
 Bound = Annotated[Call, Depends(in_session())]
-Asker = Annotated[Call, Depends(authenticated_within(ASK_BYTES))]
+Asker = Annotated[Call, Depends(authenticated_within(PICTURED_BYTES))]
 _UNSTORED = {"Cache-Control": "no-store"}
+_SHARED = resources.files("ztpm_idp.console") / "assets"
+_ASSETS = {
+    **{name: ((_SHARED / name).read_text("utf-8"), "text/javascript") for name in ask_page.DRAWING},
+    **{name: (text, "text/javascript") for name, text in ask_page.SCRIPTS.items()},
+    "console.css": ((_SHARED / "console.css").read_text("utf-8"), "text/css"),
+}
+"""Files of the pages of asks, passkeys and latches."""
 
 
 @router.post("/approvals", status_code=201, openapi_extra=body_of(wire.AskBody))
 async def take_ask(request: Request, call: Asker) -> JSONResponse:
     """An enforcement point's ask is shown to people: 201, or 200 when the very same was taken before."""
-    text, provider = call.body(wire.AskBody).ask, provider_of(request)
-    done = await provider.run(commands.TakeAsk(call.party.id, text, tracing.trace_id() or ""), actor=call.party.id)
+    body, provider = call.body(wire.AskBody), provider_of(request)
+    text = body.ask
+    command = commands.TakeAsk(call.party.id, text, tracing.trace_id() or "", body.picture)
+    done = await provider.run(command, actor=call.party.id)
     # It was opened strictly on the way: its id is a safe part of a path.
     ask_id = stated(text, provider.rules.caps)["ask_id"]
     url = f"{provider.settings.issuer}/approvals/{ask_id}/page"
@@ -122,11 +132,38 @@ async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
     asked, text, key = await found_ask(request, ask_id)
     at_ms = provider.now_ms()
     shown = ask.open(text, {key}, provider.rules.caps)
-    panel = ask_page.panel(text, shown, at_ms=at_ms)
-    headers = ask_page.HEADERS if panel is None else ask_page.scripted(provider.settings.issuer)
-    return HTMLResponse(
-        ask_page.render(shown, asked, asked.state(at_ms), at_ms=at_ms, passkey=panel), headers=_UNSTORED | headers
-    )
+    panel, headers = ask_page.panel(text, shown, at_ms=at_ms), ask_page.headers(provider.settings.issuer)
+    page = ask_page.render(text, shown, asked, asked.state(at_ms), at_ms=at_ms, passkey=panel)
+    return HTMLResponse(page, headers=_UNSTORED | headers)
+
+
+@router.get("/approvals/assets/{name}", response_class=Response)
+async def read_asset(name: str) -> Response:
+    """One of the files that the pages of asks have: the scripts, and the look."""
+    if name not in _ASSETS:
+        raise Problem(IdpCode.ASK_UNKNOWN, "no such file")
+    content, kind = _ASSETS[name]
+    headers = {"X-Content-Type-Options": "nosniff", "Cache-Control": "max-age=300"}
+    return Response(content, media_type=kind, headers=headers)
+
+
+@router.get("/approvals/{ask_id}/picture", response_class=Response)
+async def show_picture(request: Request, ask_id: str) -> Response:
+    """The picture that the ask names, byte for byte, for whoever has the link of its page."""
+    async with provider_of(request).store.read() as view:
+        text = await view.approvals.picture(ask_id) if ID.fullmatch(ask_id) else ""
+    if not text:
+        raise Problem(IdpCode.ASK_UNKNOWN, "no such ask, or it names no picture")
+    headers = _UNSTORED | {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
+    return Response(text, media_type="application/json", headers=headers)
+
+
+@router.get("/approvals/{ask_id}/state")
+async def read_state(request: Request, ask_id: str) -> JSONResponse:
+    """How the ask stands, and how many have voted, for whoever has the link of its page."""
+    asked, _, _ = await found_ask(request, ask_id)
+    state = asked.state(provider_of(request).now_ms())
+    return JSONResponse({"state": state.value, "votes": len(asked.votes)}, headers=_UNSTORED)
 
 
 @router.post("/openings", status_code=201, openapi_extra=body_of(wire.OpeningBody))

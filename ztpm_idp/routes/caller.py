@@ -11,6 +11,7 @@ from fastapi import Request  # noqa: TC002  the framework reads the annotations
 
 from capabilities.proof.proof import check_proof
 from capabilities.statements.claims import NONCE
+from capabilities.statements.people.picture import PICTURE_BYTES
 from capabilities.token.token_text import token_from_text
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import Fault, FaultCode, StatementError
@@ -42,7 +43,9 @@ SMALL_BYTES: Final = 16_384
 SCOPE_BYTES: Final = 65_536
 """Largest body with a whole scope: what a token of 16 KiB can hold, spelled out."""
 ASK_BYTES: Final = 135_168
-"""Largest body with a signed ask: its text and room for its name."""
+"""Largest body with a signed ask or mandate: its text and room for its name."""
+PICTURED_BYTES: Final = ASK_BYTES + PICTURE_BYTES * 3 // 2
+"""Largest body with an ask and its picture, of whose characters fewer than half are quotes, which JSON escapes."""
 PLACE: Final = "dev.ztpm.place"
 """ASGI extension by which a listener learns whose connection it is, and lets no stranger push it out."""
 _SCHEME = "DPoP "

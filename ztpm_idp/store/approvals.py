@@ -55,6 +55,11 @@ class Approvals:
         )
         return {ask_id: (text, bytes(key)) for ask_id, text, key in found}
 
+    async def picture(self, ask_id: str) -> str:
+        """The text of the picture that the ask names; "" where it names none, or there is no such ask."""
+        found = await self._connection.execute(sa.select(t.asks.c.picture).where(t.asks.c.ask_id == ask_id))
+        return found.scalar_one_or_none() or ""
+
     async def not_long_over(self, *, since_s: int, audience: str | None = None) -> list[Asked]:
         """Asks that end, or have a vote that ends, at `since_s` or later, oldest first.
 
@@ -110,9 +115,9 @@ class Approvals:
     async def write(self, event: ApprovalEvent, *, actor: str, at_ms: int) -> None:
         """The event is in its table."""
         match event:
-            case AskTaken(ask=ask, text=text):
+            case AskTaken(ask=ask, text=text, picture=picture):
                 values = {column.name: getattr(ask, column.name) for column in _ASK}
-                statement: Any = sa.insert(t.asks).values(**values, text=text, taken_ms=at_ms)
+                statement: Any = sa.insert(t.asks).values(**values, text=text, taken_ms=at_ms, picture=picture)
             case VoteCast(ask_id=ask_id, place=place, vote=vote):
                 statement = sa.insert(t.votes).values(
                     ask_id=ask_id,

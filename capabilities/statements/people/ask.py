@@ -9,6 +9,7 @@ from msgspec import Meta
 from capabilities.statements import statement_form
 from capabilities.statements.claims import (
     HexDigest,
+    HexDigestOrEmpty,
     Id,
     IdOrEmpty,
     Name,
@@ -138,6 +139,8 @@ class Ask(Form, frozen=True):
         opening_id: the opening that a tier 4 ask rests on, else "".
         asked_at, expires_at: seconds since the epoch.
         facts: of an act without a robot, each once.
+        picture_digest: SHA-256 (hex) of the picture that people are shown with it
+            (`capabilities.statements.people.picture`), or "" for an act without motion.
     """
 
     ask_id: Id
@@ -169,6 +172,7 @@ class Ask(Form, frozen=True):
     expires_at: Whole
     mandate_id: IdOrEmpty = ""
     facts: Annotated[tuple[AskedFact, ...], Meta(min_length=1, max_length=FACTS)] = ()
+    picture_digest: HexDigestOrEmpty = ""
 
 
 NAMES: Final = Ask.__struct_fields__
@@ -208,7 +212,7 @@ def _read(claims: dict[str, object]) -> Ask:
     if len(ask.start_urad) not in (0, JOINTS):
         raise malformed("start_urad has not six angles")
     looked = ask.index_milli or ask.start_urad or ask.contributors or ask.perception_age_ms is not None
-    if ask.perception == NO_ROBOT and looked:
+    if ask.perception == NO_ROBOT and (looked or ask.picture_digest):
         raise malformed("an act without a robot has no physics")
     unique(ask.facts, lambda fact: fact.fact, "a fact")
     if ask.facts and ask.perception != NO_ROBOT:

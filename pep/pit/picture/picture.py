@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 STEPS: Final = 48
 """Instants that are drawn, start and end included; those of the witnesses are added."""
+LED: Final = "An arm that is led"
 PAYLOAD: Final = "payload"
 MILLI: Final = 1_000
 MICRO_PER_MILLI: Final = 1_000
@@ -76,7 +77,8 @@ class Picture:
         bodies: people's regions, objects and zones.
         workspace: low and high corner, or None.
         witnesses: of the contributions that happen somewhere, in their order.
-        assessment: all of it; None for a picture of a cell, where nothing moves.
+        assessment: all of it; None for a picture of a cell, where nothing moves, or of an arm that is led.
+        margin_m: the arm's capsules at the postures, widened by it, hold the arm at every time; None where unknown.
     """
 
     title: str
@@ -86,36 +88,42 @@ class Picture:
     workspace: tuple[Vector, Vector] | None
     witnesses: tuple[DrawnPlace, ...]
     assessment: Assessment | None
+    margin_m: float | None = None
 
 
-def picture(robot: Robot, situation: Situation, motion: Motion, assessment: Assessment) -> Picture:
+def picture(
+    robot: Robot, situation: Situation, motion: Motion, assessment: Assessment | None, *, steps: int = STEPS
+) -> Picture:
     """The picture of an answer.
 
     Args:
         robot: with what it holds.
         situation: that was asked about.
         motion: that was asked about.
-        assessment: the answer.
+        assessment: the answer; None for an arm that is led, of whose way only the start is known.
+        steps: instants that are drawn, start and end included, 2 or more; those of the witnesses are added.
     """
     cell = situation.cell
     scene = cell.surveyed if situation.scene is None else situation.scene
     age_s = view_of(situation.scene, situation.age_s, cell).stopping_age_s
     route = route_of(robot, motion, cell, perception_age_s=age_s)
     whole = route.duration_s
-    regular = [whole * k / (STEPS - 1) for k in range(STEPS)] if whole > 0 else [0.0]
-    at = {min(c.at_ms / MILLI, whole) for c in assessment.contributions}
-    shown = route.postures(sorted({*regular, *at}))
+    regular = [whole * k / (steps - 1) for k in range(steps)] if whole > 0 else [0.0]
+    causes = () if assessment is None else assessment.contributions
+    times = sorted({*regular, *(min(c.at_ms / MILLI, whole) for c in causes)})
+    shown = route.postures(times)
     bodies = bodies_in(scene, seen_s=situation.age_s or 0.0)
-    found = (_witness(c, shown, bodies, scene, whole) for c in assessment.contributions)
+    found = (_witness(c, shown, bodies, scene, whole) for c in causes)
     area = scene.workspace
     return Picture(
-        title=headline(assessment),
+        title=LED if assessment is None else headline(assessment),
         postures=shown,
         parts=parts_of(robot) if shown else (),
         bodies=bodies,
         workspace=None if area is None else (area.low_m, area.high_m),
         witnesses=tuple(w for w in found if w is not None),
         assessment=assessment,
+        margin_m=None if assessment is None else route.margin_m(times),
     )
 
 

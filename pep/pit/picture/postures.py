@@ -6,6 +6,7 @@ No index comes from here. The positions are those of the answer: the same kinema
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Final, assert_never
 
 import numpy as np
@@ -45,6 +46,8 @@ if TYPE_CHECKING:
     from pep.pit.search.timed_course import Drive
 
 APART_M: Final = 1e-9  # float64 rounding: nearer than this there is no direction, and the axes cross
+STILL: Final = np.zeros(6)
+"""Speed and stray of joints that do not move."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,18 +85,31 @@ class Nearest:
 
 @dataclass(frozen=True, slots=True)
 class RouteStretch:
-    """Part of a motion: its duration, and the joint angles (6,), rad, at a time of it."""
+    """Part of a motion.
+
+    Attributes:
+        duration_s: of it.
+        q: the joint angles (6,), rad, at a time of it.
+        fastest_rad_s: proven bound on the speed of each joint, (6,).
+        stray_rad: proven bound on the distance of each joint from `q`, (6,).
+    """
 
     duration_s: float
     q: Callable[[float], Floats]
+    fastest_rad_s: Floats
+    stray_rad: Floats
 
 
 @dataclass(frozen=True, slots=True)
 class MotionPostures:
-    """Motion as its stretches, one after the other; none for a motion without the arm."""
+    """Motion as its stretches, one after the other; none for a motion without the arm.
+
+    `whole` is whether the stretches are all of it: of a cut corner nobody knows the way.
+    """
 
     robot: Robot
     stretches: tuple[RouteStretch, ...]
+    whole: bool = True
 
     @property
     def duration_s(self) -> float:
@@ -111,6 +127,33 @@ class MotionPostures:
             _placed(self.robot, t, angles, turned, moved)
             for t, angles, turned, moved in zip(times, q, rotation, origin, strict=True)
         )
+
+    def margin_m(self, times_s: Sequence[float]) -> float | None:
+        """Bound on the way of any part from its nearest posture: capsules widened by it hold the arm ([STM-25]).
+
+        No joint is faster than its proven bound, and none carries a part's ends farther than its reach. So between two
+        drawn instants each part is nearer to one of them than half of the time allows.
+
+        Args:
+            times_s: of the drawn postures, rising, from the start to the end.
+
+        Returns:
+            Metres; None where the stretches are not all of the motion.
+        """
+        if not self.whole:
+            return None
+        reach = self.robot.reach[: self.robot.world_bodies]
+        turned = [self._turned(low, high) for low, high in pairwise(times_s)] or [self._turned(0.0, 0.0)]
+        return float((reach @ np.max(turned, axis=0)).max())
+
+    def _turned(self, low_s: float, high_s: float) -> Floats:
+        """Angle (6,) by which each joint may differ from that at the nearer of two instants, rad."""
+        begun, most = 0.0, np.zeros(len(self.robot.model.joints))
+        for stretch in self.stretches:
+            if begun <= high_s and low_s <= begun + stretch.duration_s:
+                most = np.maximum(most, stretch.fastest_rad_s * (high_s - low_s) / 2 + stretch.stray_rad)
+            begun += stretch.duration_s
+        return most
 
     def _q(self, t_s: float) -> Floats:
         left = t_s
@@ -162,7 +205,8 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
             stretches = [_driven(start, drive) for start, drive in line_drives(robot, motion, check_time=_unhurried)]
         case JointTrajectory():
             curve = curve_of(motion)
-            stretches = [RouteStretch(curve.duration_s, lambda t: curve.at(t)[0])]
+            fastest = np.abs(curve.v).max(axis=0)  # between two nodes a speed changes evenly
+            stretches = [RouteStretch(curve.duration_s, lambda t: curve.at(t)[0], fastest, STILL)]
         case BlendedPath():
             drives = blended_drives(robot, motion, check_time=_unhurried)
             # Whole legs: of a corner it is not known how it is cut.
@@ -174,7 +218,7 @@ def route_of(robot: Robot, motion: Motion, cell: CellParameters, *, perception_a
             stretches = []
         case _:
             assert_never(motion)
-    return MotionPostures(robot, tuple(stretches))
+    return MotionPostures(robot, tuple(stretches), whole=not isinstance(motion, BlendedPath))
 
 
 def _unhurried() -> None:
@@ -186,18 +230,24 @@ def _straight(run: Run) -> RouteStretch:
     if profile is None:
         return _still(run.start)
     start, way = np.array(run.start), np.array(run.target) - np.array(run.start)
-    return RouteStretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way))
+    fastest = np.abs(way) * (profile.peak_rad_s / profile.way_rad)
+    return RouteStretch(profile.duration_s, lambda t: np.asarray(start + profile.at(t)[0] * way), fastest, STILL)
 
 
 def _driven(start: Joints, drive: Drive) -> RouteStretch:
     if not isinstance(drive, TimedCourse):
         return _still(start)
     course, profile = drive.course, drive.profile
-    return RouteStretch(profile.duration_s, lambda t: course.q(min(profile.at(t)[0], 1.0)))
+    return RouteStretch(
+        profile.duration_s,
+        lambda t: course.q(min(profile.at(t)[0], 1.0)),
+        drive.joint_speeds_rad_s(profile).max(axis=0),
+        course.cells.stray.max(axis=0),
+    )
 
 
 def _still(q: Joints) -> RouteStretch:
-    return RouteStretch(0.0, lambda _: np.array(q))
+    return RouteStretch(0.0, lambda _: np.array(q), STILL, STILL)
 
 
 def nearest(part: PostureCapsule, shape: Shape) -> Nearest:

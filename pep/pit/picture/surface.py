@@ -43,18 +43,22 @@ class Surface:
 
 def surface_of(shape: Box | Convex) -> Surface:
     """The surface of a box or polytope."""
-    if isinstance(shape, Box):
-        signs = np.array([[1 if k >> d & 1 else -1 for d in range(3)] for k in range(8)])
-        points = np.array(shape.center_m) + (signs * np.array(shape.half_m)) @ rotation_of(shape.quaternion).T
-        vertices, radius = tuple(cast("Vector", tuple(point)) for point in points.tolist()), 0.0
-    else:
-        vertices, radius = shape.vertices_m, shape.radius_m
-    hull = hull_of(vertices)
+    radius = 0.0 if isinstance(shape, Box) else shape.radius_m
+    hull = hull_of(corners_of(shape))
     triangles = hull.vertices[hull.faces] + radius * hull.normals[:, None, :]
     inward = (normals_of(triangles) * hull.normals).sum(axis=1) < 0
     triangles[inward] = triangles[inward][:, ::-1]
     rods = hull.vertices[hull.edges] if radius > 0 else np.zeros((0, 2, 3))
     return Surface(triangles, rods, hull.vertices, radius)
+
+
+def corners_of(shape: Box | Convex) -> tuple[Vector, ...]:
+    """The corners of a box or polytope, metre; of a polytope some may be inside."""
+    if not isinstance(shape, Box):
+        return shape.vertices_m
+    signs = np.array([[1 if k >> d & 1 else -1 for d in range(3)] for k in range(8)])
+    points = np.array(shape.center_m) + (signs * np.array(shape.half_m)) @ rotation_of(shape.quaternion).T
+    return tuple(cast("Vector", tuple(point)) for point in points.tolist())
 
 
 def normals_of(triangles: Floats) -> Floats:

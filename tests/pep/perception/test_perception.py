@@ -36,6 +36,8 @@ from ursim.sensor.sensor import Sensor, obey
 from capabilities.keys import keys
 from capabilities.statements import observation
 from capabilities.statements import observation as wire
+from capabilities.statements.people import picture
+from capabilities.values.errors import StatementError
 from pep.pit import CellParameters, Robot, SceneError, observed, standing_adult
 
 
@@ -417,6 +419,19 @@ def test_distrusted_perception_is_a_fault_not_a_tier(world):
 
 def test_what_breaks_in_physics_is_a_fault(world):
     assert impact(world).reason == Reason.PHYSICS_FAULT
+
+
+@pytest.mark.clause("STM-25")
+def test_what_was_assessed_can_be_shown(world):
+    room = physics(world, robot=ARM)
+    reading = room.assess(request(), touch=frozenset()).impact
+    shown = picture.read(room.questions.shown("r"))
+    assert len(shown.postures) > 1
+    assert [place.kind for place in shown.places] == [
+        each.kind for each in reading.contributions if each.link and each.kind != "perception"
+    ]
+    with pytest.raises(StatementError):
+        room.questions.shown("another")
 
 
 def test_nothing_is_assessed_after_the_cell_file_has_ended(world):

@@ -1,12 +1,16 @@
 """`ztpm approvals`: the shown text is the bound one, and every end has its status and code."""
 
+import json
+from types import SimpleNamespace
+
 import pytest
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Unit
+from tests.capabilities.statements.people.test_pictures import SHOWN as SHOWN_PICTURE
 from ztpm.base.layout import new_key
 
 from capabilities.keys import keys
-from capabilities.statements.people import ask
+from capabilities.statements.people import ask, picture
 from ztpm_idp.client import ClientError, person_answers
 
 pytestmark = pytest.mark.long
@@ -52,6 +56,7 @@ SHOWN = {
     "expires_at": 1_700_000_060,
     "mandate_id": "",
     "facts": [],
+    "picture_digest": "55" * 32,
 }
 ASKED = {"ask": "text", "shown": SHOWN, "ask_digest": DIGEST, "state": "open", "votes": [], "expires_at": 1_700_000_060}
 
@@ -65,6 +70,53 @@ def test_the_double_shows_an_ask_of_the_real_form():
     stated["start_urad"], stated["reasons"] = tuple(SHOWN["start_urad"]), tuple(SHOWN["reasons"])
     assert str(Unit.MICRORADIAN) == SHOWN["values"][0]["unit"]
     ask.sign(ask.Ask(**stated), keys.generate())
+
+
+PICTURE = picture.write(SHOWN_PICTURE)
+
+
+@pytest.mark.clause("PSK-8")
+def test_show_tells_the_sentence_and_code_of_the_page_and_draws_the_motion(run, who, double, tmp_path):
+    double.answers = {"approval": ASKED, "picture": PICTURE}
+    file = tmp_path / "ask.html"
+    told = run("approvals", "show", ID, *who, "--picture", str(file))
+    assert told.status == 0, told.err
+    assert "The wrist passes p1 at 312 mm, 0.24 m/s." in told.out
+    assert DIGEST[:8] in told.out
+    html = file.read_text()
+    assert "The wrist passes p1 at 312 mm" in html
+    assert json.loads(html.split('id="picture">')[1].split("</script>")[0]) == json.loads(PICTURE)
+    assert run("approvals", "show", ID, *who, "--json").json["code"] == DIGEST[:8]
+
+
+@pytest.mark.parametrize(
+    ("answer", "place", "code"),
+    [
+        ("", "ask.html", "NO_PICTURE"),
+        (PICTURE, "none/ask.html", "UNWRITABLE"),
+        (ClientError("ASK_PICTURE_DIFFERS", 200), "ask.html", "ASK_PICTURE_DIFFERS"),
+    ],
+)
+def test_a_picture_that_cannot_be_drawn_is_told(run, who, double, tmp_path, answer, place, code):
+    double.answers = {"approval": ASKED, "picture": answer}
+    told = run("approvals", "show", ID, *who, "--picture", str(tmp_path / place))
+    assert told.status != 0
+    assert code in told.err
+    assert list(tmp_path.glob("**/*.html")) == []
+
+
+def test_only_the_picture_that_the_ask_names_is_taken():
+    stated = {**SHOWN, "picture_digest": picture.digest_of(PICTURE)}
+    named = person_answers.ShownAsk(SimpleNamespace(**stated), DIGEST)
+    assert person_answers.pictured(named, PICTURE) == PICTURE
+    for text in (PICTURE + " ", "", "{}"):
+        with pytest.raises(ClientError) as raised:
+            person_answers.pictured(named, text)
+        assert raised.value.code == "ASK_PICTURE_DIFFERS"
+    odd = person_answers.ShownAsk(SimpleNamespace(**{**stated, "picture_digest": picture.digest_of("{}")}), DIGEST)
+    with pytest.raises(ClientError) as raised:
+        person_answers.pictured(odd, "{}")
+    assert raised.value.code == "ANSWER_MALFORMED"
 
 
 @pytest.fixture

@@ -1,6 +1,6 @@
 """Page of an ask: everything that an approval binds, from the very text that it binds.
 
-It is readable without script, colour or trust in names.
+It is readable without script, colour or trust in names. What its script checks and draws is tried in a browser.
 """
 
 from __future__ import annotations
@@ -25,10 +25,11 @@ from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, AskState, Vote
 
 from capabilities.statements.people import ask, vote
 from ztpm_idp.provider import ask_page
+from ztpm_idp.provider.ask_words import sentence_of
 
-VOID = {"meta", "br"}
-TAGS = {"html", "head", "title", "style", "body", "main", "h1", "h2", "p", "strong", "code", "span", "table", "caption", "thead", "tbody", "tr", "th", "td", "pre"} | VOID  # fmt: skip
-ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "scope", "colspan"}
+VOID = {"meta", "br", "link", "input"}
+TAGS = {"html", "head", "title", "style", "body", "main", "h1", "h2", "p", "strong", "code", "span", "table", "caption", "thead", "tbody", "tr", "th", "td", "pre", "noscript", "script", "details", "summary", "div", "button", "label", "output"} | VOID  # fmt: skip
+ATTRIBUTES = {"lang", "charset", "name", "content", "http-equiv", "class", "scope", "colspan", "id", "role", "hidden", "rel", "href", "src", "defer", "tabindex", "type", "for", "min", "max", "step", "value"}  # fmt: skip
 
 
 class Reader(HTMLParser):
@@ -45,7 +46,10 @@ class Reader(HTMLParser):
         assert self.open == []
 
     def handle_starttag(self, tag, attrs):
-        assert tag in TAGS and {name for name, _ in attrs} <= ATTRIBUTES, (tag, attrs)
+        assert tag in TAGS and {name for name, _ in attrs if not name.startswith(("data-", "aria-"))} <= ATTRIBUTES, (
+            tag,
+            attrs,
+        )
         if tag == "meta":
             self.meta.append(dict(attrs))
         if tag not in VOID:
@@ -55,7 +59,7 @@ class Reader(HTMLParser):
         assert self.open.pop() == tag
 
     def handle_data(self, data):
-        if self.open and self.open[-1] not in {"style"}:
+        if self.open and self.open[-1] not in {"style", "script"}:
             self.seen.append(data)
 
     @property
@@ -181,23 +185,55 @@ def test_what_sensors_say_is_told_beside_an_act_without_a_robot(cell):
     assert "What sensors say" not in Reader(fetched(cell, plain).text).text
 
 
+SENTENCES = {
+    "The gripper passes person p1's upper arm at 133 mm, 0.38 m/s.": ("person", "gripper_low", "p1/upper_arm", 133_999, 371_000),
+    "The forearm passes person-7 at 0 mm, 0.25 m/s.": ("person", "forearm_tube", "person-7", 999, 250_000),
+    "The held object passes glass, which is fragile, at 20 mm, 0.01 m/s.": ("fragile", "payload", "glass", 20_000, 1),
+    "The wrist passes the arm's own upper arm at 8 mm, 0.10 m/s.": ("self", "wrist_3", "upper_arm_tube", 8_000, 100_000),
+    "The sensors' view of the cell is stale: nobody knows who is near.": ("perception", "", "stale", 0, 0),
+    "Its own speed decides: the arm moves at up to 1.00 m/s.": ("tcp_speed", "", "", 0, 1_000_000),
+    "strange decides: arm thing, 0.00 m/s.": ("strange", "", "thing", 0, 0),
+}  # fmt: skip
+
+
+@pytest.mark.clause("PSK-8")
+@pytest.mark.parametrize("sentence", SENTENCES)
+def test_a_sentence_says_first_what_would_happen(cell, sentence):
+    kind, link, thing, clearance_um, speed_um_s = SENTENCES[sentence]
+    first = ask.Contributor(kind, link, thing, 2_640, clearance_um, speed_um_s, SENSOR)
+    assert sentence_of(cell.ask(contributors=(first, *cell.ask().contributors))) == sentence
+
+
 def test_an_ask_without_parameters_start_or_contributors(cell):
     ask_id, _ = cell.taken(values=(), start_urad=(), contributors=(), perception_age_ms=None)
     seen = Reader(fetched(cell, ask_id).text).text
     assert "no parameters" in seen and "nothing is named" in seen and "mrad" not in seen
 
 
-def test_nothing_foreign_and_no_script_can_be_on_the_page(cell):
+@pytest.mark.clause("PSK-8")
+def test_nothing_foreign_and_no_other_script_can_be_on_the_page(cell):
     ask_id, _ = cell.taken()
     response = fetched(cell, ask_id)
     (style,) = re.findall(r"<style>(.*?)</style>", response.text, re.S)
+    scripts = re.findall(r'<script src="(.*?)" defer></script>', response.text)
+    assert response.text.count("<script") == len(scripts) == 6
+    with cell.world.anonymous() as http:
+        for script in scripts:
+            given = http.get(script)
+            assert (given.status_code, given.headers["content-type"]) == (200, "text/javascript; charset=utf-8")
+            assert given.headers["x-content-type-options"] == "nosniff"
+        assert http.get(f"{ISSUER}/approvals/assets/console.css").headers["content-type"].startswith("text/css")
+        for unknown in ("..%2Fpasskey.js", "entry.js", "README.md", "__init__.py"):
+            assert http.get(f"{ISSUER}/approvals/assets/{unknown}").status_code == 404
     policy = dict(part.split(" ", 1) for part in response.headers["content-security-policy"].split("; "))
     assert policy == {
         "default-src": "'none'",
         "base-uri": "'none'",
         "form-action": "'none'",
         "frame-ancestors": "'none'",
-        "style-src": f"'sha256-{base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()}'",
+        "script-src": " ".join(scripts),
+        "connect-src": "'self'",
+        "style-src": f"'self' 'sha256-{base64.b64encode(hashlib.sha256(style.encode()).digest()).decode()}'",
     }
     assert response.headers["content-type"] == "text/html; charset=utf-8"
     assert response.headers["cache-control"] == "no-store"
@@ -207,13 +243,13 @@ def test_nothing_foreign_and_no_script_can_be_on_the_page(cell):
 
 
 def test_no_secret_is_on_the_page(cell):
-    """Neither a token nor a signed text: only what the ask says."""
+    """Neither a token nor a vote: only the ask, as it was signed."""
     lent = cell.world.people["alice"].issue(cell.world.agents[AGENT], cell.world.scope(), purpose="p")
-    ask_id, text = cell.taken(token_id=lent.token_id)
+    ask_id, _ = cell.taken(token_id=lent.token_id)
     cell.world.people["carol"].approve(ask_id)
     shown = fetched(cell, ask_id).text
     (cast,) = cell.told(ask_id).votes
-    for secret in (lent.token[:30], lent.token[-30:], text, text.split(".")[1], text.split(".")[2], cast.split(".")[2]):
+    for secret in (lent.token[:30], lent.token[-30:], cast, cast.split(".")[1], cast.split(".")[2]):
         assert secret not in shown
 
 
@@ -245,11 +281,11 @@ NUMBERS = dict(
 
 def test_whatever_a_text_holds_it_stays_a_text():
     stated, asked = hostile()
-    shown = ask_page.render(stated, asked, AskState.OPEN, at_ms=0)
-    assert "<script" not in shown and "{{7*7}}" in shown and "49" not in Reader(shown).text
+    shown = ask_page.render(HOSTILE, stated, asked, AskState.OPEN, at_ms=0)
+    assert "<script>" not in shown and "{{7*7}}" in shown and "49" not in Reader(shown).text
     assert HOSTILE.replace("\u202e", "⟨U+202E⟩") in "".join(Reader(shown).seen)
     for state in AskState:
-        Reader(ask_page.render(replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
+        Reader(ask_page.render(HOSTILE, replace(stated, expires_at=-INT_LIMIT), asked, state, at_ms=INT_LIMIT))
 
 
 def test_a_declared_unit_is_shown_in_what_it_names_where_the_point_alone_moves():
@@ -262,7 +298,7 @@ def test_a_declared_unit_is_shown_in_what_it_names_where_the_point_alone_moves()
 
 def test_a_name_that_looks_like_another_is_shown_apart():
     stated, asked = hostile()
-    seen = Reader(ask_page.render(replace(stated, agent="m\u043ever"), asked, AskState.OPEN, at_ms=0)).text
+    seen = Reader(ask_page.render("", replace(stated, agent="m\u043ever"), asked, AskState.OPEN, at_ms=0)).text
     assert "m⟨U+043E⟩ver" in seen and "m\u043ever" not in seen
 
 

@@ -280,7 +280,7 @@ PEOPLES_TEXT = {"name cyrillic", "name wide", "name upper", "name sql", "name pa
 BODY_BYTES = {
     "/tokens": 65_536,
     "/tokens/delegate": 65_536,
-    "/approvals": 135_168,
+    "/approvals": 528_384,
     "/mandates": 135_168,
     "/ledger/records": 262_144,
     "/restoring/marks": 262_144,

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
@@ -123,14 +124,24 @@ def _tell(row: Mapping[str, Any], name: str, *, as_json: bool) -> None:
 def show(
     ask_id: AskId,
     *,
+    picture: Annotated[
+        Path | None, typer.Option("--picture", help="Write the picture of the motion here, as one HTML file.")
+    ] = None,
     signer: Signer,
     as_json: Json = False,
 ) -> None:
-    """Show everything that an approval of this ask would bind."""
+    """Show everything that an approval of this ask would bind; with --picture the motion, too.
+
+    The picture is the one whose digest stands in the signed ask, or none is written.
+    """
     _check_id(ask_id)
     person = signer.operator()
     with refusals():
         asked = person.approval(ask_id)
+        drawn = "" if picture is None else person.picture(ask_id)
+    asked = {**asked, **_said(asked)}
+    if picture is not None:
+        _draw(picture, drawn, asked)
     if as_json:
         say_json({"ok": True, **asked})
     else:
@@ -321,6 +332,7 @@ def _done(told: Mapping[str, Any], sentence: str, *, as_json: bool) -> None:
 
 def _show(asked: Mapping[str, Any]) -> None:
     """Every member of the ask's text, since the vote binds every one."""
+    typer.echo(plain(_said(asked)["sentence"]))
     table = Table(box=None, pad_edge=False, show_header=False)
     table.add_column(style="dim", no_wrap=True)
     table.add_column(overflow="fold")
@@ -346,7 +358,27 @@ def _show(asked: Mapping[str, Any]) -> None:
         table.add_row(member, Text("\n".join(map(plain, lines))))
     table.add_row("state", Text(plain(f"{asked['state']}, {len(asked['votes'])} votes")))
     table.add_row("binds", Text(plain(f"SHA-256 {asked['ask_digest']} of the ask's text")))
+    table.add_row("code", Text(plain(f"{_said(asked)['code']}, as on the ask's page")))
     console.print(table)
+
+
+def _said(asked: Mapping[str, Any]) -> dict[str, str]:
+    """What would happen in one sentence, and the ask's code, as its page says both."""
+    from ztpm_idp.provider.ask_words import code_of, sentence_of_claims
+
+    return {"sentence": sentence_of_claims(asked["shown"]), "code": code_of(str(asked["ask_digest"]))}
+
+
+def _draw(file: Path, drawn: str, asked: Mapping[str, Any]) -> None:
+    """Writes the picture; an act without motion has none."""
+    from ztpm.picture.ask_picture import ask_picture
+
+    if not drawn:
+        fail("NO_PICTURE", "the ask names none")
+    try:
+        file.write_text(ask_picture(drawn, sentence=str(asked["sentence"]), code=str(asked["code"])), "utf-8")
+    except OSError as error:
+        fail("UNWRITABLE", f"{file}: {error.strerror}")
 
 
 def _fact(fact: Mapping[str, Any]) -> str:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.statements.people import ask as asks
 from capabilities.statements.people import opening as openings
 from capabilities.statements.people import passkey_vote
+from capabilities.statements.people import picture as pictures
 from capabilities.statements.people import vote as votes
 from capabilities.statements.people.assertion import relying_party
 from capabilities.statements.people.vote import digest_of
@@ -84,10 +85,13 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
     if known is not None:
         same = known.ask.digest == digest_of(command.text) and known.ask.pep == pep.id
         return () if same else refused(IdpCode.ASK_DIFFERS, "another ask has this id")
-    # 3. It speaks of this provider, and of parties as they are registered.
+    # 3. What people will be shown is what it names, and can be drawn ([STM-23], [STM-24]).
+    if (unlike := _picture_differs(asked, command.picture)) is not None:
+        return refused(*unlike)
+    # 4. It speaks of this provider, and of parties as they are registered.
     if (wrong := _against_registry(rules, state, asked)) is not None:
         return refused(*wrong)
-    # 4. Its times are sane.
+    # 5. Its times are sane.
     if not at_ms < asked.expires_at * 1_000:
         return refused(IdpCode.ASK_OVER, "the ask would be over before anybody saw it")
     if (
@@ -95,13 +99,24 @@ def take_ask(rules: Rules, state: State, command: TakeAsk, at_ms: int) -> Outcom
         or not asked.expires_at - asked.asked_at <= ASK_LIFETIME_S
     ):
         return refused(IdpCode.ASK_OUT_OF_TIME, f"asked by now, for at most {ASK_LIFETIME_S} s")
-    # 5. A safety-critical act rests on an opening that a person made for just this, and that is in force.
+    # 6. A safety-critical act rests on an opening that a person made for just this, and that is in force.
     if asked.tier is Tier.SAFETY_CRITICAL and not _opened_for(state.opening, asked, at_ms):
         return refused(IdpCode.OPENING_NOT_IN_FORCE, "no opening in force allows to ask for this")
-    # 6. Waiting asks are still few enough to be read, and no agent crowds the others out.
+    # 7. Waiting asks are still few enough to be read, and no agent crowds the others out.
     if (why := _budget_spent(rules, state, asked, at_ms)) is not None:
         return refused(IdpCode.ASK_BUDGET_SPENT, why)
-    return (AskTaken(_record(asked, command.text, command.trace_id), command.text),)
+    return (AskTaken(_record(asked, command.text, command.trace_id), command.text, command.picture),)
+
+
+def _picture_differs(asked: Ask, text: str) -> tuple[Code, str] | None:
+    if (pictures.digest_of(text) if text else "") != asked.picture_digest:
+        return IdpCode.ASK_PICTURE_DIFFERS, "no picture with the digest that the ask names"
+    try:
+        if text:
+            pictures.read(text)
+    except StatementError as error:
+        return error.code, error.detail
+    return None
 
 
 def _against_registry(rules: Rules, state: State, asked: Ask) -> tuple[Code, str] | None:
@@ -214,6 +229,10 @@ def cast_vote(rules: Rules, state: State, command: CastVote, at_ms: int) -> Outc
     if vote.answer == Answer.APPROVE and not ask.fresh and not vote.sees_clear:
         return refused(IdpCode.CLEAR_NOT_SEEN, "without fresh perception an approver attests to seeing the cell clear")
     cast = VoteRecord(vote.approver, Answer(vote.answer), vote.not_after, active=True, text=command.text)
+    # 8. Of two people one votes with an operator key: what this vote would use up is left to its author ([PSK-9]).
+    approvals = [each for each in (*state.asked.votes, cast) if each.answer is Answer.APPROVE and each.active]
+    if vote.answer == Answer.APPROVE and len(approvals) >= ask.approvers and not state.asked.enough(approvals):
+        return refused(IdpCode.OPERATOR_KEY_NEEDED, "of two people one votes with an operator key")
     after = replace(state.asked, votes=(*state.asked.votes, cast)).state(at_ms)
     return (VoteCast(ask.ask_id, len(state.asked.votes) + 1, cast, after, ask.trace_id),)
 

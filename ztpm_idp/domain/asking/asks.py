@@ -11,10 +11,13 @@ from enum import StrEnum
 from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import jws
+from capabilities.statements.people import passkey_vote
 from capabilities.values import strict_json
 from capabilities.values.errors import CapabilityError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from capabilities.values.caps import Caps
 
 STANDING_ASKS: Final = 40
@@ -105,6 +108,11 @@ class Asked:
     ended: bool = False
     """Its agent or its sponsor has ended, and the ask too."""
 
+    def enough(self, approvals: Iterable[VoteRecord]) -> bool:
+        """True where these are as many people as it wants; of two one has an operator key ([PSK-9])."""
+        people = {vote.approver: passkey_vote.is_one(vote.text) for vote in approvals}
+        return len(people) >= self.ask.approvers and (self.ask.approvers == 1 or not all(people.values()))
+
     def state(self, at_ms: int) -> AskState:
         """State of the ask at this wall-clock time.
 
@@ -121,7 +129,7 @@ class Asked:
         # An approval that lapsed ends the ask too: two that never held together are not two.
         if not all(at_ms <= vote.not_after * 1_000 for vote in approvals):
             return AskState.EXPIRED
-        if len({vote.approver for vote in approvals}) >= self.ask.approvers:
+        if self.enough(approvals):
             return AskState.GRANTED
         return AskState.OPEN if at_ms < self.ask.expires_at * 1_000 else AskState.EXPIRED
 

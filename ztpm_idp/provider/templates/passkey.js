@@ -11,9 +11,17 @@ const hex = (bytes) => [...new Uint8Array(bytes)].map((byte) => byte.toString(16
 const sha256 = (bytes) => crypto.subtle.digest("SHA-256", bytes);
 const started = performance.now();
 let busy = false;
+let approvable = false;
 
 function tell(text) {
-  told.textContent = text;
+  if (told) told.textContent = text;
+}
+
+// Whether the page of an ask has been found to show what was signed; before that nobody can approve on it.
+function allow(may) {
+  approvable = may;
+  const approve = document.querySelector("#approve");
+  if (approve && !busy) approve.disabled = !may;
 }
 
 function unb64u(text) {
@@ -81,6 +89,7 @@ async function asserted(parts, approver) {
 }
 
 async function vote(answer) {
+  if (answer === "approve" && !approvable) throw new Error("this page does not show what was signed.");
   const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.ask, "ask");
   const said = {
     ask_id: shown.ask_id,
@@ -117,13 +126,15 @@ function act(work) {
       await work();
     } catch (error) {
       tell(error.name === "NotAllowedError" ? "Nothing was signed: no passkey answered." : `Nothing counts: ${error.message}`);
-      for (const button of panel.querySelectorAll("button")) button.disabled = false;
+      for (const button of panel.querySelectorAll("button")) button.disabled = button.id === "approve" && !approvable;
       busy = false;
     }
   };
 }
 
-if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
+if (panel === null) {
+  // an ask that is over, or a host without passkeys: the page only shows
+} else if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
   tell("This browser has no passkeys here. Answer with your operator key, as below.");
 } else if (panel.dataset.passkey === "enrol") {
   document.querySelector("#enrol").addEventListener("click", act(enrol));
@@ -131,7 +142,9 @@ if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
   document.querySelector("#approve")?.addEventListener("click", act(() => vote("approve")));
   document.querySelector("#deny")?.addEventListener("click", act(() => vote("deny")));
   document.querySelector("#clear")?.addEventListener("click", act(clear));
-  setInterval(() => {
-    if (!busy && document.activeElement === document.body) location.reload();
-  }, Number(panel.dataset.reload) * 1000);
+  if (panel.dataset.passkey === "clear") {
+    setInterval(() => {
+      if (!busy && document.activeElement === document.body) location.reload();
+    }, Number(panel.dataset.reload) * 1000);
+  }
 }

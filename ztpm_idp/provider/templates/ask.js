@@ -1,0 +1,155 @@
+"use strict";
+// The page of one ask, beside `passkey.js`: it believes nothing of the page but the ask's signed text. It says the sentence
+// out of that text, draws the picture whose digest the text names, and lets nobody approve where the page says otherwise.
+
+const question = document.querySelector("#question");
+const POLL_MS = 3_000;
+const STEP_MS = 60;
+const HOLD_MS = 2_000;
+const NAME_LIMIT = 40;
+const alerted = document.querySelector("#alert");
+
+class Differs extends Error {}
+
+function warn(text) {
+  alerted.hidden = false;
+  alerted.textContent = text;
+}
+
+const short = (name) => (name.length <= NAME_LIMIT ? name : `${name.slice(0, NAME_LIMIT - 1)}…`);
+const words = (text, members) => text.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
+const filled = (text, members) =>
+  words(text, Object.fromEntries(Object.entries(members).map(([name, value]) => [name, short(String(value))])));
+
+function linkWord(name) {
+  const found = Object.entries(ASK_WORDS.links).find(([begins]) => name.startsWith(begins));
+  return found ? found[1] : short(name) || "arm";
+}
+
+function objectWord(first) {
+  if (first.kind === "self") return linkWord(first.object);
+  const slash = first.object.indexOf("/");
+  if (first.kind !== "person" || slash < 0) return short(first.object);
+  const region = first.object.slice(slash + 1).replaceAll("_", " ");
+  return words(ASK_WORDS.person, { name: short(first.object.slice(0, slash)), region: short(region) });
+}
+
+// As `ask_words.py` says it: a distance is rounded down, a speed up.
+function sentenceOf(ask) {
+  const named = { operation: ask.operation, name: ask.object };
+  if (!ask.contributors.length) return filled(ASK_WORDS[ask.perception === "none" ? "act" : "alone"], named);
+  const first = ask.contributors[0], hundredths = Math.ceil(first.speed_um_s / 10_000);
+  return words(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
+    kind: short(first.kind),
+    link: linkWord(first.link),
+    object: objectWord(first),
+    mm: String(Math.floor(first.clearance_um / 1_000)),
+    speed: `${Math.floor(hundredths / 100)}.${String(hundredths % 100).padStart(2, "0")}`,
+  });
+}
+
+// Whether the page shows what was signed; else why not.
+async function checked() {
+  const text = question.dataset.text, digest = hex(await sha256(utf8(text)));
+  const ask = JSON.parse(new TextDecoder().decode(unb64u(text.split(".")[1])));
+  const said = [
+    ["ask", question.dataset.digest, digest],
+    ["sentence", document.querySelector("#sentence").textContent, sentenceOf(ask)],
+    ["person and agent", document.querySelector("#reason").textContent, filled(ASK_WORDS.who, ask)],
+    ["code", document.querySelector("#code").textContent, digest.slice(0, 8)],
+    ["ask to sign", panel?.dataset.ask ?? text, text],
+  ];
+  for (const [what, shown, signed] of said) {
+    if (shown !== signed) throw new Differs(`the ${what} on this page is not the one that was signed`);
+  }
+  if (ask.picture_digest) await draw(ask);
+  else if (ask.start_urad.length) warn("No picture was sent with this ask: it is told as text alone.");
+  return ask;
+}
+
+async function draw(ask) {
+  const answer = await fetch(question.dataset.picture, { credentials: "omit" });
+  if (!answer.ok) throw new Differs("the picture of this ask is not there");
+  const bytes = await answer.arrayBuffer();
+  if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs("the picture is not the one that was signed");
+  const shown = JSON.parse(new TextDecoder().decode(bytes));
+  const view = ztpmViewer.show(document.querySelector("#view"), shownPicture.drawable(shown, sentenceOf(ask)));
+  if (view === null) throw new Error("no WebGL");
+  ztpmViewer.controls(document.querySelector("#picture"), view);
+  document.querySelector("#controls").hidden = view.size < 2;
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) play(view);
+  document.querySelector("#margin").textContent = shownPicture.told(shown);
+}
+
+// Plays the motion as fast as it would be, and holds where it decides, until a hand is laid on it.
+function play(view) {
+  const room = document.querySelector("#picture"), times = view.picture.postures.map((each) => each.t);
+  const decides = view.picture.witnesses[0]?.posture ?? 0, end = times[times.length - 1];
+  let timer = null, at = times[decides], last = 0;
+  const hold = (row) => {
+    view.go(row);
+    timer = setTimeout(() => { last = performance.now(); step(); }, HOLD_MS);
+  };
+  const step = () => {
+    const before = at, now = performance.now();
+    at += (now - last) / 1_000;
+    last = now;
+    if (before < times[decides] && at >= times[decides]) {
+      at = times[decides];
+      hold(decides);
+    } else if (before >= end) {
+      at = 0;
+      hold(0);
+    } else {
+      view.go(times.findLastIndex((t) => t <= at));
+      timer = setTimeout(step, STEP_MS);
+    }
+  };
+  for (const touched of ["pointerdown", "keydown"]) room.addEventListener(touched, () => clearTimeout(timer), { once: true, capture: true });
+  if (view.size > 1) hold(decides);
+}
+
+function countDown(ask) {
+  const left = document.querySelector("#left");
+  const tick = () => {
+    const s = Math.max(0, ask.expires_at - Number(question.dataset.now) - Math.floor((performance.now() - started) / 1_000));
+    left.textContent = s > 0 ? `${Math.floor(s / 60)}:${String(s % 60).padStart(2, "0")} left.` : "Over.";
+    left.classList.toggle("soon", s <= 15);
+    if (s === 0) {
+      allow(false);
+      clearInterval(ticking);
+    }
+  };
+  const ticking = setInterval(tick, 1_000);
+  tick();
+}
+
+// The page is loaded again when the ask stands otherwise than it says; a connection that is lost is told.
+async function watch() {
+  try {
+    const answer = await fetch(question.dataset.state, { credentials: "omit", cache: "no-store" });
+    if (!answer.ok) throw new Error(String(answer.status));
+    const { state, votes } = await answer.json();
+    if (lost) alerted.hidden = true;
+    lost = false;
+    if (!busy && (state !== "open" || votes !== Number(question.dataset.votes))) location.reload();
+  } catch {
+    lost = true;
+    warn("No connection to the identity provider: what stands here may be old.");
+  }
+}
+
+let lost = false;
+
+checked()
+  .then((ask) => {
+    allow(question.dataset.open === "yes");
+    if (question.dataset.open === "yes") {
+      countDown(ask);
+      setInterval(watch, POLL_MS);
+    }
+  })
+  .catch((error) => {
+    allow(false);
+    warn(`Nothing can be approved here: ${error instanceof Differs ? error.message : "the picture cannot be drawn"}. Use your operator key, as below.`);
+  });
