@@ -16,6 +16,7 @@ from fastapi import APIRouter, FastAPI
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
+from ztpm_idp.console import front, parties, revoking, trail, tree
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
@@ -100,6 +101,11 @@ _PARTS: Final = (
     openid,
     points,
     devices,
+    front,
+    tree,
+    revoking,
+    trail,
+    parties,
 )
 """Modules of the routes."""
 UNAVAILABLE_AGAIN_S: Final = 5
