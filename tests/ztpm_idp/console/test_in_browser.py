@@ -1,4 +1,4 @@
-"""The console in a real browser: a token is killed in the tree by passkey, and found and proven in the trail."""
+"""The console in a real browser: a token is killed by passkey, and found and proven in the trail."""
 
 from __future__ import annotations
 
@@ -6,13 +6,15 @@ import asyncio
 import os
 import shutil
 import socket
+import subprocess
+import sys
 import time
 from pathlib import Path
 
 import pytest
 import uvicorn
 from tests.node_packages import installed
-from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import SLOWER, World
 
@@ -54,6 +56,18 @@ def cell(tmp_path_factory):
         yield Cell(world)
         server.should_exit = True
         served.result(20)
+
+
+@pytest.fixture(scope="module")
+def point(cell, tmp_path_factory):
+    """The enforcement point as a process of its own, which follows the feed and confirms."""
+    folder = tmp_path_factory.mktemp("point")
+    (folder / "key").write_bytes(cell.world.private[PEP].private_bytes_raw())
+    command = [sys.executable, "-m", "tests.e2e.follow", cell.world.issuer, str(folder), "0.25"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as follower:
+        assert "revoked" in follower.stdout.readline()
+        yield follower
+        follower.kill()
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +146,7 @@ def with_passkey(world, page, name, another):
     world.people[another].confirm_change(person.propose_passkey(begun["enrolment_id"], key))
 
 
-def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, page, axe):
+def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point, page, axe):
     world, (first, hop, done) = cell.world, story
     with_passkey(world, page, "alice", "dan")
     page.goto(f"{world.issuer}/console")
@@ -159,6 +173,10 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, page, 
     page.keyboard.press("Enter")
     page.wait_for_url("**/console/revocations/*")
     seen_s = time.monotonic() - began
+    page.locator(".point.confirmed").wait_for(timeout=15_000)
+    confirmed_s = time.monotonic() - began
+    told = page.locator(".point").inner_text()
+    assert f"{PEP} confirmed after" in told and page.locator("[hx-trigger]").count() == 0, "it asks no longer"
     assert hop.hop_id in page.inner_text("main")
     with pytest.raises(ClientError) as caught:
         world.agents["planner"].delegate(first.token, world.agents["mover"], SLOWER, purpose="again")
@@ -190,7 +208,9 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, page, 
     page.goto(f"{world.issuer}/console/tree/hops/{hop.hop_id}")
     looked_at(page, "hop", axe)
     assert page.faults == []
-    print(f"seen {seen_s:.2f} s after the word; accessibility {'tried' if axe else 'NOT tried'}")
+    print(
+        f"seen {seen_s:.2f} s after the word, confirmed on the page {confirmed_s:.2f} s after it ({told}); accessibility {'tried' if axe else 'NOT tried'}"
+    )
 
 
 @pytest.mark.parametrize("changed", ["line", "path", "root", "signature", "number"])
