@@ -19,12 +19,14 @@ from ztpm_idp.console.texts import TEXTS
 from ztpm_idp.console.viewing import is_part
 from ztpm_idp.login.forms import browser_of
 from ztpm_idp.login.session import prefix_of
+from ztpm_idp.provider.problems import STATUS
 from ztpm_idp.routes.caller import provider_of
 
 if TYPE_CHECKING:
     from fastapi import Request
 
     from ztpm_idp.console.viewing import Viewer
+    from ztpm_idp.provider.problems import Problem
 
 ASSETS: Final = Path(__file__).parent / "assets"
 HTMX: Final = "htmx-4.0.1.js"
@@ -72,6 +74,15 @@ _PAGES: Final = jinja2.Environment(
 )
 _PAGES.globals["t"] = TEXTS
 _PAGES.filters |= {"time": time_of, "short": _short, "lines": _lines}
+
+
+def problem_part(request: Request, problem: Problem) -> HTMLResponse:
+    """A refusal in place of the piece that a script of a page asked for."""
+    status, title = STATUS[problem.code]
+    text = _PAGES.get_template("problem.html").render(
+        code=problem.code.value, title=title, detail=problem.detail, at=f"{prefix_of(provider_of(request))}/console"
+    )
+    return HTMLResponse(text, status_code=status, headers=HEADERS)
 
 
 def page(request: Request, template: str, viewer: Viewer, **values: Any) -> HTMLResponse:

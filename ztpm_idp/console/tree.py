@@ -30,7 +30,7 @@ from ztpm_idp.routes.caller import provider_of
 from ztpm_idp.store.audit import Search
 
 if TYPE_CHECKING:
-    from capabilities.values.scope import Grant, Scope
+    from capabilities.values.scope import Budget, Grant, Scope
     from ztpm_idp.console.forest import Branch
     from ztpm_idp.domain.state import MandateRecord, State
     from ztpm_idp.store.transaction import Transaction
@@ -45,11 +45,19 @@ _ENTRIES: Final = 1_000
 
 @dataclass(frozen=True, slots=True)
 class Promise:
-    """A mandate beside a sponsor's trees."""
+    """A mandate beside a sponsor's trees.
+
+    Attributes:
+        record: as the store has it.
+        state: how it stands.
+        purpose: sentence of its sponsor, or "".
+        budgets: each with the act that it counts.
+    """
 
     record: MandateRecord
     state: MandateState
     purpose: str
+    budgets: list[tuple[str, Budget]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +145,9 @@ async def _forest(view: Transaction, viewer: Viewer, at_ms: int, prior_permille:
 
 
 def _promise(state: State, record: MandateRecord, at_ms: int) -> Promise:
-    return Promise(record, standing(state, record, at_ms), mandate_statement.read_again(record.text).purpose)
+    promised = mandate_statement.read_again(record.text)
+    budgets = [(_act(grant), budget) for grant in promised.scope.grants for budget in grant.budgets]
+    return Promise(record, standing(state, record, at_ms), promised.purpose, budgets)
 
 
 @router.get("/console/tree", include_in_schema=False)
@@ -220,7 +230,11 @@ def _scope(body: dict[str, Any]) -> Scope | None:
 
 def _grant(grant: Grant) -> dict[str, object]:
     return {
-        "act": f"{grant.operation} of {grant.object}",
+        "act": _act(grant),
         "limits": [in_words(limit) for limit in grant.limits],
         "budgets": grant.budgets,
     }
+
+
+def _act(grant: Grant) -> str:
+    return f"{grant.operation} of {grant.object}"

@@ -164,7 +164,7 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point,
     assert "This kills 2 hops" in page.inner_text("#act")
     looked_at(page, "question", axe)
     page.get_by_label("Reason").focus()
-    page.keyboard.type("an odd act")
+    page.keyboard.type("an odd act, größer")
     page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
     page.keyboard.press("Enter")
     page.wait_for_function("() => document.querySelector('.told').textContent.includes('Nothing was revoked')")
@@ -191,7 +191,7 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point,
     page.get_by_label("Kind").fill("revoked")
     page.get_by_role("button", name="Find").click()
     row = page.locator("tbody tr").first
-    assert "an odd act" in row.inner_text() and first.token_id in row.inner_text()
+    assert "an odd act, größer" in row.inner_text() and first.token_id in row.inner_text()
     row.get_by_role("link").first.click()
     page.wait_for_function("() => document.querySelector('#proof').dataset.result")
     assert page.inner_text(".verdict") == "The proof holds: checked in this browser."

@@ -6,11 +6,12 @@ import re
 import time
 
 import pytest
+from capabilities.values.scope import Budget, Grant
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.console.looking import AT, NAMED, Looking
 from tests.ztpm_idp.routes.test_points import signed as marked
 from tests.ztpm_idp.test_passkeys import passkey
-from tests.ztpm_idp.world import SLOWER, World
+from tests.ztpm_idp.world import AUDIENCE, SLOWER, World
 from ztpm_idp.console import front, revoking
 
 from capabilities.statements.people.assertion import login_challenge
@@ -179,6 +180,30 @@ def test_each_word_counts_once_and_the_domain_decides(named, held):
     assert named.world.sql("SELECT id FROM revocations WHERE id = :i", i=two.hop_id) == []
 
 
+@pytest.mark.clause("CON-1")
+def test_the_first_page_lists_the_questions_that_wait(named):
+    ask_id, _ = named.taken()
+    carol = Looking(named.world, "carol")
+    assert f"/ztpm/approvals/{ask_id}/page" in carol.see("")
+    named.world.clock.at_s += 601
+    assert ask_id not in Looking(named.world, "carol").see("")
+
+
+@pytest.mark.clause("CON-1")
+def test_a_mandate_stands_beside_its_sponsor_with_its_budgets(named, held):
+    world = named.world
+    world.agent("worker", sponsor="bob")
+    stop = Grant("ur3e", "stop", budgets=(Budget("", AUDIENCE, 3_600, 7),))
+    scope = world.scope(grants=(stop,), delegates=frozenset(), depth=0)
+    mandate_id = world.people["bob"].sign_mandate("worker", scope, purpose="tidy the hall")
+    bob = Looking(world, "bob")
+    shown = bob.see("/tree")
+    assert "tidy the hall" in shown and "at most 7 acts / 3600 s" in shown and "in force" in shown
+    assert mandate_id not in Looking(world, "carol").see("/tree")
+    assert bob.take_back(held["bob"], "mandate", mandate_id).status_code == 303
+    assert "kind=mandate" not in bob.see("/tree") and "revoked" in bob.page.text
+
+
 @pytest.mark.clause("CON-2")
 def test_without_a_passkey_the_page_says_the_command(named):
     _, hop = lent(named)
@@ -285,6 +310,9 @@ def test_what_is_asked_for_wrongly_is_told(named, path, code):
     alice = Looking(named.world, "alice")
     answer = alice.get(AT + path)
     assert (alice.code(), 400 <= answer.status_code < 500) == (code, True)
+    piece = alice.send("GET", AT + path, **{"hx-request": "true"})
+    assert (piece.status_code, f"<code>{code}</code>" in piece.text) == (answer.status_code, True)
+    assert "<html" not in piece.text and "<style" not in piece.text
 
 
 @pytest.mark.clause("CON-2")
