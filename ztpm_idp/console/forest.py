@@ -46,6 +46,11 @@ class Branch:
             yield from branch.each()
 
     @property
+    def trust(self) -> str:
+        """Its score for people, between 0 and 1."""
+        return f"{self.trust_permille / 1_000:.2f}"
+
+    @property
     def living(self) -> int:
         """Number of living hops, itself included."""
         return sum(branch.dead_by is None for branch in self.each())
