@@ -16,6 +16,9 @@ from fastapi import APIRouter, FastAPI
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
+from ztpm_idp.console import front, parties, revoking, trail, tree
+from ztpm_idp.console.pages import problem_part
+from ztpm_idp.console.viewing import is_part
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.keys.key_files import SignerUnavailableError
 from ztpm_idp.login.oidc import OpenIdProvider
@@ -100,6 +103,11 @@ _PARTS: Final = (
     openid,
     points,
     devices,
+    front,
+    tree,
+    revoking,
+    trail,
+    parties,
 )
 """Modules of the routes."""
 UNAVAILABLE_AGAIN_S: Final = 5
@@ -267,7 +275,7 @@ async def _page_problem(request: Request, error: Exception) -> Response:
     if not isinstance(error, PageProblem):
         raise TypeError
     request.state.code = error.code.value
-    return problem_page(error)
+    return problem_part(request, error) if is_part(request) else problem_page(error)
 
 
 async def _unavailable(request: Request, error: Exception) -> Response:

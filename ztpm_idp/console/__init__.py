@@ -1,1 +1,1 @@
-"""Pages that people look at: what they have in common."""
+"""Console: pages on which people see what was lent, take it back, and read the ledger."""

@@ -163,7 +163,7 @@ class Found:
     Attributes:
         rows: in order, each with its entry's hash.
         lines: the entries of the rows as lines, where they were asked for.
-        more_after: number to go on after; None where there is no more.
+        more_after: number to go on after, or before; None where there is no more.
         size: entries of the ledger that were looked at.
     """
 

@@ -87,12 +87,29 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("POST", "/passkeys/enrolments/{enrolment_id}/credential"): _BEGUN,
     ("GET", "/approvals/{ask_id}/page"): _TOLD,
     ("GET", "/latches/{latch_id}/page"): _TOLD,
+    ("GET", "/console"): _SHOWN,
+    ("GET", "/console/assets/{name}"): _TOLD,
+    ("GET", "/console/tree"): _SHOWN,
+    ("GET", "/console/tree/sponsors/{id_}"): _SHOWN,
+    ("GET", "/console/tree/hops/{hop_id}"): _SHOWN,
+    ("GET", "/console/trail"): _SHOWN,
+    ("GET", "/console/trail/export"): _SHOWN,
+    ("GET", "/console/trail/entries/{number}"): _SHOWN,
+    ("GET", "/console/trail/entries/{number}/line"): _SHOWN,
+    ("GET", "/console/trail/entries/{number}/proof"): _SHOWN,
+    ("GET", "/console/trail/requests/{request_id}"): _SHOWN,
+    ("GET", "/console/people"): _SHOWN,
+    ("GET", "/console/agents"): _SHOWN,
+    ("GET", "/console/agents/{id_}"): _SHOWN,
 }
 """Endpoints that strangers may use, by method and path below the issuer's, or below the origin."""
 FREE: Final = frozenset(
     {
         # Authority is taken back, or refused.
         ("POST", "/revocations"),
+        ("GET", "/console/revoke"),
+        ("POST", "/console/revocations"),
+        ("GET", "/console/revocations/{epoch}"),
         ("POST", "/agents/{id_}/suspend"),
         ("POST", "/agents/{id_}/retire"),
         ("POST", "/peps/{id_}/suspend"),

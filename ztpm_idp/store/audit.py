@@ -43,6 +43,7 @@ class Search:
         kind, actor, agent, token, object, request, trace: exact; `agent` finds also what that agent did.
         since_ms, until_ms: of the entries' times, until excluded.
         after: number of the entry after which it goes on.
+        before: number of the entry before which it looks, from the newest on; None: from the oldest on.
         through: number of the last entry that is looked at.
         most: entries of the answer.
     """
@@ -57,6 +58,7 @@ class Search:
     since_ms: int | None = None
     until_ms: int | None = None
     after: int = 0
+    before: int | None = None
     through: int = 0
     most: int = 100
 
@@ -110,7 +112,7 @@ class Audit:
         return node
 
     async def search(self, asked: Search) -> list[tuple[AuditRow, str, int]]:
-        """Rows that meet the question, by number, each with its entry's hash and length in bytes."""
+        """Rows that meet the question, in its order, each with its entry's hash and length in bytes."""
         c = t.ledger_index.c
         wanted = [
             c[name] == value
@@ -123,11 +125,13 @@ class Audit:
             wanted.append(c.at_ms >= asked.since_ms)
         if asked.until_ms is not None:
             wanted.append(c.at_ms < asked.until_ms)
+        if asked.before is not None:
+            wanted.append(c.seq < asked.before)
         query = (
             sa.select(t.ledger_index, t.ledger.c.hash, sa.func.length(t.ledger.c.line).label("length"))
             .join(t.ledger, t.ledger.c.seq == c.seq)
             .where(c.seq > asked.after, c.seq <= asked.through, *wanted)
-            .order_by(c.seq)
+            .order_by(c.seq if asked.before is None else c.seq.desc())
             .limit(asked.most)
         )
         found = (await self._connection.execute(query)).mappings()

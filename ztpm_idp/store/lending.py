@@ -13,6 +13,7 @@ from ztpm_idp.store import prepared
 from ztpm_idp.store import schema as t
 from ztpm_idp.store.database import postgres, postgres_trips
 from ztpm_idp.store.errors import OnceOnlyError
+from ztpm_idp.store.revocations import batches
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Iterable, Sequence
@@ -36,6 +37,29 @@ _IDS: Final = {
 
 
 _NEW_HOPS: Final = postgres_trips.Inserting(t.hops)
+
+
+@dataclass(frozen=True, slots=True)
+class LentHop:
+    """Hop as people are shown it.
+
+    Attributes:
+        hop_id, token_id: of the hop and its token.
+        parent: hop from which it was lent on; None of a first one.
+        agent, sponsor: who holds it, and at whom its chain starts.
+        made_ms: wall clock.
+        not_after: its end, seconds since the epoch.
+        mandate: id of that from which its token was drawn, of a first one; else None.
+    """
+
+    hop_id: str
+    token_id: str
+    parent: str | None
+    agent: str
+    sponsor: str
+    made_ms: int
+    not_after: int
+    mandate: str | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,6 +145,25 @@ class Lending:
             .order_by(c.token_id)
         )
         return tuple(found.scalars())
+
+    async def living_hops(self, sponsors: Collection[str], *, at_s: int, most: int) -> list[LentHop]:
+        """Hops of these sponsors that are not over, each after the one above it, revoked or not.
+
+        At most so many, of the newest tokens.
+        """
+        c, first, found = t.hops.c, list[tuple[int, str]](), list[LentHop]()
+        for some in batches(sorted(sponsors)):
+            lent = sa.select(c.made_ms, c.token_id).where(c.sponsor.in_(some), c.parent.is_(None), c.not_after > at_s)
+            newest = lent.order_by(c.made_ms.desc(), c.token_id).limit(most)
+            first += [(made_ms, token) for made_ms, token in await self._connection.execute(newest)]
+        tokens = [token for _, token in sorted(first, reverse=True)[:most]]
+        shown = sa.select(c.hop_id, c.token_id, c.parent, c.agent, c.sponsor, c.made_ms, c.not_after, c.mandate)
+        for some in batches(tokens):
+            query = shown.where(c.token_id.in_(some), c.not_after > at_s).order_by(c.position, c.made_ms, c.hop_id)
+            found += [LentHop(*row) for row in await self._connection.execute(query.limit(most - len(found)))]
+            if len(found) >= most:
+                break
+        return found
 
     async def mandates_of(self, party: str | None) -> list[MandateRecord]:
         """Mandates that this party signed or received, or of all parties: the newest `SHOWN`, the newest first."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import sqlalchemy as sa
@@ -24,12 +25,39 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 
+@dataclass(frozen=True, slots=True)
+class MadeRevocation:
+    """Revocation as it stands in the index.
+
+    Attributes:
+        epoch: its own.
+        kind, id: of what is revoked.
+        by: who did it.
+        reason: as it was given.
+        at_ms: wall clock.
+    """
+
+    epoch: int
+    kind: str
+    id: str
+    by: str
+    reason: str
+    at_ms: int
+
+
 class Revocations:
     """Access of one transaction to the index of revocations."""
 
     def __init__(self, connection: AsyncConnection, counting: Counting) -> None:
         self._connection = connection
         self._counting = counting
+
+    async def at(self, epoch: int) -> MadeRevocation | None:
+        """The revocation of this epoch."""
+        c = t.revocations.c
+        query = sa.select(c.epoch, c.kind, c.id, c.by, c.reason, c.at_ms).where(c.epoch == epoch)
+        row = (await self._connection.execute(query)).one_or_none()
+        return None if row is None else MadeRevocation(*row)
 
     async def since(self, since: int, most: int) -> list[tuple[int, str, str]]:
         """(epoch, kind, id) of revocations with a higher epoch, in order, at most `most`."""

@@ -11,8 +11,11 @@ from ztpm_idp.domain.events import ToolRegistered
 from ztpm_idp.domain.parties import Standing
 from ztpm_idp.domain.upkeep.acts import KeyReplaced, PartKind, PartRestored, PartSuspended, ToolAct, ToolChanged
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.revocations import batches
 
 if TYPE_CHECKING:
+    from collections.abc import Collection
+
     from sqlalchemy.ext.asyncio import AsyncConnection
 
     from ztpm_idp.domain.upkeep.acts import UpkeepEvent
@@ -51,6 +54,15 @@ class Upkeep:
         c = t.former_keys.c
         found = await self._connection.execute(sa.select(c.key, c.party).where(c.key.in_(sorted(keys))))
         return {bytes(key): party for key, party in found}
+
+    async def former_keys_of(self, parties: Collection[str]) -> dict[str, list[tuple[int, str]]]:
+        """Thumbprints of the keys that these parties had before, each with when it was replaced, the earliest first."""
+        c, found = t.former_keys.c, dict[str, list[tuple[int, str]]]()
+        for some in batches(sorted(parties)):
+            query = sa.select(c.party, c.replaced_ms, c.key).where(c.party.in_(some)).order_by(c.replaced_ms)
+            for party, replaced_ms, key in await self._connection.execute(query):
+                found.setdefault(party, []).append((replaced_ms, thumbprint(bytes(key))))
+        return found
 
     async def write(self, event: UpkeepEvent | ToolRegistered, *, at_ms: int) -> None:
         """Writes one event; the registry's version is the caller's to raise."""

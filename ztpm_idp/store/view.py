@@ -280,6 +280,12 @@ class View:
         )
         return [(agent, permille) for agent, permille in found]
 
+    async def attested(self) -> dict[str, int]:
+        """Time of each agent's last attestation, wall clock in milliseconds, by id; nothing of one that never was."""
+        c = t.agents.c
+        query = sa.select(c.id, c.attested_ms).where(c.attested_ms.is_not(None))
+        return {agent: int(at_ms) for agent, at_ms in await self._connection.execute(query)}
+
     async def suspended(self) -> list[str]:
         """Ids of suspended agents, in order."""
         a, p = t.agents.c, t.parties.c

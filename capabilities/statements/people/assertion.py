@@ -53,6 +53,7 @@ class Word(StrEnum):
     VOTE = "ztpm-passkey-vote/1"
     CLEARING = "ztpm-passkey-clearing/1"
     LOGIN = "ztpm-passkey-login/1"
+    REVOCATION = "ztpm-passkey-revocation/1"
     AUTHORIZATION = "ztpm-passkey-consent/1"
     ENROLMENT = "ztpm-passkey-enrolment/1"
 

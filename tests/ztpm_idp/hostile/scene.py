@@ -450,6 +450,35 @@ PAGES = {
     "GET /oauth/authorize": lambda s: Asked(f"/oauth/authorize?{urlencode(Flow(s.world, s.browser, s.client).asked)}"),
     "POST /oauth/authorize": lambda s: s.assent(),
     "POST /login/end": lambda s: form_of("/login/end"),
+    "GET /console": lambda s: Asked("/console"),
+    "GET /console/assets/{name}": lambda s: Asked("/console/assets/console.css"),
+    "GET /console/tree": lambda s: Asked("/console/tree"),
+    "GET /console/tree/sponsors/{id_}": lambda s: Asked("/console/tree/sponsors/alice"),
+    "GET /console/tree/hops/{hop_id}": lambda s: Asked(f"/console/tree/hops/{s.lent.hop_id}"),
+    "GET /console/revoke": lambda s: Asked(f"/console/revoke?kind=hop&id={s.lent.hop_id}"),
+    "GET /console/revocations/{epoch}": lambda s: Asked(
+        f"/console/revocations/{s.world.people['alice'].revoke('agent', s.agent(), 'odd')}"
+    ),
+    "POST /console/revocations": lambda s: form_of(
+        "/console/revocations",
+        kind="hop",
+        id=s.lent.hop_id,
+        reason="odd",
+        sealed="AA",
+        credential="AA",
+        authenticator="AA",
+        client="AA",
+        signature="AA",
+    ),  # fmt: skip
+    "GET /console/trail": lambda s: Asked("/console/trail"),
+    "GET /console/trail/export": lambda s: Asked("/console/trail/export?kind=revoked"),
+    "GET /console/trail/entries/{number}": lambda s: Asked("/console/trail/entries/1"),
+    "GET /console/trail/entries/{number}/line": lambda s: Asked("/console/trail/entries/1/line"),
+    "GET /console/trail/entries/{number}/proof": lambda s: Asked("/console/trail/entries/1/proof"),
+    "GET /console/trail/requests/{request_id}": lambda s: Asked(f"/console/trail/requests/{s.vote()[0]}"),
+    "GET /console/people": lambda s: Asked("/console/people"),
+    "GET /console/agents": lambda s: Asked("/console/agents"),
+    "GET /console/agents/{id_}": lambda s: Asked("/console/agents/helper"),
 }
 """A request of each page and form, without the token of its page."""
 

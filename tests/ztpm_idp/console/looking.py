@@ -1,0 +1,71 @@
+"""A browser on the console as far as forms go, at a provider with a name."""
+
+from __future__ import annotations
+
+import html
+import re
+
+from tests.ztpm_idp.login.browser import Browser
+from ztpm_idp.console import revoking
+
+from capabilities.statements.people.assertion import relying_party
+
+NAMED = "http://localhost:8700/ztpm"
+AT = "/ztpm/console"
+_HIDDEN = re.compile(r'<input type="hidden" name="(\w+)" value="([^"]*)">')
+_CODE = re.compile(r"Code <code>([A-Z_]+)</code>")
+
+
+class Looking(Browser):
+    """A person who looks at the console."""
+
+    origin = NAMED.removesuffix("/ztpm")
+
+    def __init__(self, world, name=None):
+        super().__init__(world)
+        self.world, self.name = world, name
+        if name is not None:
+            self.log_in(world.people[name])
+
+    def send(self, method, url, content=None, **headers):
+        return super().send(method, url if url.startswith("http") else self.origin + url, content, **headers)
+
+    def post(self, url, fields=None, **headers):
+        return super().post(url, fields, **({"origin": self.origin} | headers))
+
+    def see(self, path, **headers):
+        """The text of a page of the console, which is there."""
+        answer = self.send("GET", AT + path, **headers)
+        assert answer.status_code == 200, answer.text
+        return answer.text
+
+    def code(self):
+        """Code of the refusal that was shown last."""
+        found = _CODE.search(self.page.text)
+        return None if found is None else found[1]
+
+    def question(self, kind, id_):
+        """The form of the question, and its nonce."""
+        shown = self.see(f"/revoke?kind={kind}&id={id_}")
+        fields = {name: html.unescape(value) for name, value in _HIDDEN.findall(shown)}
+        form = {name: fields[name] for name in ("kind", "id", "sealed")}
+        return form, re.search(r'data-nonce="([^"]*)"', shown)[1]
+
+    def word(self, held, form, nonce, *, reason="it was taken over", signed=None, **changes):
+        """The form with a passkey's word over what it says, with `signed` in place of parts of that."""
+        told = {"by": self.name, "kind": form["kind"], "id": form["id"], "reason": reason, "nonce": nonce}
+        told |= {"issuer": self.world.issuer} | (signed or {})
+        expected = revoking.bound(
+            told["issuer"], told["nonce"], by=told["by"], kind=told["kind"], id_=told["id"], reason=told["reason"]
+        )
+        body = held.body(expected, **changes)
+        return form | {"reason": reason} | body
+
+    def take_back(self, held, kind, id_, **changes):
+        """Takes something back by passkey; the answer."""
+        form, nonce = self.question(kind, id_)
+        return self.post(f"{AT}/revocations", self.word(held, form, nonce, **changes))
+
+
+def party():
+    return relying_party(NAMED)

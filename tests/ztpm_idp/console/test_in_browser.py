@@ -1,0 +1,248 @@
+"""The console in a real browser: a token is killed by passkey, and found and proven in the trail."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+import shutil
+import socket
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+import uvicorn
+from tests.node_packages import installed
+from tests.ztpm_idp.asks import PEP, Cell
+from tests.ztpm_idp.journals import Journal
+from tests.ztpm_idp.world import SLOWER, World
+
+from ztpm_idp.client import ClientError
+
+CHROMIUM = shutil.which("chromium")
+pytestmark = [
+    pytest.mark.e2e,
+    pytest.mark.clause("CON-2", "CON-4", "CON-6"),
+    pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
+]
+PICTURES = os.environ.get("ZTPM_PICTURES")
+"""A folder for screenshots, for people who want to look."""
+WIDTHS = (390, 768, 1280)
+"""Widths of a telephone, a tablet and a screen, in pixels."""
+WIDER = """() => [...document.querySelectorAll("body *")].filter((each) => {
+  const box = each.getBoundingClientRect();
+  return box.width > 0 && box.right > document.documentElement.clientWidth + 1 && !each.closest(".unseen, .skip, pre, table.wide");
+}).map((each) => `${each.tagName} ${each.className} ${each.textContent.slice(0, 40)}`)"""
+SERIOUS = {"serious", "critical"}
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory):
+    """A provider on a listener of its own, at a name: passkeys belong to no address."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    changes = {"issuer": f"http://localhost:{port}/ztpm", "port": port}
+    with World(tmp_path_factory.mktemp("console"), clock=time.time, settings_changes=changes) as world:
+        server = uvicorn.Server(
+            uvicorn.Config(world.app, host="127.0.0.1", port=port, lifespan="off", log_level="error")
+        )
+        served = asyncio.run_coroutine_threadsafe(server.serve(), world.loop)
+        for _ in range(500):
+            if server.started:
+                break
+            time.sleep(0.01)
+        yield Cell(world)
+        server.should_exit = True
+        served.result(20)
+
+
+@pytest.fixture(scope="module")
+def point(cell, tmp_path_factory):
+    """The enforcement point as a process of its own, which follows the feed and confirms."""
+    folder = tmp_path_factory.mktemp("point")
+    (folder / "key").write_bytes(cell.world.private[PEP].private_bytes_raw())
+    command = [sys.executable, "-m", "tests.e2e.follow", cell.world.issuer, str(folder), "0.25"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as follower:
+        assert "revoked" in follower.stdout.readline()
+        yield follower
+        follower.kill()
+
+
+@pytest.fixture(scope="module")
+def story(cell):
+    """A token of alice for planner, lent on to mover, which acted and was refused; a mandate beside it."""
+    world = cell.world
+    planner, journal = world.agent("planner"), Journal(world, registered=True)
+    first = world.people["alice"].issue(planner, world.scope(), purpose="bring parts from the tray")
+    hop = planner.delegate(first.token, world.agents["mover"], SLOWER, purpose="move the arm")
+    done = journal.acted(hop.token, tier=2)
+    journal.acted(hop.token, tier=1)
+    for reason in ("LIMIT_EXCEEDED_BY_REQUEST", "NOT_GRANTED"):
+        journal.refused(hop.token, reason=reason, tier=3)
+    journal.ship()
+    return first, hop, done
+
+
+@pytest.fixture(scope="module")
+def page():
+    playwright = pytest.importorskip("playwright.sync_api")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+        opened = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+        opened.authenticator = opened.context.new_cdp_session(opened)
+        opened.authenticator.send("WebAuthn.enable")
+        options = {"protocol": "ctap2", "transport": "internal", "hasResidentKey": True, "hasUserVerification": True,
+                   "isUserVerified": True, "automaticPresenceSimulation": True}  # fmt: skip
+        made = opened.authenticator.send("WebAuthn.addVirtualAuthenticator", {"options": options})
+        opened.id = made["authenticatorId"]
+        opened.faults = []
+        opened.on("pageerror", lambda error: opened.faults.append(str(error)))
+        opened.on("console", lambda said: opened.faults.append(said.text) if said.type == "error" else None)
+        yield opened
+        browser.close()
+
+
+@pytest.fixture(scope="module")
+def axe():
+    """The accessibility rules, as text of a script; "" where npm cannot bring them."""
+    try:
+        kept = installed(Path(__file__).parent / "axe")
+    except pytest.skip.Exception:
+        return ""
+    return (kept / "node_modules" / "axe-core" / "axe.min.js").read_text("utf-8")
+
+
+def looked_at(page, name, axe):
+    """Holds that nothing is wider than the screen, and that no rule of accessibility is broken; keeps pictures."""
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme)
+        for width in WIDTHS:
+            page.set_viewport_size({"width": width, "height": 900})
+            assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width, scheme)
+            assert page.evaluate(WIDER) == [], (name, width, scheme)
+            if PICTURES:
+                page.screenshot(path=str(Path(PICTURES) / f"console-{name}-{width}-{scheme}.png"), full_page=True)
+        if axe:
+            if page.evaluate("typeof axe") == "undefined":
+                page.evaluate(axe)
+            # In the dark nothing differs but the colours.
+            rules = {} if scheme == "light" else {"runOnly": ["color-contrast"]}
+            found = page.evaluate("rules => axe.run(rules)", rules)["violations"]
+            serious = [(each["id"], each["nodes"][0]["html"]) for each in found if each["impact"] in SERIOUS]
+            assert serious == [], (name, scheme)
+    page.set_viewport_size({"width": 1280, "height": 900})
+
+
+def with_passkey(world, page, name, another):
+    """A passkey of this person in the page's authenticator."""
+    person = world.people[name]
+    begun = person.begin_passkey()
+    page.goto(begun["url"])
+    page.click("#enrol")
+    page.wait_for_function("() => document.querySelector('#told').textContent.includes('Made.')", timeout=15_000)
+    key = person.enrolled_passkey(begun["enrolment_id"])
+    world.people[another].confirm_change(person.propose_passkey(begun["enrolment_id"], key))
+
+
+def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point, page, axe):
+    world, (first, hop, done) = cell.world, story
+    with_passkey(world, page, "alice", "dan")
+    page.goto(f"{world.issuer}/console")
+    page.get_by_role("button", name="Log in with a passkey").click()
+    page.wait_for_url(f"{world.issuer}/console")
+    looked_at(page, "front", axe)
+
+    # the tree, by keyboard alone: to the token's Revoke, the reason, the passkey
+    page.get_by_role("link", name="Tree", exact=True).first.click()
+    looked_at(page, "tree", axe)
+    page.get_by_role("link", name=f"Revoke Token {first.token_id}").focus()
+    page.keyboard.press("Enter")
+    page.get_by_label("Reason").wait_for()
+    assert page.url.endswith("/console/tree"), "the question comes into the page"
+    assert "This kills 2 hops" in page.inner_text("#act")
+    looked_at(page, "question", axe)
+    page.get_by_label("Reason").focus()
+    page.keyboard.type("an odd act, größer")
+    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
+    page.keyboard.press("Enter")
+    page.wait_for_function("() => document.querySelector('.told').textContent.includes('Nothing was revoked')")
+    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": True})
+    began = time.monotonic()
+    page.keyboard.press("Enter")
+    page.wait_for_url("**/console/revocations/*")
+    seen_s = time.monotonic() - began
+    page.locator(".point.confirmed").wait_for(timeout=15_000)
+    confirmed_s = time.monotonic() - began
+    told = page.locator(".point").inner_text()
+    assert f"{PEP} confirmed after" in told and page.locator("[hx-trigger]").count() == 0, "it asks no longer"
+    assert hop.hop_id in page.inner_text("main")
+    with pytest.raises(ClientError) as caught:
+        world.agents["planner"].delegate(first.token, world.agents["mover"], SLOWER, purpose="again")
+    assert caught.value.code == "REVOKED"
+    looked_at(page, "revoked", axe)
+    page.goto(f"{world.issuer}/console/tree")
+    looked_at(page, "dead", axe)
+
+    # the trail has it, and this browser proves it
+    page.get_by_role("link", name="Trail", exact=True).first.click()
+    looked_at(page, "trail", axe)
+    page.get_by_label("Kind").fill("revoked")
+    page.get_by_role("button", name="Find").click()
+    row = page.locator("tbody tr").first
+    assert "an odd act, größer" in row.inner_text() and first.token_id in row.inner_text()
+    row.get_by_role("link").first.click()
+    page.wait_for_function("() => document.querySelector('#proof').dataset.result")
+    assert page.inner_text(".verdict") == "The proof holds: checked in this browser."
+    looked_at(page, "entry", axe)
+    page.goto(f"{world.issuer}/console/trail/requests/{done.request_id}")
+    assert "PERMIT" in page.inner_text("main") and "planner" in page.inner_text("main")
+    looked_at(page, "request", axe)
+    page.goto(f"{world.issuer}/console/agents/mover")
+    looked_at(page, "agent", axe)
+    page.goto(f"{world.issuer}/console/agents")
+    looked_at(page, "agents", axe)
+    page.goto(f"{world.issuer}/console/people")
+    looked_at(page, "people", axe)
+    page.goto(f"{world.issuer}/console/tree/hops/{hop.hop_id}")
+    looked_at(page, "hop", axe)
+    assert page.faults == []
+    print(
+        f"seen {seen_s:.2f} s after the word, confirmed on the page {confirmed_s:.2f} s after it ({told}); accessibility {'tried' if axe else 'NOT tried'}"
+    )
+
+
+@pytest.mark.parametrize("changed", ["line", "path", "root", "signature", "number"])
+def test_a_proof_that_was_tampered_with_does_not_hold(cell, story, page, changed):
+    """On the way to an honest page: the browser says so."""
+    issuer = cell.world.issuer
+
+    changes = []
+
+    def other(route):
+        answer = route.fetch()
+        text = answer.text()
+        if changed == "line":
+            text = text.replace("bootstrap", "bootstraq", 1)
+        elif changed == "number":
+            text = text.replace("index 2\n", "index 3\n")
+        else:
+            lines = text.split("\n")
+            place = {"path": 2, "root": lines.index("") + 3, "signature": len(lines) - 2}[changed]
+            head, cut, body = lines[place].rpartition(" ")
+            spot = len(body) // 2
+            body = body[:spot] + ("A" if body[spot] != "A" else "B") + body[spot + 1 :]
+            text = "\n".join([*lines[:place], head + cut + body, *lines[place + 1 :]])
+        changes.append(text != answer.text())
+
+        route.fulfill(response=answer, body=text)
+
+    address = f"{issuer}/console/trail/entries/3/{'line' if changed == 'line' else 'proof'}"
+    page.route(address, other)
+    page.goto(f"{issuer}/console/trail/entries/3")
+    page.wait_for_function("() => document.querySelector('#proof').dataset.result")
+    page.unroute(address)
+    assert changes == [True]
+    assert page.inner_text(".verdict").startswith("The proof does not hold"), changed
+    assert page.locator("#proof li.fails").count() > 0

@@ -1,0 +1,270 @@
+"""Way of one request through the ledger: authority, evidence, what the policies said, outcome. Pure."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Final
+
+from capabilities.keys import jws
+from capabilities.values.errors import CapabilityError
+from capabilities.values.units import DeclaredUnit, Unit, kind_of
+from policies.evidence import case_json
+from policies.explain.explanation import explain
+from policies.words.errors import PolicyError
+from policies.words.reason_table import REASONS, Reason
+from ztpm_idp.domain.audit import STATEMENT_BYTES
+from ztpm_idp.provider.ask_page import readable
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from policies.decision.policy import PolicySet
+    from policies.explain.explanation import Explanation, PolicyExplanation, PredicateVerdict
+
+LENT: Final = frozenset({"token-issued", "token-drawn", "token-delegated", "revoked", "delegation-refused"})
+"""Kinds of entries about a token itself: how it was lent, and how it ended."""
+_JSON_CHARACTERS: Final = 20_000
+"""Most characters of one reading that a page shows; the entry has it whole."""
+
+
+@dataclass(frozen=True, slots=True)
+class EntryWords:
+    """Part of an entry that only the entry says.
+
+    Attributes:
+        reasons: codes, and of a revocation the sentence of its person.
+        tier: of a decision or an ask; None of what has none.
+        asks: ids of the asks that it is about.
+        operation: "operation of object", or what it does to its subject.
+    """
+
+    reasons: tuple[str, ...]
+    tier: int | None
+    asks: tuple[str, ...]
+    operation: str
+
+
+def told(line: bytes) -> EntryWords:
+    """Reason, tier and asks that an entry states; nothing of what is not of a form that is known.
+
+    Args:
+        line: of the ledger.
+    """
+    body = _body(line)
+    decision, stated = _object(body.get("decision")), _claims(body.get("ask"))
+    asked = _object(body.get("request"))
+    findings = decision.get("findings")
+    codes = [
+        decision.get("reason"),
+        body.get("reason"),
+        body.get("code"),
+        *(_object(each).get("reason") for each in (findings if isinstance(findings, list) else [])),
+    ]
+    tier = decision.get("tier", stated.get("tier"))
+    asks = (_object(body.get("ask")).get("ask_id"), _object(body.get("approval")).get("ask_id"), stated.get("ask_id"))
+    act = (asked.get("operation") or stated.get("operation"), asked.get("object") or stated.get("object"))
+    named = [body.get(name) for name in ("kind", "id")] if isinstance(body.get("id"), str) else []
+    return EntryWords(
+        tuple(dict.fromkeys(code for code in codes if isinstance(code, str) and code)),
+        tier if type(tier) is int else None,
+        tuple(dict.fromkeys(ask for ask in asks if isinstance(ask, str))),
+        f"{act[0]} of {act[1]}"
+        if all(isinstance(part, str) for part in act)
+        else " ".join(each for each in named if isinstance(each, str)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """One policy's answer to the request, or that of a primitive inside it.
+
+    Attributes:
+        what: name of the policy, or id of the primitive.
+        answer: its effect or verdict, in words.
+        reasons: codes that it gives.
+        depth: of a primitive, how deep it stands in the predicate.
+    """
+
+    what: str
+    answer: str
+    reasons: tuple[str, ...]
+    depth: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Decided:
+    """A decision as it was recorded, with what each policy said.
+
+    Attributes:
+        effect, reason, primitive: of the record.
+        words: sentence of the reason.
+        tier, index: as text; "" of none.
+        obligations, findings: of the record; a finding as primitive, reason and detail.
+        judged: answers of the policies in the set's order; empty where another set decided.
+        combined: how they make the decision, a sentence a step.
+        policy_digest: of the set that decided.
+    """
+
+    effect: str
+    reason: str
+    words: str
+    primitive: str
+    tier: str
+    index: str
+    obligations: tuple[str, ...]
+    findings: tuple[tuple[str, str, str], ...]
+    judged: tuple[Judged, ...]
+    combined: tuple[str, ...]
+    policy_digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class Way:
+    """Way of one request.
+
+    Attributes:
+        act: "operation of object".
+        audience: at which it was asked.
+        values: name, readable value, exact value.
+        sponsor: at whom the chain starts; "" where none was verified.
+        token_id: of its token; "" of none.
+        hops: agent and hop id of each, from the first on.
+        plain: name and text of each reading of one word or number.
+        readings: name and JSON text of each other part of the evidence that was collected.
+        decisions: in order.
+        outcome: of the last act on record; "" of none.
+    """
+
+    act: str
+    audience: str
+    values: tuple[tuple[str, str, str], ...]
+    sponsor: str
+    token_id: str
+    hops: tuple[tuple[str, str], ...]
+    plain: tuple[tuple[str, str], ...]
+    readings: tuple[tuple[str, str], ...]
+    decisions: tuple[Decided, ...]
+    outcome: str
+
+
+def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
+    """The way that these entries tell of.
+
+    Args:
+        lines: of the ledger, in order.
+        policies: of this provider; a decision of exactly this set is explained policy by policy.
+    """
+    bodies = [_body(line) for line in lines]
+    decided = [body for body in bodies if isinstance(body.get("decision"), dict)]
+    first = decided[0] if decided else {}
+    asked, evidence = _object(first.get("request")), _object(first.get("evidence"))
+    chain = _object(evidence.get("chain"))
+    listed = chain.get("hops")
+    hops = [_object(hop) for hop in listed] if isinstance(listed, list) else []
+    outcomes = [str(body["outcome"]) for body in bodies if isinstance(body.get("outcome"), str)]
+    collected = {name: each for name, each in evidence.items() if name not in {"type", "chain"} and each is not None}
+    act = f"{asked.get('operation')} of {asked.get('object')}" if asked else told(lines[0]).operation
+    return Way(
+        act=act,
+        audience=str(asked.get("audience", "")),
+        values=tuple(_value(value) for value in asked.get("values", ()) if isinstance(value, list)),
+        sponsor=str(_object(chain.get("sponsor")).get("subject", "")),
+        token_id=str(chain.get("token_id", "")),
+        hops=tuple((str(hop.get("agent")), str(hop.get("hop_id"))) for hop in hops),
+        plain=tuple(
+            (name, str(reading)) for name, reading in collected.items() if not isinstance(reading, dict | list)
+        ),
+        readings=tuple(
+            (name, _pretty(reading)) for name, reading in collected.items() if isinstance(reading, dict | list)
+        ),
+        decisions=tuple(_decided(body, policies) for body in decided),
+        outcome=outcomes[-1] if outcomes else "",
+    )
+
+
+def _decided(body: Mapping[str, Any], policies: PolicySet) -> Decided:
+    said, explained = _object(body.get("decision")), _explained(body, policies)
+    reason = str(said.get("reason", ""))
+    findings = said.get("findings")
+    return Decided(
+        effect=str(said.get("effect", "")),
+        reason=reason,
+        words=REASONS[Reason(reason)].text if reason in Reason.__members__ else "",
+        primitive=str(said.get("primitive", "")),
+        tier="" if said.get("tier") is None else str(said["tier"]),
+        index="" if said.get("index_milli") is None else str(said["index_milli"]),
+        obligations=tuple(map(str, said.get("obligations") or ())),
+        findings=tuple(
+            (str(each.get("primitive", "")), str(each.get("reason", "")), _pretty(each.get("detail", {})))
+            for each in map(_object, findings if isinstance(findings, list) else [])
+        ),
+        judged=() if explained is None else tuple(_judged(explained)),
+        combined=() if explained is None else explained.combined,
+        policy_digest=str(said.get("policy_digest", "")),
+    )
+
+
+def _explained(body: Mapping[str, Any], policies: PolicySet) -> Explanation | None:
+    """The explanation of a recorded case, where this very set decided it and decides it so again."""
+    said = _object(body.get("decision"))
+    if said.get("policy_digest") != policies.digest:
+        return None
+    try:
+        case = case_json.read({"form": body["form"], "request": body["request"], "evidence": body["evidence"]})
+    except (PolicyError, KeyError):
+        return None
+    found = explain(case.request, case.evidence, policies)
+    return found if str(found.decision.effect) == said.get("effect") else None
+
+
+def _judged(explained: Explanation) -> list[Judged]:
+    return [row for said in explained.said for row in _of_policy(said)]
+
+
+def _of_policy(said: PolicyExplanation) -> list[Judged]:
+    answer = "no opinion" if said.effect is None else str(said.effect)
+    own = Judged(said.policy.id, answer, tuple(str(finding.reason) for finding in said.findings))
+    return [own] if said.predicate is None else [own, *_of_predicate(said.predicate, 1)]
+
+
+def _of_predicate(node: PredicateVerdict, depth: int) -> list[Judged]:
+    own = Judged(node.what, node.verdict, tuple(str(finding.reason) for finding in node.findings), depth)
+    return [own, *(row for part in node.parts for row in _of_predicate(part, depth + 1))]
+
+
+def _value(stated: list[Any]) -> tuple[str, str, str]:
+    name, spelled, value = (*stated, "", "", "")[:3]
+    try:
+        kind = kind_of(str(spelled))
+    except CapabilityError:
+        kind = None
+    exact = f"{json.dumps(value)} {spelled}"
+    if isinstance(kind, Unit | DeclaredUnit) and type(value) is int:
+        return str(name), readable(value, kind), exact
+    return str(name), str(value), exact
+
+
+def _pretty(value: object) -> str:
+    text = json.dumps(value, indent=2, ensure_ascii=True)
+    return text if len(text) <= _JSON_CHARACTERS else text[:_JSON_CHARACTERS] + " …"
+
+
+def _body(line: bytes) -> dict[str, Any]:
+    """Body of an entry, or of the record of an enforcement point in it."""
+    body = _object(_object(json.loads(line)).get("body"))
+    record = body.get("record")
+    return _object(record.get("body")) if isinstance(record, dict) else body
+
+
+def _claims(text: object) -> dict[str, Any]:
+    if not isinstance(text, str):
+        return {}
+    try:
+        return _object(json.loads(jws.split(text, most_bytes=STATEMENT_BYTES).payload_raw))
+    except (CapabilityError, ValueError):
+        return {}
+
+
+def _object(value: object) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
