@@ -33,6 +33,7 @@ from ztpm_idp.provider.observing import Observing
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.provider.rates import Rates
+from ztpm_idp.push.pushing import Pushing
 from ztpm_idp.routes import (
     approvals,
     audit,
@@ -46,6 +47,7 @@ from ztpm_idp.routes import (
     oauth,
     oauth_authorize,
     oauth_registry,
+    open_asks,
     openid,
     passkeys,
     people,
@@ -77,6 +79,7 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
+    from ztpm_idp.webhook_settings import Webhook
 
 logger = logging.getLogger(__name__)
 _PARTS: Final = (
@@ -87,6 +90,7 @@ _PARTS: Final = (
     tokens,
     mandates,
     ledger,
+    open_asks,
     approvals,
     envelopes,
     latches,
@@ -133,6 +137,7 @@ def create_app(
     policies: PolicySet | None = None,
     oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
+    webhooks: Iterable[Webhook] = (),
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     metrics_access: MetricsAccess | None = None,
     now: Callable[[], float] = time.time,
@@ -151,6 +156,7 @@ def create_app(
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
+        webhooks: that are told of open questions.
         metrics_access: right to read `/metrics`; None: on this machine alone, and nowhere behind a TLS proxy.
         now: wall clock, seconds since the epoch.
         ticks: monotonic clock of rates, seconds.
@@ -179,6 +185,7 @@ def create_app(
             app.state.confirmations = Confirmations(store)
             app.state.lookups = Lookups(app.state.provider)
             app.state.ledger_follower = LedgerFollower(store)
+            app.state.pushing = Pushing(app.state.provider, webhooks, metrics=metrics)
             app.state.login_providers = {
                 each.stated.name: OpenIdProvider(
                     each, redirect_uri=f"{settings.issuer}/login/providers/{each.stated.name}/callback", now=now
@@ -186,7 +193,8 @@ def create_app(
                 for each in login_providers
             }
             watched = (each.run() for each in watch(app.state.provider))
-            async with _beside(app.state.ledger_follower.run(), *watched), store.listening(app.state.provider.hinted):
+            own = app.state.ledger_follower.run(), app.state.pushing.run()
+            async with _beside(*own, *watched), store.listening(app.state.provider.hinted):
                 yield
         finally:
             await store.close()

@@ -44,6 +44,7 @@ async def take_ask(request: Request, call: Asker) -> JSONResponse:
     """An enforcement point's ask is shown to people: 201, or 200 when the very same was taken before."""
     text, provider = call.body(wire.AskBody).ask, provider_of(request)
     done = await provider.run(commands.TakeAsk(call.party.id, text, tracing.trace_id() or ""), actor=call.party.id)
+    request.app.state.pushing.told()
     # It was opened strictly on the way: its id is a safe part of a path.
     ask_id = stated(text, provider.rules.caps)["ask_id"]
     url = f"{provider.settings.issuer}/approvals/{ask_id}/page"
