@@ -13,6 +13,7 @@ import pytest
 import uvicorn
 from tests.ztpm_idp.asks import AGENT, Cell
 from tests.ztpm_idp.world import World
+from ztpm_idp.routes import open_asks
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [
@@ -33,7 +34,15 @@ KEPT = """() => {
 
 
 @pytest.fixture(scope="module")
-def cell(tmp_path_factory):
+def often():
+    """The page looks ten times a second: what it does then does not depend on how often."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(open_asks, "EVERY_S", 0.1)
+        yield
+
+
+@pytest.fixture(scope="module")
+def cell(tmp_path_factory, often):  # noqa: ARG001
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
