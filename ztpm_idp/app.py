@@ -47,7 +47,6 @@ from ztpm_idp.routes import (
     oauth,
     oauth_authorize,
     oauth_registry,
-    open_asks,
     openid,
     passkeys,
     people,
@@ -60,6 +59,7 @@ from ztpm_idp.routes import (
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.routes.described import described_by
 from ztpm_idp.routes.descriptions import Descriptions
+from ztpm_idp.routes.pages import open_asks
 from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError

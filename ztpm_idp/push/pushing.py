@@ -1,4 +1,4 @@
-"""Pushing beside a provider: each open question is told to each webhook once, whatever worker does it.
+"""Pushing beside a provider: each open question is told to each webhook once, by one of the workers.
 
 Nothing waits for it: an ask is taken and answered whether or not anybody can be told of it. What is to be sent is read
 from the store each time, so it outlives a restart, and ends with its question.
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.statements.people import ask as ask_statement
 from capabilities.values.errors import CapabilityError
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
-from ztpm_idp.domain.asking.pushes import Plan, PushFailed, Told, planned
+from ztpm_idp.domain.asking.pushes import Listed, Plan, PushFailed, planned
 from ztpm_idp.domain.locks import WHOLE, Locks
 from ztpm_idp.provider.metrics import TAKEN
 from ztpm_idp.push.message import Message, request_of
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from ztpm_idp.webhook_settings import Webhook
 
 PERIOD_S: Final = 1.0
-"""Ours: time between two looks, for what another worker left and what is due again; an ask of this one is a hint."""
+"""Ours: time between two looks, for what another worker left and what is due again."""
 AT_ONCE: Final = 8
 """Ours: most requests of one worker under way at a time."""
 ACTOR: Final = "provider"
@@ -152,7 +152,7 @@ class Pushing:
         found = await view.approvals.not_long_over(since_s=at_ms // 1_000 - ANSWERED_MEMORY_S)
         asked = {each.ask.ask_id: each for each in found}
         known = await view.pushes.of(asked) if asked else {}
-        webhooks = (Told(name, each.stated.ends) for name, each in self._webhooks.items())
+        webhooks = (Listed(name, each.stated.ends) for name, each in self._webhooks.items())
         plan = planned(
             found, known, webhooks,
             a_minute=self._provider.settings.asks_a_minute, most=AT_ONCE - len(self._under_way), at_ms=at_ms,

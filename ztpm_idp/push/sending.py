@@ -107,7 +107,7 @@ def _pause_s(answer: httpx2.Response) -> int:
 
 
 def silence() -> None:
-    """The client's own log has each address that it sends to, at levels below warnings; it has none from now on."""
+    """The client's own log says nothing below warnings from now on: it would have each address."""
     for name in ("httpx2", "httpcore2"):
         log = logging.getLogger(name)
         log.setLevel(max(log.level, logging.WARNING))

@@ -1,4 +1,4 @@
-"""The page of open questions in headless Chromium: it tells of a new one while it is open, and of its own end."""
+"""The page of open questions in headless Chromium tells of each new one, and of its own end."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import pytest
 import uvicorn
 from tests.ztpm_idp.asks import AGENT, Cell
 from tests.ztpm_idp.world import World
-from ztpm_idp.routes import open_asks
+from ztpm_idp.routes.pages import open_asks
 
 CHROMIUM = shutil.which("chromium")
 pytestmark = [

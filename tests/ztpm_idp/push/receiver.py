@@ -77,7 +77,7 @@ class Receiver:
         return f"{scheme}://{host}:{self.port}{path}"
 
     def all(self) -> list[Post]:
-        """What came since the last call."""
+        """Requests since the last call."""
         found = []
         while not self.posts.empty():
             found.append(self.posts.get_nowait())

@@ -25,7 +25,7 @@ from ztpm_idp.provider.provider import Provider
 pytestmark = pytest.mark.clause("PSH-1", "PSH-2", "PSH-3", "PSH-4")
 LINK = f"{ISSUER}/approvals/{{}}/page"
 PEOPLE = ("alice", "carol", "person-7")
-"""The sponsor, an approver, and somebody in view."""
+"""The sponsor, an approver, and a person in view."""
 HOSTILE = "<!channel> [ok](https://evil.example) <https://evil.example|ok>"
 
 

@@ -18,7 +18,10 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.asking.asks import Asked
 
 TURN_MS: Final = 30_000
-"""Ours: milliseconds for which a push is its worker's alone; a try takes 5 s at most, and its record far less."""
+"""Ours: milliseconds for which a push is its worker's alone.
+
+A try takes 5 s at most, and its record far less.
+"""
 MINUTE_MS: Final = 60_000
 PAUSES_S: Final = (1, 2, 4, 8, 16, 32, 60)
 """Ours: seconds before each further try; an ask lives for ten minutes at most."""
@@ -67,7 +70,7 @@ class Push:
 
     @property
     def key(self) -> Key:
-        """What names it."""
+        """The names of it."""
         return self.ask_id, self.webhook, self.event
 
     @property
@@ -91,7 +94,7 @@ class Push:
 
 
 @dataclass(frozen=True, slots=True)
-class Told:
+class Listed:
     """Webhook as far as it matters when a question is pushed.
 
     Attributes:
@@ -116,7 +119,7 @@ class PushFailed:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is to be done with pushes at an instant; each as it is to be kept.
+    """Plan of an instant: pushes, each as it is to be kept.
 
     Attributes:
         send: are sent now, in their worker's turn.
@@ -133,9 +136,15 @@ class Plan:
 
 
 def planned(
-    asks: Sequence[Asked], pushes: Mapping[Key, Push], webhooks: Iterable[Told], *, a_minute: int, most: int, at_ms: int
+    asks: Sequence[Asked],
+    pushes: Mapping[Key, Push],
+    webhooks: Iterable[Listed],
+    *,
+    a_minute: int,
+    most: int,
+    at_ms: int,
 ) -> Plan:
-    """What is to be done now.
+    """The plan of now.
 
     Args:
         asks: that may be open, or ended a moment ago; the oldest first.
