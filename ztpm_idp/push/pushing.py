@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Final
 from capabilities.statements.people import ask as ask_statement
 from capabilities.values.errors import CapabilityError
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
-from ztpm_idp.domain.asking.pushes import Listed, Plan, PushFailed, planned
+from ztpm_idp.domain.asking.pushes import Listed, Plan, PushCode, PushFailed, planned
 from ztpm_idp.domain.locks import WHOLE, Locks
 from ztpm_idp.provider.metrics import TAKEN
 from ztpm_idp.push.message import Message, request_of
@@ -132,7 +132,7 @@ class Pushing:
         for push in plan.wait:
             if push.key not in known:
                 _LOG.warning("webhook %s: %s: more questions than one person reads", push.webhook, push.code)
-                self._count(push.code)
+                self._count(PushCode.PUSH_OVER_BUDGET)
         return plan, self._opened(signed, asked, at_ms)
 
     def _opened(
