@@ -16,6 +16,7 @@ from tests.ztpm_idp.push.receiver import HANG, Receiver
 from tests.ztpm_idp.world import ISSUER, World
 from ztpm_idp.domain.asking.pushes import MINUTE_MS, PAUSES_S, TURN_MS
 from ztpm_idp.provider.metrics import Metrics
+from ztpm_idp.push import pushing as pushing_module
 from ztpm_idp.push.pushing import Pushing
 from ztpm_idp.store import Store
 from ztpm_idp.webhook_settings import Webhook, WebhookSettings
@@ -359,7 +360,8 @@ def test_an_address_is_told_nowhere(cell, receivers, caplog):
         assert "s3cret" not in text
 
 
-def test_a_provider_pushes_by_itself_what_it_takes(tmp_path, receivers):
+def test_a_provider_pushes_by_itself_what_it_takes_and_at_once(tmp_path, receivers, monkeypatch):
+    monkeypatch.setattr(pushing_module, "PERIOD_S", 60.0)
     at = receivers()
     with World(tmp_path, webhooks=(hook(at.url()),)) as world:
         ask_id, _ = Cell(world).taken()
