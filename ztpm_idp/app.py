@@ -36,6 +36,7 @@ from ztpm_idp.provider.observing import Observing
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.provider.rates import Rates
+from ztpm_idp.push.pushing import Pushing
 from ztpm_idp.routes import (
     approvals,
     audit,
@@ -61,6 +62,7 @@ from ztpm_idp.routes import (
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.routes.described import described_by
 from ztpm_idp.routes.descriptions import Descriptions
+from ztpm_idp.routes.pages import open_asks
 from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -80,6 +82,7 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
+    from ztpm_idp.webhook_settings import Webhook
 
 logger = logging.getLogger(__name__)
 _PARTS: Final = (
@@ -90,6 +93,7 @@ _PARTS: Final = (
     tokens,
     mandates,
     ledger,
+    open_asks,
     approvals,
     envelopes,
     latches,
@@ -141,6 +145,7 @@ def create_app(
     policies: PolicySet | None = None,
     oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
+    webhooks: Iterable[Webhook] = (),
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     metrics_access: MetricsAccess | None = None,
     now: Callable[[], float] = time.time,
@@ -159,6 +164,7 @@ def create_app(
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
+        webhooks: that are told of open questions.
         metrics_access: right to read `/metrics`; None: on this machine alone, and nowhere behind a TLS proxy.
         now: wall clock, seconds since the epoch.
         ticks: monotonic clock of rates, seconds.
@@ -187,6 +193,7 @@ def create_app(
             app.state.confirmations = Confirmations(store)
             app.state.lookups = Lookups(app.state.provider)
             app.state.ledger_follower = LedgerFollower(store)
+            app.state.pushing = Pushing(app.state.provider, webhooks, metrics=metrics)
             app.state.login_providers = {
                 each.stated.name: OpenIdProvider(
                     each, redirect_uri=f"{settings.issuer}/login/providers/{each.stated.name}/callback", now=now
@@ -194,7 +201,8 @@ def create_app(
                 for each in login_providers
             }
             watched = (each.run() for each in watch(app.state.provider))
-            async with _beside(app.state.ledger_follower.run(), *watched), store.listening(app.state.provider.hinted):
+            own = app.state.ledger_follower.run(), app.state.pushing.run()
+            async with _beside(*own, *watched), store.listening(app.state.provider.hinted):
                 yield
         finally:
             await store.close()

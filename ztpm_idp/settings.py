@@ -32,6 +32,8 @@ from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError,
 from ztpm_idp.login_settings import LoginProviderSettings, check_login_providers
 from ztpm_idp.platforms.stated import PLATFORMS, PUBLISHERS, Publisher, StatedPlatform, check_together
 from ztpm_idp.rate_settings import RateSettings
+from ztpm_idp.webhook_settings import SETTING as WEBHOOKS
+from ztpm_idp.webhook_settings import WebhookSettings, check_webhooks
 
 if TYPE_CHECKING:
     from policies.decision.policy import PolicySet
@@ -72,6 +74,7 @@ class Stated(BaseModel):
             seconds of reading each they take one person four minutes, inside the life of an ask; a queue too long
             to be read in time is approved unread.
         login_providers: OpenID providers at which people may log in.
+        webhooks: that are told of open asks.
         asks_a_minute, asks_an_hour: asks that are shown for each active approver. By default 6 and 30: more
             of them are approved unread.
         allowances: how much of each thing one sponsor may have.
@@ -95,6 +98,7 @@ class Stated(BaseModel):
     tls_certificate_file: str | None = None
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
+    webhooks: list[WebhookSettings] = []
     rates: RateSettings = RateSettings()
     allowances: EveryAllowance = EveryAllowance()
 
@@ -105,6 +109,8 @@ class Stated(BaseModel):
         _check_database(self.database_url)
         if fault := check_login_providers(self.login_providers):
             raise UnsafeError("login_providers", fault)
+        if fault := check_webhooks(self.webhooks):
+            raise UnsafeError(WEBHOOKS, fault)
         return self
 
 

@@ -127,6 +127,7 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "pushes",
     "enrolments",
     "envelopes",
     "latch_clearings",
@@ -191,6 +192,7 @@ class World:
     platform: workload.Platform | None = None
     policies: object | None = None
     publishers: dict = field(default_factory=dict)
+    webhooks: tuple = ()
     people: dict[str, Operator] = field(default_factory=dict)
     database: str = field(default_factory=lambda: DATABASE[0])
     agents: dict[str, Agent] = field(default_factory=dict)
@@ -279,6 +281,7 @@ class World:
             policies=self.policies,
             publishers=self.publishers,
             oauth_keys=self.oauth_keys,
+            webhooks=self.webhooks,
             now=self.clock,
             ticks=self.ticks,
         )

@@ -12,6 +12,7 @@ from ztpm_idp.login_settings import load_login_providers
 from ztpm_idp.provider import metrics_access
 from ztpm_idp.safe_files import check_files
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+from ztpm_idp.webhook_settings import load_webhooks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.settings import FileSettings
+    from ztpm_idp.webhook_settings import Webhook
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +41,7 @@ class ProviderDeployment:
         oauth: keys of the authorization server; None: there is none.
         publishers: raw public keys by name of each whose releases count.
         metrics: right to read the figures.
+        webhooks: that are told of open questions.
     """
 
     settings: FileSettings
@@ -49,6 +52,7 @@ class ProviderDeployment:
     oauth: OAuthKeys | None
     publishers: Mapping[str, frozenset[bytes]]
     metrics: MetricsAccess
+    webhooks: tuple[Webhook, ...]
 
 
 def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
@@ -75,4 +79,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         oauth_keys.load(settings.oauth_key_files, config.parent, keys, passphrase),
         {each.name: each.raw for each in settings.publishers},
         metrics_access.load(settings, config.parent, os.environ),
+        load_webhooks(settings.webhooks, config.parent, os.environ),
     )

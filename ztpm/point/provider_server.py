@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
+    from ztpm_idp.webhook_settings import Webhook
 
 TLS: Final = "tls_certificate_file"
 """Name under which a fault of certificate or key is told."""
@@ -58,6 +59,7 @@ def serve(
     oauth: OAuthKeys | None = None,
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     metrics: MetricsAccess | None = None,
+    webhooks: tuple[Webhook, ...] = (),
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
@@ -72,6 +74,7 @@ def serve(
         oauth: keys of the authorization server, if there is one.
         publishers: raw public keys by name of each whose releases count.
         metrics: right to read the figures; None: on this machine alone.
+        webhooks: that are told of open questions.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
 
     Raises:
@@ -91,6 +94,7 @@ def serve(
         login_providers=login_providers,
         publishers=publishers,
         metrics_access=metrics,
+        webhooks=webhooks,
         watch=watch,
     )
 
@@ -170,6 +174,8 @@ def main() -> int:
         watch = watching(read.settings, config, passphrase, read.keys)
     except SettingsError as error:
         return _told("CONFIG_INVALID", f"{config}: {error.setting}: {error.why}")
+    for each in read.webhooks:  # likewise, now that it is read
+        os.environ.pop(each.stated.url_variable or "", None)
     observing.ACCESS.disabled = not read.settings.access_log
     # The server hands the signal back when it has ended in order; that is success, not death by signal.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(0))
@@ -185,6 +191,7 @@ def main() -> int:
                 oauth=read.oauth,
                 publishers=read.publishers,
                 metrics=read.metrics,
+                webhooks=read.webhooks,
                 watch=watch,
             )
     except (StoreNotOpenedError, UnavailableError) as error:

@@ -12,6 +12,7 @@ from capabilities.keys.keys import thumbprint
 from capabilities.values.scope_json import scope_to_json
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
 from ztpm_idp.domain.asking.latch_acts import ClearingSigned, LatchTaken
+from ztpm_idp.domain.asking.pushes import PushFailed
 from ztpm_idp.domain.events import (
     AgentAttested,
     AgentRestored,
@@ -234,6 +235,14 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
                 "code": event.code,
                 "digest": event.digest,
                 "signed": None if signed is None else _signed(signed),
+            }
+        case PushFailed(push=push):
+            return "push-failed", {
+                "ask_id": push.ask_id,
+                "webhook": push.webhook,
+                "event": push.event.value,
+                "code": "" if push.code is None else push.code.value,
+                "tries": push.tries,
             }
         case StoreRestored():
             return "store-restored", {

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from capabilities.statements import revocation
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeEvent
 from ztpm_idp.domain.asking.latch_acts import LatchEvent
+from ztpm_idp.domain.asking.pushes import PushFailed
 from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.oauth.events import OAuthEvent
 from ztpm_idp.domain.signed import SignedRequest as SignedRequest  # noqa: PLC0414, TC001  its readers take it from here
@@ -458,4 +459,5 @@ Event = (
     | LoginEvent
     | EnvelopeEvent
     | LatchEvent
+    | PushFailed
 )

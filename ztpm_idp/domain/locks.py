@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 from typing import TYPE_CHECKING
 
+from ztpm_idp.domain.asking.pushes import PushFailed
 from ztpm_idp.domain.commands import (
     Attest,
     CastVote,
@@ -186,6 +187,8 @@ def changed_by(event: Event) -> frozenset[Lock] | None:
             return frozenset({REVOCATIONS, REGISTRY} if people else {REVOCATIONS})
         case AccessMade():
             return frozenset()  # a row of its own
+        case PushFailed():
+            return frozenset()  # an entry of the ledger
         case NonceConsumed() | TokenDelegated() | DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
             # A nonce's own row says that it is unspent; a new hop changes nothing, nor does an entry of the ledger.
             return frozenset()

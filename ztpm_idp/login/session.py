@@ -75,8 +75,12 @@ class SignedIn:
         return 0 <= at_ms - self.at_ms <= fresh_s * 1_000
 
 
-async def signed_in(request: Request) -> SignedIn | None:
+async def signed_in(request: Request, *, prolongs: bool = True) -> SignedIn | None:
     """The person who is logged in in this browser, now; None where nobody is.
+
+    Args:
+        request: with the cookie.
+        prolongs: a person's act, before which the session was not silent; False: a page looked by itself.
 
     Raises:
         StoreUnavailableError: it cannot be said.
@@ -93,7 +97,7 @@ async def signed_in(request: Request) -> SignedIn | None:
         return None
     if person.standing is not Standing.ACTIVE:
         return None
-    if at_ms - session.seen_ms >= SEEN_MS:
+    if prolongs and at_ms - session.seen_ms >= SEEN_MS:
         async with provider.store.write(_LOCKS) as transaction:
             await transaction.sessions.seen(session_id, at_ms=at_ms)
     return _signed_in(session, person)

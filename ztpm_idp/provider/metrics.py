@@ -31,6 +31,8 @@ NO_ROUTE: Final = "none"
 OTHER: Final = "other"
 DONE, REFUSED, FAILED = "done", "refused", "failed"
 """Ends of a command."""
+TAKEN: Final = "taken"
+"""End of a push that its webhook took."""
 COUNTER, GAUGE, HISTOGRAM = "counter", "gauge", "histogram"
 
 
@@ -55,6 +57,7 @@ FIGURES: Final = (
     ),
     Figure("ztpm_store_transactions_total", COUNTER, ("end",), "Writing transactions by end."),
     Figure("ztpm_store_transaction_seconds", HISTOGRAM, (), "Time of a writing transaction, its wait included."),
+    Figure("ztpm_pushes_total", COUNTER, ("outcome",), "Tries to push a question: `taken`, or the reason code."),
     Figure("ztpm_store_up", GAUGE, (), "1 when the figures below could be read of the store just now."),
     Figure("ztpm_heartbeat_age_seconds", GAUGE, (), "Time since a commit of this process let it send a heartbeat."),
     Figure("ztpm_revocation_epoch", GAUGE, (), "Epoch of the revocation index."),
@@ -89,6 +92,7 @@ class Metrics:
         self._commands = self._counter("ztpm_commands_total")
         self._refusals = self._counter("ztpm_refusals_total")
         self._repeated = self._counter("ztpm_commands_repeated_total")
+        self._pushes = self._counter("ztpm_pushes_total")
         self._transactions = self._counter("ztpm_store_transactions_total")
         self._transaction_s = self._histogram("ztpm_store_transaction_seconds", STORE_S)
         self.store_up = self._gauge("ztpm_store_up")
@@ -136,6 +140,10 @@ class Metrics:
     def repeated(self, cause: str) -> None:
         """Counts a command that is begun again, for a `conflict` or `locks` too few."""
         self._repeated.labels(cause).inc()
+
+    def pushed(self, outcome: str) -> None:
+        """Counts a try to push a question: `TAKEN`, or the code of its reason."""
+        self._pushes.labels(outcome).inc()
 
     def transaction(self) -> Callable[[str], None]:
         """Notes that a writing transaction begins; the result takes its end, once."""

@@ -54,6 +54,7 @@ async def take_ask(request: Request, call: Asker) -> JSONResponse:
     text = body.ask
     command = commands.TakeAsk(call.party.id, text, tracing.trace_id() or "", body.picture)
     done = await provider.run(command, actor=call.party.id)
+    request.app.state.pushing.told()
     # It was opened strictly on the way: its id is a safe part of a path.
     ask_id = stated(text, provider.rules.caps)["ask_id"]
     url = f"{provider.settings.issuer}/approvals/{ask_id}/page"

@@ -85,6 +85,8 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("GET", "/passkeys/passkey.js"): _TOLD,
     ("GET", "/passkeys/enrolments/{enrolment_id}/page"): _TOLD,
     ("POST", "/passkeys/enrolments/{enrolment_id}/credential"): _BEGUN,
+    ("GET", "/approvals/page"): _SHOWN,
+    ("GET", "/approvals/page/open"): _TOLD,
     ("GET", "/approvals/{ask_id}/page"): _TOLD,
     ("GET", "/latches/{latch_id}/page"): _TOLD,
     ("GET", "/console"): _SHOWN,

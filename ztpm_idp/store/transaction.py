@@ -9,6 +9,7 @@ import sqlalchemy as sa
 
 from ztpm_idp.domain.asking.envelope_acts import EnvelopeRevoked, EnvelopeSigned
 from ztpm_idp.domain.asking.latch_acts import ClearingSigned, LatchTaken
+from ztpm_idp.domain.asking.pushes import PushFailed
 from ztpm_idp.domain.entries import entry_of, traced
 from ztpm_idp.domain.events import (
     AgentAttested,
@@ -230,7 +231,7 @@ class Transaction(View):
                 await self._connection.execute(sa.delete(t.refusals).where(t.refusals.c.agent == agent))
                 counted = sa.insert(t.refusals).values(agent=agent, since_ms=since_ms, number=number)
                 await self._connection.execute(counted)
-            case DelegationRefused() | ApprovalActRefused() | RefusalsSpent():
+            case DelegationRefused() | ApprovalActRefused() | RefusalsSpent() | PushFailed():
                 pass  # the ledger entry is all there is
             case NonceConsumed() | NonceGiven() | TokenIssued() | TokenDelegated() | ConductObserved() | Revoked():
                 pass  # all of a kind at once

@@ -38,6 +38,7 @@ from ztpm_idp.store.login.sessions import Sessions
 from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
 from ztpm_idp.store.points import Points
+from ztpm_idp.store.push.pushes import Pushes
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches, by_kind, epochs
 from ztpm_idp.store.upkeep import Upkeep
@@ -70,6 +71,7 @@ class View:
         self.oauth = OAuth(connection)
         self.people = People(connection)
         self.points = Points(connection)
+        self.pushes = Pushes(connection)
         self.revocations = Revocations(connection, self._counting)
         self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)

@@ -149,6 +149,19 @@ def secret(text, rights):
     return write
 
 
+def webhook(url, rights=0o600, **changes):
+    """States a webhook whose address is in a file with these rights."""
+
+    def write(root):
+        write_private(root / "idp/hook.url", url.encode())
+        (root / "idp/hook.url").chmod(rights)
+        members = {"name": "cell", "form": "slack", "url_file": "hook.url"} | changes
+        with (root / "idp/idp.toml").open("a") as config:
+            config.write("[[webhooks]]\n" + "".join(f"{n} = {json.dumps(v)}\n" for n, v in members.items()))
+
+    return write
+
+
 def oauth(*names, **other):
     """States keys of the authorization server."""
 
@@ -185,6 +198,10 @@ FILES = {
     "a login whose secret others may read": ("login_providers", secret("s" * 32, 0o644)),
     "a login whose secret is short": ("login_providers", secret("short", 0o600)),
     "a login whose secret is missing": ("login_providers", login(client_secret_file="absent")),
+    "a webhook in the clear": ("webhooks", webhook("http://hooks.example/s3cret")),
+    "a webhook whose address others may read": ("webhooks: cell", webhook("https://hooks.example/s3cret", 0o644)),
+    "a webhook that is no form": ("webhooks.0.form", webhook("https://hooks.example/s3cret", form="mail")),
+    "a webhook whose address is not there": ("webhooks: cell", webhook("https://hooks.example/", url_file="absent")),
     "an access token's key that is missing": ("oauth_key_files", oauth("absent.key")),
     "an access token's key that others may read": ("oauth_key_files", oauth(oauth=0o644)),
     "an access token's key that is the provider's": ("oauth_key_files", oauth("feed-1.key")),

@@ -433,6 +433,8 @@ REQUESTS = {
 SECRET = "A" * 43
 PAGES = {
     "GET /login": lambda s: Asked("/login"),
+    "GET /approvals/page": lambda s: Asked("/approvals/page"),
+    "GET /approvals/page/open": lambda s: Asked("/approvals/page/open"),
     "GET /login/account": lambda s: Asked("/login/account"),
     "GET /login/device": lambda s: Asked("/login/device"),
     "GET /login/links/{secret}": lambda s: Asked(s.link()),

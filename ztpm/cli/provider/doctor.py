@@ -60,6 +60,7 @@ class ProviderDoctor:
             ("files in force", self.files),
             ("figures", self.figures),
             ("traces", self.traces),
+            ("questions", self.questions),
             ("clock", self.clock),
         )
 
@@ -196,6 +197,22 @@ class ProviderDoctor:
         except UnavailableError as error:
             return False, error.sentence
         return True, "not sent" if found is None else f"sent to {found}"
+
+    def questions(self) -> Found:
+        """Webhooks, where there are any, have hosts that can be reached; they are sent nothing."""
+        from ztpm_idp.push.sending import reached
+
+        if self._read is None:
+            return _unread()
+        if not self._read.webhooks:
+            return True, "nobody is told: there is no webhook; people look at the page of open questions"
+        told, sound = list[str](), True
+        for webhook in self._read.webhooks:
+            found = asyncio.run(reached(webhook))
+            sound &= found.code is None
+            said = "reachable" if found.code is None else f"{found.code}: {found.detail}"
+            told.append(f"{webhook.stated.name} ({webhook.stated.form}): {said}")
+        return sound, f"{', '.join(told)}; {self._read.settings.asks_a_minute} questions a minute at most"
 
     def clock(self) -> Found:
         """The clock agrees with the one that answered, to the skew that proofs may have."""

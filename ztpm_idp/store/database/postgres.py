@@ -50,6 +50,8 @@ MIGRATION_LOCK: Final = 0x7A74706D_00000001
 """Advisory lock of migrating ("ztpm" in ASCII)."""
 SERVING_LOCK: Final = 0x7A74706D_00000002
 """Advisory lock that every serving process shares, so that nothing is restored under it."""
+PUSH_LOCK: Final = 0x7A74706D_00000003
+"""Advisory lock of planning what is pushed, so that two workers push nothing twice."""
 LISTEN_AGAIN_S: Final = 1.0
 """Seconds after which a listener that lost its connection tries again; until then the pulls find out."""
 AGAIN: Final = frozenset({"40001", "40P01"})

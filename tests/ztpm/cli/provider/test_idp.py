@@ -9,6 +9,7 @@ import httpx2
 import pytest
 from capabilities.keys.trust import TrustBundle
 from tests.ztpm.cli.provider.certificates import certificate
+from tests.ztpm_idp.push.receiver import Receiver
 from ztpm.base import trace_export
 from ztpm.base.layout import Layout
 from ztpm.cell.provider_setup import ProviderPlan
@@ -181,6 +182,24 @@ def test_faults_of_files_and_of_the_store_are_seen(made, tmp_path):
     assert (found["configuration"], set(found.values()) - {False, True}) == (False, set())
     copy.idp_key("root-1").chmod(0o644)
     assert looked(copy)["configuration"] is False
+
+
+@pytest.mark.clause("PSH-2")
+def test_webhooks_are_looked_at_and_told_nothing(made, tmp_path):
+    copy, receiver = Layout(tmp_path / "provider"), Receiver()
+    shutil.copytree(made.root, copy.root)
+    hook = copy.idp_config.parent / "hook.url"
+    hook.write_text(receiver.url())
+    hook.chmod(0o600)
+    with copy.idp_config.open("a") as config:
+        config.write('[[webhooks]]\nname = "cell"\nform = "json"\nurl_file = "hook.url"\n')
+    doctor = ProviderDoctor(copy.idp_config, PASSPHRASE, transport=answering(b"{}"))
+    doctor.configuration()
+    found = doctor.questions()
+    assert (found[0], "s3cret" in found[1], receiver.all()) == (True, False, [])
+    receiver.close()
+    found = doctor.questions()
+    assert (found[0], "PUSH_UNREACHABLE" in found[1], "s3cret" in found[1]) == (False, True, False)
 
 
 def test_the_command_looks_at_a_directory_and_fails_where_anything_is_wrong(run, made):

@@ -1,0 +1,88 @@
+"""Open questions on a page for people who are logged in, which tells of new ones while it is open."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+from fastapi import APIRouter, Request
+from fastapi.responses import HTMLResponse, JSONResponse, Response
+
+from capabilities.statements.people import ask as ask_statement
+from capabilities.values.characters import shown
+from ztpm_idp.domain.asking.asks import AskState
+from ztpm_idp.domain.codes import IdpCode
+from ztpm_idp.login import pages, session
+from ztpm_idp.login.session import NO_STORE
+from ztpm_idp.provider.ask_page import TIERS, time_of
+from ztpm_idp.provider.problems import Problem
+from ztpm_idp.routes.caller import prefix_of, provider_of
+
+if TYPE_CHECKING:
+    from ztpm_idp.provider.provider import Provider
+
+router = APIRouter()
+"""For browsers, and so not in the description of the API."""
+EVERY_S: Final = 5
+"""Ours: seconds between two looks of an open page."""
+FRESH_S: Final = 43_200
+"""Greatest age of the login: a session lives no longer anyway."""
+_SCRIPT: Final = (Path(pages.__file__).parent / "templates" / "open_asks.js").read_text("utf-8")
+
+
+@router.get("/approvals/page", response_class=HTMLResponse, include_in_schema=False)
+async def show_open_asks(request: Request) -> Response:
+    """The open questions, oldest first, with the switch for notifications."""
+    found, provider = await session.signed_in(request), provider_of(request)
+    prefix = prefix_of(provider)
+    if found is None:
+        return session.to_login(request, back_to=f"{prefix}/approvals/page", fresh_s=FRESH_S)
+    return pages.page(
+        "open_asks.html",
+        script=_SCRIPT,
+        prefix=prefix,
+        person=found.person.id,
+        every_s=EVERY_S,
+        shown_at=time_of(provider.now_ms() // 1_000),
+        open=await _open(provider),
+    )
+
+
+@router.get("/approvals/page/open", include_in_schema=False)
+async def list_open_asks(request: Request) -> JSONResponse:
+    """The open questions for the script of that page; asking so does not prolong the session.
+
+    Raises:
+        Problem: `NOT_LOGGED_IN`.
+    """
+    if await session.signed_in(request, prolongs=False) is None:
+        raise Problem(IdpCode.NOT_LOGGED_IN)
+    provider = provider_of(request)
+    now = {"shown_at": time_of(provider.now_ms() // 1_000), "open": await _open(provider)}
+    return JSONResponse(now, headers=NO_STORE)
+
+
+async def _open(provider: Provider) -> list[dict[str, object]]:
+    """Rows of the open questions, oldest first."""
+    at_ms = provider.now_ms()
+    async with provider.store.read() as view:
+        asks = await view.approvals.not_long_over(since_s=at_ms // 1_000)
+        ids = [each.ask.ask_id for each in asks if each.state(at_ms) is AskState.OPEN]
+        signed = await view.approvals.signed(frozenset(ids))
+    rows = list[dict[str, object]]()
+    for ask_id in ids:
+        text, key = signed[ask_id]
+        ask = ask_statement.open(text, {key}, provider.rules.caps)
+        words = (
+            f"Tier {int(ask.tier)}, {TIERS[ask.tier]}: {ask.agent} asks for {ask.object} {ask.operation}, "
+            f"until {time_of(ask.expires_at)}"
+        )
+        rows.append(
+            {
+                "ask_id": ask_id,
+                "url": f"{provider.settings.issuer}/approvals/{ask_id}/page",
+                "tier": int(ask.tier),
+                "words": shown(words),
+            }
+        )
+    return rows

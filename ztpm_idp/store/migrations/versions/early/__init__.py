@@ -1,0 +1,1 @@
+"""Steps of the schema until its twelfth, which every database in use has taken."""

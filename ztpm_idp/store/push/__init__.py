@@ -1,0 +1,1 @@
+"""Rows of pushes: which question was told to which webhook."""

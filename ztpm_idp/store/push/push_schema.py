@@ -1,0 +1,21 @@
+"""The table of pushes, in the one schema."""
+
+from __future__ import annotations
+
+import sqlalchemy as sa
+
+from ztpm_idp.store.schema import metadata
+
+pushes = sa.Table(
+    "pushes",
+    metadata,
+    sa.Column("ask_id", sa.ForeignKey("asks.ask_id"), primary_key=True),
+    sa.Column("webhook", sa.String(32), primary_key=True),
+    sa.Column("event", sa.String(8), primary_key=True),
+    sa.Column("tries", sa.Integer, nullable=False),
+    sa.Column("begun_ms", sa.BigInteger, nullable=False),
+    sa.Column("due_ms", sa.BigInteger, nullable=False, index=True),
+    sa.Column("code", sa.String(32), nullable=False),
+    sa.Column("done", sa.Boolean, nullable=False),
+)
+"""Pushes of questions, each once for its webhook and event; no command reads them."""

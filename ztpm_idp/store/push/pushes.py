@@ -1,0 +1,82 @@
+"""Pushes of questions in their table, written beside the state: nothing is decided on them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Final
+
+import sqlalchemy as sa
+
+from ztpm_idp.domain.asking.pushes import Push, PushCode, PushEvent
+from ztpm_idp.store.database import postgres
+from ztpm_idp.store.push import push_schema as t
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from sqlalchemy.ext.asyncio import AsyncConnection
+
+    from ztpm_idp.domain.asking.pushes import Key
+
+MEMORY_MS: Final = 86_400_000
+"""Ours: milliseconds after which the row of a push is forgotten; its question was over long before."""
+
+
+class Pushes:
+    """Access of one transaction to pushes."""
+
+    def __init__(self, connection: AsyncConnection) -> None:
+        self._connection = connection
+
+    async def turn(self) -> None:
+        """No other worker plans until this transaction ends; SQLite has one writer anyway."""
+        if self._connection.dialect.name == postgres.DIALECT:
+            await postgres.wait_for_turn(self._connection, postgres.PUSH_LOCK)
+
+    async def of(self, ask_ids: Iterable[str]) -> dict[Key, Push]:
+        """The pushes of these asks."""
+        c = t.pushes.c
+        found = await self._connection.execute(sa.select(t.pushes).where(c.ask_id.in_(sorted(ask_ids))))
+        rows = (
+            Push(
+                row.ask_id, row.webhook, PushEvent(row.event), row.tries, row.begun_ms, row.due_ms,
+                PushCode(row.code) if row.code else None, row.done,
+            )
+            for row in found
+        )  # fmt: skip
+        return {push.key: push for push in rows}
+
+    async def keep(self, pushes: Iterable[Push], *, known: Mapping[Key, Push]) -> None:
+        """The pushes are in the table.
+
+        Args:
+            pushes: as they are now.
+            known: those that have a row.
+        """
+        for push in pushes:
+            if push.key in known:
+                await self.change(push)
+            else:
+                await self._connection.execute(sa.insert(t.pushes).values(**_values(push)))
+
+    async def change(self, push: Push) -> None:
+        """A push that has a row is as it is now."""
+        c = t.pushes.c
+        where = (c.ask_id == push.ask_id, c.webhook == push.webhook, c.event == push.event.value)
+        await self._connection.execute(sa.update(t.pushes).where(*where).values(**_values(push)))
+
+    async def forget(self, *, at_ms: int) -> None:
+        """Pushes of questions that were over long ago have no row any more."""
+        await self._connection.execute(sa.delete(t.pushes).where(t.pushes.c.due_ms < at_ms - MEMORY_MS))
+
+
+def _values(push: Push) -> dict[str, object]:
+    return {
+        "ask_id": push.ask_id,
+        "webhook": push.webhook,
+        "event": push.event.value,
+        "tries": push.tries,
+        "begun_ms": push.begun_ms,
+        "due_ms": push.due_ms,
+        "code": "" if push.code is None else push.code.value,
+        "done": push.done,
+    }
