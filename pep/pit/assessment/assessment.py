@@ -154,7 +154,8 @@ class Assessment:
         tier: of the index.
         index: proven upper bound, 0 to 4.
         clearance_m: clearance that decides the index, signed; infinite when no pair decides it.
-        speed_m_s: proven bound on the surface speed of any part of the robot.
+        speed_m_s: proven bound on the surface speed of any part of the robot; of a path with the highest index, on the
+            legs up to the one that has it.
         contributions: causes that raise the index, highest first.
         violations: kinds that no authority allows.
         lower_tier_speed: highest leading-axis speed (rad/s) at which the tier is proven to fall, or None.
