@@ -174,6 +174,29 @@ def test_a_revoked_token_ends_the_lease_before_the_block_and_that_is_told(house,
     tools_move(house)
 
 
+@pytest.mark.clause("LIV-2")
+def test_a_stop_on_the_page_ends_the_motion_and_the_lease_and_both_are_on_record(house, eyes):
+    with Program(house, LONG + """
+        while not any("LEASE_OVER" in text for text in heard):
+            time.sleep(0.002)
+        say(control.moveJ(q, 0.4, 1.4))
+    say(heard[-1])
+    """) as program:  # fmt: skip
+        began_s = time.monotonic()
+        assert program.line() == ["under way"]
+        t0 = time.monotonic()
+        answer = house.cell.gateway.ask({"stop": True}, timeout_s=10, lane="stop")
+        assert answer == {"begun": True, "lease": "mover"}
+        assert stopped(eyes, began_s, t0).within_bar
+        status, said, errors = program.ended()
+    assert (status, said) == (0, [[False], ["LEASE_OVER: stopped"]]), errors
+    assert house.endings()[-1] == "stopped"
+    until(lambda: any(body["request_id"] == "stop" for body in house.journal("outcome")), "the stop on record")
+    (body,) = [body["stop"] for body in house.journal("outcome") if body["request_id"] == "stop"]
+    assert (body["asked"], body["caller"], body["lease"]) == ("page", None, "mover")
+    tools_move(house)
+
+
 def test_an_agent_leases_with_the_key_that_it_has_and_nobody_else_meanwhile(house, monkeypatch):
     """The child is told a signed request and no key: it needs neither passphrase nor the cell's directory."""
     monkeypatch.delenv(PASSPHRASE_VARIABLE, raising=False)

@@ -204,7 +204,7 @@ window.ztpmViewer = (() => {
     light.shadow.normalBias = 0.012;
     scene.add(new THREE.AmbientLight("#ffffff", 2.0), light, light.target);
 
-    const state = { azimuth: 0, elevation: 0.45, zoom: 1, row: 0, target: null, high: 1, wanted: false, sharp: 1, resting: false };
+    const state = { azimuth: 0, elevation: 0.45, zoom: 1, row: 0, target: null, high: 1, wanted: false, sharp: 1, late: 0, resting: false };
     let shown, path, solid, mark, fixed, seen, floor, names = new Map(), labels = [], seenBodies = [], live = false, now = null;
     const colour = (name, other) => getComputedStyle(element).getPropertyValue(name).trim() || other;
     const label = (of, kind = "") => {
@@ -319,9 +319,10 @@ window.ztpmViewer = (() => {
         place(at.label, x, y + side * 14, side);
       }
     };
-    // A machine that draws late draws fewer pixels, and all of them again once nothing moves.
+    // A machine that draws late draws fewer pixels, and all of them again once nothing moves. It rests as long as it
+    // draws: a button beside the picture is heard in between.
     const sharpness = () => {
-      const late = performance.now() - state.asked;
+      const late = state.late = performance.now() - state.asked;
       state.sharp = clamp(state.resting ? 1 : state.sharp * (late > 60 ? 0.85 : late < 30 ? 1.05 : 1), 0.5, 1);
       clearTimeout(state.rest);
       if (state.sharp < 1) state.rest = setTimeout(() => { state.resting = true; redraw(); }, 400);
@@ -330,8 +331,10 @@ window.ztpmViewer = (() => {
     };
     const redraw = () => {
       if (state.wanted) return;
-      [state.wanted, state.asked] = [true, performance.now()];
-      requestAnimationFrame(drawn);
+      state.wanted = true;
+      const begin = () => { state.asked = performance.now(); requestAnimationFrame(drawn); };
+      if (state.late > 60) setTimeout(begin, state.late);
+      else begin();
     };
     const lead_of = () => (live ? null : shown.witnesses.find((w) => w.posture === state.row) ?? null);
     const place_arm = (ends) => {
