@@ -1,4 +1,4 @@
-"""Picture of an assessment as an ask carries it: whole numbers, few enough to be sent and read at once ([STM-25])."""
+"""Picture of an assessment as an ask carries it: whole numbers, few enough to be read at once ([STM-25])."""
 
 from __future__ import annotations
 
@@ -37,7 +37,10 @@ BOX_FACES: Final = (
     *(0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6),
     *(0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3),
 )
-"""Triangles of an upright box whose corners go by x, then y, then z; seen from outside they go round to the left."""
+"""Triangles of an upright box whose corners go by x, then y, then z.
+
+Seen from outside they go round to the left.
+"""
 BOX_NUMBERS: Final = 8 * 3
 KEPT_OF: Final = (3, 4)
 """Share of the bodies that is tried next where all of them are too many."""

@@ -14,7 +14,7 @@ from ztpm_idp.store.database import postgres
 from ztpm_idp.store.errors import NewerDatabaseError, StoreUnavailableError
 
 MIGRATIONS: Final = Path(__file__).parents[1] / "migrations"
-NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").glob("v*.py")).partition("_")[0]
+NEWEST: Final = max(path.stem for path in (MIGRATIONS / "versions").rglob("v*.py")).partition("_")[0]
 """Newest revision; its file begins with it."""
 _UPGRADING: Final = threading.RLock()
 """Held by the thread that upgrades: Alembic keeps what it is doing in a module."""
@@ -38,6 +38,7 @@ def upgrade(connection: sa.Connection) -> str | None:
 
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS).replace("%", "%%"))
+    config.set_main_option("recursive_version_locations", "true")
     config.attributes["connection"] = connection
     try:
         with _UPGRADING:
