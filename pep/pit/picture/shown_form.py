@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 MICRO: Final = 1e6
 MILLI: Final = 1e3
-FEWER: Final = (STEPS, STEPS // 2, STEPS // 4)
-"""Instants that are tried, the most first, until the text is short enough."""
+FEWER: Final = (STEPS // 2, STEPS // 4)
+"""Instants that are tried one after the other where the text is too long with all of them."""
 ROUNDING_UM: Final = 1
 """More than a point and its whole numbers are apart: half a micrometre along each axis is 0.87."""
 BOX_FACES: Final = (
@@ -61,14 +61,15 @@ def shown_text(robot: Robot, situation: Situation, motion: Motion, assessment: A
         StatementError: it has no such form.
         PitError: a motion that could not be assessed either.
     """
+    drawn = picture(robot, situation, motion, assessment, steps=STEPS)
+    if not drawn.postures:
+        return None
+    whole = _whole(drawn)
     for steps in FEWER:
-        drawn = picture(robot, situation, motion, assessment, steps=steps)
-        if not drawn.postures:
-            return None
-        whole = _whole(drawn)
         if (text := _short(whole)) is not None:
             return text
-    return _crowded(whole)
+        whole = _whole(picture(robot, situation, motion, assessment, steps=steps))
+    return _short(whole) or _crowded(whole)
 
 
 def _crowded(whole: wire.ShownPicture) -> str:
