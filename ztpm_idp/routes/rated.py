@@ -86,6 +86,9 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("GET", "/passkeys/enrolments/{enrolment_id}/page"): _TOLD,
     ("POST", "/passkeys/enrolments/{enrolment_id}/credential"): _BEGUN,
     ("GET", "/approvals/{ask_id}/page"): _TOLD,
+    ("GET", "/approvals/{ask_id}/picture"): _TOLD,
+    ("GET", "/approvals/{ask_id}/state"): _TOLD,
+    ("GET", "/approvals/assets/{name}"): _TOLD,
     ("GET", "/latches/{latch_id}/page"): _TOLD,
 }
 """Endpoints that strangers may use, by method and path below the issuer's, or below the origin."""
