@@ -10,21 +10,30 @@ import re
 import shutil
 import socket
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import httpx2
 import pytest
 import uvicorn
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
+from capabilities.values.scope import Tier
 from msgspec import structs
 from pep.people.clearings import count
 from pep.people.votes import Count, VerifiedVote, read_vote, tally
 from pep.pit.files.scene_file import Situation
 from pep.pit.picture.shown_form import shown_text
+from pep.request.authority import PresentedRequest
+from policies.evidence.model import Effect
+from tests.pep import kit
+from tests.pep.people.test_approvals import People
 from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
+from tests.ursim.cell import HOME, let_go, until
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.routes.test_latches import taken as told_latch
 from tests.ztpm_idp.world import AUDIENCE, World
+from ursim.ports.launch import SimulatedController
 
 from capabilities.keys import keys
 from capabilities.statements import registry
@@ -38,6 +47,7 @@ pytestmark = [
     pytest.mark.clause("PSK-6"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
+SCRIPTS_PORT = 30_002
 PICTURES = os.environ.get("ZTPM_PICTURES")
 """A folder for screenshots, for people who want to look."""
 
@@ -329,6 +339,83 @@ def test_without_javascript_the_text_and_the_command_remain(cell, page):
     picture(bare, "ask-no-script")
     context.close()
     cell.world.people["alice"].deny(ask_id)
+
+
+class Answered(People):
+    """Point that asks the provider about a motion near a person, and whose effect moves a simulated arm."""
+
+    def __init__(self, tmp, cell, robot):
+        self.cell, self.robot, self.pictures = cell, robot, Drawn()
+        self.beside = ThreadPoolExecutor(1)  # playwright has a loop of its own on this thread
+        super().__init__(tmp)
+
+    def build(self, journal=None):
+        self.pep_key = self.cell.world.private[PEP]
+        # each call has a loop of its own, which no connection outlives
+        self.issuer.client = lambda: httpx2.AsyncClient(limits=httpx2.Limits(max_keepalive_connections=0))
+        super().build(journal)
+        self.asking.renew(self.cell.world.trust)
+        return self
+
+    def credentials(self, holder, *, lease_ms=30_000):
+        at = self.clock.wall_s()
+        presented = PresentedRequest(holder.text, holder.proof(b"{}", at=at, url=AUDIENCE), "POST", AUDIENCE, b"{}")
+        return self.authority.check(presented, lease_ms=lease_ms)
+
+    def go(self):
+        return self.beside.submit(super().go).result(20)
+
+    def approved_by_page(self, page, url):
+        page.goto(url)
+        checked(page)
+        page.fill("#approver", "carol")
+        page.click("#approve")
+        answered(page, "The ask is granted")
+        self.clock.wall = time.time()
+        self.beside.submit(self.pull).result(20)
+
+    async def effect(self, permit):
+        program = f"def moved():\n  movej({list(kit.MOVE['q_rad'])}, a=3.0, v=1.5)\nend\n"
+        with socket.create_connection((self.robot.host, SCRIPTS_PORT), timeout=5) as port:
+            port.sendall(program.encode())
+        return await super().effect(permit)
+
+
+class Drawn:
+    """The picture of the motion, for any request."""
+
+    def shown(self, request_id):
+        return SHOWN
+
+
+@pytest.mark.clause("PSK-6", "PSK-8")
+def test_a_question_answered_on_its_page_moves_the_arm_once(cell, page, tmp_path, monkeypatch):
+    """After the first test, in which carol has made her passkey."""
+    eyes_of = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed").RTDEReceiveInterface
+    for name, value in {"ISSUER": cell.world.issuer, "AUDIENCE": AUDIENCE, "PEP": PEP}.items():
+        monkeypatch.setattr(kit, name, value)
+    with SimulatedController.start(joints=HOME) as robot:
+        point, eyes = Answered(tmp_path, cell, robot), eyes_of(robot.host)
+        people = Snapshot(cell)
+        point.registry.people, point.registry.held = people.approvers(), people.passkeys()
+        point.physics.answer = kit.reading(3, 2_500, contributions=FOUND.contributions)
+        scope = kit.full_scope(time.time(), audience=AUDIENCE, ceiling=Tier(3))
+        point.holder = kit.agent(
+            point.made, time.time(), name="mover", key=cell.world.private["mover"], scope=scope, caps=point.caps
+        )
+        at = lambda q: max(abs(a - b) for a, b in zip(eyes.getActualQ(), q, strict=True)) < 1e-3
+        asked_first = point.go()
+        assert asked_first.decision.effect is Effect.DEFER, asked_first.decision.reason
+        assert (at(HOME), point.sent) == (True, [])
+        point.approved_by_page(page, asked_first.ask.url)
+        assert at(HOME), "an answer moves nothing by itself"
+        assert point.go().decision.effect is Effect.PERMIT
+        until(lambda: at(kit.MOVE["q_rad"]))
+        # the answer is used: the same again is another question
+        assert point.go().decision.effect is Effect.DEFER
+        assert len(point.sent) == 1
+        assert at(kit.MOVE["q_rad"])
+        let_go(eyes)
 
 
 @pytest.mark.clause("PSK-7", "STM-22")

@@ -122,6 +122,7 @@ LATEST_COLUMNS = (
     ("peps", "suspended_ms"),
     ("sensors", "suspended_ms"),
     ("tools", "suspended_ms"),
+    ("asks", "picture"),
 )
 """Columns that no database of an earlier release has."""
 

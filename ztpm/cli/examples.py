@@ -25,7 +25,7 @@ EXAMPLES: Final = {
     "revoke": "agent mover --reason 'no longer needed' --as alice",
     "approvals list": "--state open --as bob",
     "approvals watch": "--as bob",
-    "approvals show": "0123456789abcdef0123456789abcdef --as bob",
+    "approvals show": "0123456789abcdef0123456789abcdef --picture ask.html --as bob",
     "approvals approve": "0123456789abcdef0123456789abcdef --uses 1 --minutes 2 --as bob",
     "approvals deny": "0123456789abcdef0123456789abcdef --as bob",
     "approvals withdraw": "0123456789abcdef0123456789abcdef --as bob",

@@ -162,8 +162,7 @@ def _told(body: DrawnBody) -> str:
 
 
 def hash_of(text: str) -> str:
-    """Hash by which a content policy names a script or style."""
-    """The text as a policy names it."""
+    """The text as a content policy names it."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
 
 

@@ -1,4 +1,4 @@
-"""An ask as people decide on it: one sentence, the picture, two buttons; and folded below it every word of the ask.
+"""An ask as people decide on it: one sentence, the picture, two buttons; folded below, every word.
 
 Every value comes from the text whose digest an approval binds, and stands as its exact integer beside the readable
 figure. Without a script the page has all of it but picture and buttons; with one, the script checks the page ([PSK-8]).
@@ -52,7 +52,7 @@ HEADERS: Final = {
     "Referrer-Policy": "no-referrer",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Headers of every page: no content but styles of its host and its own, named by its hash, and no frame around it."""
+"""Headers of every page: no content but styles of its host and its own, and no frame around it."""
 SCRIPT: Final = (_FOLDER / "passkey.js").read_text("utf-8")
 """The one script of the pages with passkeys."""
 DRAWING: Final = ("three-0.187.0.js", "viewer.js", "shown_picture.js")

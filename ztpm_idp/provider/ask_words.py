@@ -1,4 +1,4 @@
-"""One sentence on an ask, in a person's words: what passes whom, how near and how fast, who asks, and why.
+"""One sentence on an ask, in a person's words, and one on who asks, and why.
 
 Every figure is the ask's own; a distance is rounded down and a speed up. The page's script says the same of the signed
 text, out of the same words, and takes no vote where the page says otherwise ([PSK-8]).
@@ -29,7 +29,7 @@ CM_PER_M: Final = 100
 
 
 def code_of(digest: str) -> str:
-    """Short code of an ask: the first eight hex digits of its text's digest, on the page and at a terminal."""
+    """Short code of an ask, on the page and at a terminal: first eight hex digits of its text's digest."""
     return digest[:CODE_DIGITS]
 
 

@@ -11,7 +11,7 @@ from ztpm_idp.domain.codes import Code, IdpCode
 BODY_BYTES: Final = 262_144
 """Largest batch of journal records."""
 LARGEST_BYTES: Final = 2 * BODY_BYTES + 4_096
-"""Largest body: an ask with its picture. Each route has a bound of its own, and most have a smaller one."""
+"""Largest body: an ask with its picture. Each route has a bound of its own."""
 BODY_DEPTH: Final = 32
 """Deepest nesting; our own bodies need nine."""
 

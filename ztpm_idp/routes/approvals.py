@@ -150,7 +150,7 @@ async def read_asset(name: str) -> Response:
 
 @router.get("/approvals/{ask_id}/picture", response_class=Response)
 async def show_picture(request: Request, ask_id: str) -> Response:
-    """The picture that the ask names, byte for byte, for whoever has the link of its page."""
+    """The picture that the ask names, byte for byte, for everybody who has the link of its page."""
     async with provider_of(request).store.read() as view:
         text = await view.approvals.picture(ask_id) if ID.fullmatch(ask_id) else ""
     if not text:
@@ -161,7 +161,7 @@ async def show_picture(request: Request, ask_id: str) -> Response:
 
 @router.get("/approvals/{ask_id}/state")
 async def read_state(request: Request, ask_id: str) -> JSONResponse:
-    """How the ask stands, and how many have voted, for whoever has the link of its page."""
+    """State of the ask, and the number of votes, for everybody who has the link of its page."""
     asked, _, _ = await found_ask(request, ask_id)
     state = asked.state(provider_of(request).now_ms())
     return JSONResponse({"state": state.value, "votes": len(asked.votes)}, headers=_UNSTORED)

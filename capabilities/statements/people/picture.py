@@ -1,4 +1,4 @@
-"""Picture of an asked motion, which people are shown with the ask: the arm over time and what is around it.
+"""Picture of an asked motion: the arm over time, and all that is around it.
 
 It is no statement of its own: the ask names the SHA-256 of its text, and so does every vote on the ask. All numbers are
 integers, so that every reader draws the very same. Clauses [STM-23] to [STM-25].

@@ -1,4 +1,4 @@
-"""Picture of an assessment as an ask carries it: whole numbers, few enough to be sent and read at once ([STM-25])."""
+"""Picture of an assessment as an ask carries it: whole numbers, few enough to be read at once ([STM-25])."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 MICRO: Final = 1e6
 MILLI: Final = 1e3
-FEWER: Final = (STEPS, STEPS // 2, STEPS // 4)
-"""Instants that are tried, the most first, until the text is short enough."""
+FEWER: Final = (STEPS // 2, STEPS // 4)
+"""Instants that are tried one after the other where the text is too long with all of them."""
 ROUNDING_UM: Final = 1
 """More than a point and its whole numbers are apart: half a micrometre along each axis is 0.87."""
 BOX_FACES: Final = (
@@ -37,7 +37,10 @@ BOX_FACES: Final = (
     *(0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6),
     *(0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3),
 )
-"""Triangles of an upright box whose corners go by x, then y, then z; seen from outside they go round to the left."""
+"""Triangles of an upright box whose corners go by x, then y, then z.
+
+Seen from outside they go round to the left.
+"""
 BOX_NUMBERS: Final = 8 * 3
 KEPT_OF: Final = (3, 4)
 """Share of the bodies that is tried next where all of them are too many."""
@@ -58,14 +61,15 @@ def shown_text(robot: Robot, situation: Situation, motion: Motion, assessment: A
         StatementError: it has no such form.
         PitError: a motion that could not be assessed either.
     """
+    drawn = picture(robot, situation, motion, assessment, steps=STEPS)
+    if not drawn.postures:
+        return None
+    whole = _whole(drawn)
     for steps in FEWER:
-        drawn = picture(robot, situation, motion, assessment, steps=steps)
-        if not drawn.postures:
-            return None
-        whole = _whole(drawn)
         if (text := _short(whole)) is not None:
             return text
-    return _crowded(whole)
+        whole = _whole(picture(robot, situation, motion, assessment, steps=steps))
+    return _short(whole) or _crowded(whole)
 
 
 def _crowded(whole: wire.ShownPicture) -> str:

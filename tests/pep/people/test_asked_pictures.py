@@ -1,4 +1,4 @@
-"""Picture of a question where it is asked: made of what was assessed, named by the ask, sent with it, or nobody asked."""
+"""Picture of a question where it is asked: named by the ask and sent with it, or nobody is asked."""
 
 from __future__ import annotations
 

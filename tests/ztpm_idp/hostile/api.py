@@ -185,6 +185,7 @@ def one(callers: Callers, case, role: str, found: Found, *, mode: str) -> None:
 OPEN = {
     "GET /ztpm/healthz", "GET /ztpm/livez", "GET /ztpm/metrics", "GET /ztpm/readyz", "GET /ztpm/trust", "GET /ztpm/trust/signed",
     "GET /ztpm/passkeys/passkey.js", "GET /ztpm/passkeys/enrolments/{enrolment_id}/page", "GET /ztpm/approvals/{ask_id}/page",
+    "GET /ztpm/approvals/{ask_id}/picture", "GET /ztpm/approvals/{ask_id}/state", "GET /ztpm/approvals/assets/{name}",
     "GET /ztpm/latches/{latch_id}/page",
     "GET /ztpm/revocations", "GET /ztpm/revocations/wait", "GET /ztpm/revocations/events", "GET /ztpm/oauth/jwks",
     "GET /ztpm/.well-known/oauth-authorization-server", "GET /ztpm/.well-known/oauth-protected-resource",

@@ -220,7 +220,7 @@ def test_the_openapi_names_every_endpoint(world):
     }  # fmt: skip
     assert gets == {
         "/livez", "/healthz", "/readyz", "/metrics", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
-        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/openings", "/envelopes", "/latches", "/latches/{latch_id}", "/latches/{latch_id}/page",
+        "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/approvals/{ask_id}/picture", "/approvals/{ask_id}/state", "/approvals/assets/{name}", "/openings", "/envelopes", "/latches", "/latches/{latch_id}", "/latches/{latch_id}/page",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
         "/.well-known/openid-configuration", "/.well-known/openid-configuration{path}",

@@ -180,7 +180,7 @@ def approve(
         )
     waiting = told.get("state") == "open"
     if as_json:
-        say_json({"ok": True, **told, "ask_digest": asked["ask_digest"]})
+        say_json({"ok": True, **told, "ask_digest": asked["ask_digest"], "code": _said(asked)["code"]})
     else:
         typer.echo("Approved; another person must approve, too." if waiting else "Approved.")
     raise typer.Exit(DEFER if waiting else 0)
@@ -363,7 +363,7 @@ def _show(asked: Mapping[str, Any]) -> None:
 
 
 def _said(asked: Mapping[str, Any]) -> dict[str, str]:
-    """What would happen in one sentence, and the ask's code, as its page says both."""
+    """The sentence on what would happen, and the ask's code, as its page says both."""
     from ztpm_idp.provider.ask_words import code_of, sentence_of_claims
 
     return {"sentence": sentence_of_claims(asked["shown"]), "code": code_of(str(asked["ask_digest"]))}

@@ -1,4 +1,4 @@
-"""Data tampered with on its way to an honest page: whatever a person then signs there counts as no vote.
+"""Data tampered with on its way to an honest page: no vote that is then signed there counts.
 
 The page signs what it was given with a real authenticator. Provider and enforcement point hold the ask as it was made.
 """
@@ -190,7 +190,7 @@ def changed(members, name, stated):
 
 
 def spelled(shown, text):
-    """The text that somebody on the way made of the ask: its own header and signature, other claims."""
+    """The text that was made of the ask on its way: its own header and signature, other claims."""
     header, _, signature = text.split(".")
     return ".".join((header, keys.b64u(strict_json.canonical(ask.claims(shown))), signature))
 
