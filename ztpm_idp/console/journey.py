@@ -10,6 +10,7 @@ from capabilities.keys import jws
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import DeclaredUnit, Unit, kind_of
 from policies.evidence import case_json
+from policies.evidence.evidence import NOT_COLLECTED
 from policies.explain.explanation import explain
 from policies.words.errors import PolicyError
 from policies.words.reason_table import REASONS, Reason
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
 
 LENT: Final = frozenset({"token-issued", "token-drawn", "token-delegated", "revoked", "delegation-refused"})
 """Kinds of entries about a token itself: how it was lent, and how it ended."""
+_NOT_COLLECTED: Final = NOT_COLLECTED.value
+"""Word of a record for a reading that was not collected."""
 _JSON_CHARACTERS: Final = 20_000
 """Most characters of one reading that a page shows; the entry has it whole."""
 
@@ -130,6 +133,7 @@ class Way:
         sponsor: at whom the chain starts; "" where none was verified.
         token_id: of its token; "" of none.
         hops: agent and hop id of each, from the first on.
+        missing: names of readings that were not collected, after a fault or where nothing asked for them.
         plain: name and text of each reading of one word or number.
         readings: name and JSON text of each other part of the evidence that was collected.
         decisions: in order.
@@ -142,6 +146,7 @@ class Way:
     sponsor: str
     token_id: str
     hops: tuple[tuple[str, str], ...]
+    missing: tuple[str, ...]
     plain: tuple[tuple[str, str], ...]
     readings: tuple[tuple[str, str], ...]
     decisions: tuple[Decided, ...]
@@ -172,8 +177,11 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
         sponsor=str(_object(chain.get("sponsor")).get("subject", "")),
         token_id=str(chain.get("token_id", "")),
         hops=tuple((str(hop.get("agent")), str(hop.get("hop_id"))) for hop in hops),
+        missing=tuple(name for name, reading in collected.items() if reading == _NOT_COLLECTED),
         plain=tuple(
-            (name, str(reading)) for name, reading in collected.items() if not isinstance(reading, dict | list)
+            (name, str(reading))
+            for name, reading in collected.items()
+            if not isinstance(reading, dict | list) and reading != _NOT_COLLECTED
         ),
         readings=tuple(
             (name, _pretty(reading)) for name, reading in collected.items() if isinstance(reading, dict | list)

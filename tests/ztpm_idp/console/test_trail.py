@@ -127,7 +127,9 @@ def test_a_decision_of_this_very_set_is_told_policy_by_policy(told):
     call = Call(request, MOVE_JOINT, tool, Credentials(b"", evidence.chain, True), 0, None)
     body = records.decision(call, evidence, decided)
     line = rfc8785.dumps({"seq": 1, "at_ms": 1, "body": {"record": {"kind": "decision", "body": body}}})
-    (found,) = journey.way_of([line], policies).decisions
+    way = journey.way_of([line], policies)
+    assert {"robot", "perception"} <= set(way.missing) and ("proof", "True") in way.plain
+    (found,) = way.decisions
     assert {row.what for row in found.judged if row.depth == 0} == {policy.id for policy in policies.policies}
     assert found.combined and found.effect == str(decided.effect)
     other = line.replace(policies.digest.encode(), b"0" * 64)
