@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from capabilities.values import bounds
 from capabilities.values.arguments import kind_given, measured
@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Bound
     from capabilities.values.units import Parameter, Unit
     from policies.evidence.model import Request
+
+MILLION: Final = 1_000_000
+"""Parts of a second, a radian and its rates, in the lists of a trajectory."""
 
 
 class OperationKind(Enum):

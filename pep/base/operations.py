@@ -8,6 +8,7 @@ from capabilities.values.scope import Each, Range, Tier
 from capabilities.values.units import DeclaredUnit, ListOf, Parameter, Unit
 from capabilities.values.well_formed import LIST_LENGTH
 from pep.base.operation_row import (
+    MILLION,
     ArgumentForm,
     BoundedParameter,
     Moves,
@@ -46,8 +47,6 @@ ARM: Final = frozenset(
 )
 """Courses after which the arm stands elsewhere."""
 JOINTS: Final = 6
-MILLION: Final = 1_000_000
-"""Parts of a second, a radian and its rates, in the lists of a trajectory."""
 WAYPOINTS_MOST: Final = 256
 """Waypoints of a leased program's path, each of its own kind; as many as a list of a request holds."""
 WAYPOINTS: Final = 4

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Self
 
 from pep.base.declaration import row_from_toml
-from pep.base.errors import ConfigError, PepFault
+from pep.base.tcp_place import tcp_place
 from pep.journal.budget_store import BUDGETS
 from pep.point.config_text import check_url, read_text, spelled
 from policies.decision.load import SHIPPED
@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from pep.base.operation_row import Operation
 
 OPTIONAL: Final = frozenset({"budgets", "policy", "tool", "sensors", "authzen"})
-PORT_MOST: Final = 65_535
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,10 +91,7 @@ class GuardConfig:
         Raises:
             ConfigError: `CONFIG_INVALID`.
         """
-        host, colon, port = self.sensors.rpartition(":")
-        if not colon or not host or not port.isascii() or not port.isdigit() or not int(port) <= PORT_MOST:
-            raise ConfigError(PepFault.CONFIG_INVALID, 'sensors must be "HOST:PORT", such as "127.0.0.1:8950"')
-        return host.removeprefix("[").removesuffix("]"), int(port)
+        return tcp_place(self.sensors, name="sensors")
 
     @property
     def journal_file(self) -> Path:

@@ -24,6 +24,7 @@ from capabilities.statements.observation import FRAME_BYTES, PEOPLE
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import ConfigError, PepFault
 from pep.base.key_file import read_key
+from pep.base.tcp_place import tcp_place
 from pep.sensor.followed_people import KEEP_S, FollowedPeople
 from pep.sensor.frame_sender import SenderTasks, SenderThread
 from pep.sensor.frame_writer import FrameWriter
@@ -97,7 +98,9 @@ class Sensor:
         if not name:
             raise ConfigError(PepFault.CONFIG_INVALID, "name: a key that is no file does not say whose it is")
         self._writer = FrameWriter(key, name=name, calibration=_digest(calibration))
-        self._places = [_place(each) for each in ([gateway] if isinstance(gateway, str) else gateway)]
+        self._places = [
+            tcp_place(each, name="gateway") for each in ([gateway] if isinstance(gateway, str) else gateway)
+        ]
         if not self._places:
             raise ConfigError(PepFault.CONFIG_INVALID, "gateway: none is named")
         self._people = FollowedPeople(keep_s)
@@ -220,10 +223,3 @@ def _digest(calibration: Path | str) -> str:
         return hashlib.sha256(Path(calibration).read_bytes()).hexdigest()
     except OSError as error:
         raise ConfigError(PepFault.CONFIG_INVALID, f"calibration: {type(error).__name__}") from error
-
-
-def _place(gateway: str) -> tuple[str, int]:
-    host, _, port = gateway.rpartition(":")
-    if not (host and port.isascii() and port.isdigit() and 0 < int(port) < 65_536):
-        raise ConfigError(PepFault.CONFIG_INVALID, f"gateway: {gateway[:64]!r} is not HOST:PORT")
-    return host, int(port)

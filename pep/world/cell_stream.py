@@ -10,9 +10,9 @@ from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Seen
 from pep.pit import Bounded, SceneError, ServoJ, SpeedJ, Stream
 from pep.pit.assessment.assessment import milli
+from pep.pit.assessment.led_motion import JointRates, Led, LedArm, LedTool, floor_milli, led_age, led_cell, led_scene
 from pep.pit.base.errors import UnprovenError
 from pep.pit.search.speed_envelope import moves_with
-from pep.world.led_motion import JointRates, Led, LedArm, LedTool, floor_milli, led_age, led_cell, led_scene
 from pep.world.world import sight_of
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason

@@ -5,10 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.arguments import Argument
+from pep.base.operation_row import MILLION
 from pep.base.operations import FOLLOW_TRAJECTORY, JOINTS
 from pep.pit import JointTrajectory
 from pep.pit.base.errors import MotionError
-from pep.pit.base.timed_points import MILLION, on_grid
+from pep.pit.base.timed_points import on_grid
 from pep.pit.path.timed_curve import curve_of
 from pep.request.permit import START_TOLERANCE_RAD
 from policies.evidence.model import Request

@@ -39,6 +39,7 @@ from pep.pit import (
     remaining,
     scene_observed,
 )
+from pep.pit.assessment.led_motion import AGAIN_S, LedView
 from pep.pit.base.errors import MotionError, UnprovenError
 from pep.pit.base.timed_points import refuse_untimed
 from pep.pit.files.scene_file import Situation
@@ -47,7 +48,7 @@ from pep.pit.robot.kinematics import link_frames
 from pep.pit.search.contact_way import contact_speed, until_contact
 from pep.pit.search.speed_envelope import moves_with, stream_envelope
 from pep.world.arrival import arrived
-from pep.world.led_motion import AGAIN_S, LedView, force_of, led_by
+from pep.world.led_request import force_of, led_by
 from pep.world.questions import AssessedQuestions
 from pep.world.timed_request import refuse_elsewhere, refuse_faster, trajectory_of
 from pep.world.waypoints import through_waypoints

@@ -36,6 +36,7 @@ from typing import TYPE_CHECKING, Final
 
 from pep.base.errors import ConfigError
 from pep.base.key_file import read_key
+from pep.base.tcp_place import tcp_place
 from pep.base.thread_priority import goes_first
 from pep.sensor.frame_sender import FrameSender
 from pep.sensor.frame_writer import FrameWriter
@@ -167,15 +168,12 @@ def main() -> None:
     parser.add_argument("--hz", type=float, default=HZ, help=f"frames a second of each (default {HZ:g})")
     parser.add_argument("--paused", action="store_true", help="send nothing before a command says so")
     options = parser.parse_args()
-    places = [text.rpartition(":") for text in options.to]
     if not len(options.sensor) == len(options.calibration) == len(options.key_file):
         parser.error("--sensor, --calibration and --key-file belong together")
-    if not (
-        all(host and port.isascii() and port.isdigit() for host, _, port in places)
-        and 1 / HIGHEST_HZ <= options.hz <= HIGHEST_HZ
-    ):
-        parser.error("--to must be HOST:PORT, and --hz a number that a sensor can keep")
+    if not 1 / HIGHEST_HZ <= options.hz <= HIGHEST_HZ:
+        parser.error("--hz must be a number that a sensor can keep")
     try:
+        places = [tcp_place(text, name="--to") for text in options.to]
         sensors = [
             Sensor(read_key(path, name="--key-file"), name=name, calibration=calibration)
             for name, calibration, path in zip(options.sensor, options.calibration, options.key_file, strict=True)
@@ -185,7 +183,7 @@ def main() -> None:
     if options.paused:
         obey(sensors, '{"pause": true}', at_s=time.time())
     with contextlib.suppress(KeyboardInterrupt):
-        asyncio.run(run(sensors, [(host, int(port)) for host, _, port in places], hz=options.hz))
+        asyncio.run(run(sensors, places, hz=options.hz))
 
 
 if __name__ == "__main__":

@@ -24,6 +24,7 @@ from capabilities.proof.proof import prove
 from pep.base import key_file
 from pep.base.clock import SystemClock
 from pep.base.errors import ConfigError, PepFault
+from pep.base.tcp_place import tcp_place
 from pep.mcp.http_request import JSON, answer, headers_of, read_body
 from pep.point.config_text import is_loopback
 from pep.point.evaluation_layer import ONE, PROBLEM, REQUEST_ID, SEVERAL, WELL_KNOWN
@@ -151,11 +152,10 @@ def address_of(listen: str) -> tuple[str, int]:
     Raises:
         ConfigError: `CONFIG_INVALID` for another address than one of this machine alone.
     """
-    host, _, port = listen.rpartition(":")
-    bare = host.removeprefix("[").removesuffix("]")
-    if not is_loopback(bare) or not (port.isascii() and port.isdigit() and 1 <= int(port) <= 65_535):
-        raise ConfigError(PepFault.CONFIG_INVALID, f"--listen must be HOST:PORT on loopback, such as {LISTEN}")
-    return bare, int(port)
+    host, port = tcp_place(listen, name="--listen")
+    if not is_loopback(host):
+        raise ConfigError(PepFault.CONFIG_INVALID, f"--listen must be on loopback, such as {LISTEN}")
+    return host, port
 
 
 async def serve(*, point: str, key: Path, listen: str) -> None:

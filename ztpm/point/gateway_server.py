@@ -75,11 +75,11 @@ if TYPE_CHECKING:
     from capabilities.keys.trust import TrustBundle
     from capabilities.statements.cell import Cell
     from pep.gate.observe_only import Simulated
+    from pep.pit.assessment.led_motion import Led
     from pep.rtde.judge.stream_values import Certifying
     from pep.rtde.lease.lease import Lease
     from pep.rtde.robot.judge_port import PendingCommand, ProgramOwner
     from pep.rtde.wire.refusal import InputRefusal
-    from pep.world.led_motion import Led
     from policies.decision.policy import PolicySet
 
 LOOK_S: Final = 0.1

@@ -6,6 +6,7 @@ import math
 from itertools import pairwise
 from typing import Any, Final
 
+from pep.base.operation_row import MILLION
 from pep.pit.base.errors import MotionError
 from pep.pit.base.motion import JointTrajectory
 
@@ -14,7 +15,6 @@ POINTS_LEAST: Final = 2  # where it begins and where it ends
 POINTS_MOST: Final = 256  # PHY-64: as many as a list of a request may have
 DURATION_MOST_S: Final = 120.0  # PHY-64: ours; a longer trajectory is several
 CLOSEST_S: Final = 0.001  # PHY-64: ours, between two points: half a cycle of the controller
-MILLION: Final = 1_000_000  # parts of a second, a radian and its rates, in a request
 GRAIN: Final = 1 - 1e-9  # of a time: rounding of a difference
 STILL_RAD_S: Final = 1e-6  # one unit of the wire (urad/s)
 

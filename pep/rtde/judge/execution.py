@@ -25,7 +25,7 @@ from pep.rtde.motion.motions import finished
 from pep.rtde.wire.client_texts import told
 from pep.rtde.wire.refusal import InputRefusal
 from pep.watch.watch import MotionOutcome
-from pep.world.led_motion import led_by
+from pep.world.led_request import led_by
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from capabilities.values.scope import Grant
     from pep.base.operation_row import Operation
     from pep.base.ports import Clock, RemainingImpact
+    from pep.pit.assessment.led_motion import Led
     from pep.request.authority import Credentials
     from pep.request.permit import Permit
     from pep.rtde.command.command_values import Command
@@ -51,7 +52,6 @@ if TYPE_CHECKING:
     from pep.rtde.robot.newest_state import NewestState
     from pep.watch.watch import Watch
     from pep.world.held_object import DeclaredLoad
-    from pep.world.led_motion import Led
     from policies.evidence.model import Request
     from policies.words.parameters import Parameters
 

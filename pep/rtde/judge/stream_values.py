@@ -16,13 +16,13 @@ from capabilities.values.units import Unit
 from pep.base.operation_row import Moves
 from pep.base.ports import RemainingVerdict
 from pep.base.stop_model import ESCALATE_MS
+from pep.pit.assessment.led_motion import AGAIN_MS, LedArm, LedTool
 from pep.rtde.command import command_values as v
 from pep.rtde.judge.command_requests import CommandedOperation, asked_of, stands_s
 from pep.rtde.motion.motion_follower import Over
 from pep.rtde.robot.state_receiver import FRESH_MS
 from pep.watch.watch import MotionOutcome
 from pep.world.cell_stream import JointAngles, JointSpeeds, Judged, Shown
-from pep.world.led_motion import AGAIN_MS, LedArm, LedTool
 from policies.evidence.evidence import ImpactFault
 from policies.words.reason_table import Reason
 

@@ -51,13 +51,16 @@ def check(
 
     from capabilities.values.caps import DEFAULT
     from pep.base.clock import SystemClock
+    from pep.base.errors import ConfigError
     from pep.base.ports import RegisteredSensor
+    from pep.base.tcp_place import tcp_place
     from pep.perception.stream_check import StreamCheck
 
     known_name(part)
-    host, _, port = at.rpartition(":")
-    if not (host and port.isascii() and port.isdigit() and int(port) < 65_536):
-        fail("USAGE", "--at is not HOST:PORT")
+    try:
+        host, port = tcp_place(at, name="--at")
+    except ConfigError as error:
+        fail("USAGE", error.detail)
     try:
         digest = hashlib.sha256(calibration.read_bytes()).hexdigest()
     except OSError as error:
@@ -65,7 +68,7 @@ def check(
     raw = raw_of(public) if public else _own_key(part, directory)
     judge = StreamCheck(RegisteredSensor(part, raw, digest, transit_ms), clock=SystemClock(), caps=DEFAULT)
     try:
-        asyncio.run(_heard(judge, host, int(port), seconds))
+        asyncio.run(_heard(judge, host, port, seconds))
     except OSError as error:
         fail_at(at, error, "PORT_UNUSABLE")
     report = judge.report(stated_hz=hz)

@@ -12,7 +12,7 @@ from pep.rtde.robot.state_receiver import JointState
 from pep.rtde.wire.refusal import InputRefusal
 from pep.watch.watch import MotionOutcome
 from pep.world.cell_stream import Judged
-from pep.world.led_motion import AGAIN_MS, LedArm, LedTool
+from pep.pit.assessment.led_motion import AGAIN_MS, LedArm, LedTool
 from policies.words.parameters import Parameters
 from policies.words.reason_table import Reason
 from tests.pep.rtde.leased import Certifying, FITTED, POSES

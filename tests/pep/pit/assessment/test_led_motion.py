@@ -12,7 +12,7 @@ from pep.pit.base.errors import UnprovenError
 from pep.pit.robot.inverse_kinematics import stance
 from pep.pit.search.stream_course import servo_drive
 from pep.rtde.robot.state_receiver import JointState
-from pep.world.led_motion import (
+from pep.pit.assessment.led_motion import (
     AGAIN_S,
     HAND_MILLI,
     MARGIN,

@@ -8,15 +8,13 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, TypeAlias
+from typing import TYPE_CHECKING, Final, Protocol, TypeAlias
 
 import numpy as np
 
 from capabilities.values.scope import Tier
-from capabilities.values.units import Unit, si
-from pep.base.operation_row import Moves
-from pep.base.operations import operation_of
-from pep.pit import assess
+from capabilities.values.units import Unit
+from pep.pit.assessment.assess import assess
 from pep.pit.base.errors import UnprovenError
 from pep.pit.base.motion import ServoJ
 from pep.pit.robot.inverse_kinematics import stance
@@ -27,10 +25,10 @@ from policies.evidence.evidence import Contribution, ImpactFault, ImpactReading
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from pep.pit import CellParameters, Robot, Scene
     from pep.pit.base.motion import Floats, Joints
-    from pep.rtde.robot.state_receiver import JointState
-    from policies.evidence.model import Request
+    from pep.pit.robot.robot import Robot
+    from pep.pit.scene.cell import CellParameters
+    from pep.pit.scene.scene import Scene
 
 MICRO: Final = 1e6
 AGAIN_MS: Final = 100
@@ -103,6 +101,20 @@ class LedArm:
     tool_speed_m_s: float
     joint_speed_rad_s: float
     distance_m: float
+
+
+class MeasuredJoints(Protocol):
+    """Joints of an arm as they were measured."""
+
+    @property
+    def q_rad(self) -> Sequence[float]:
+        """Angles, six."""
+        ...
+
+    @property
+    def qd_rad_s(self) -> Sequence[float]:
+        """Speeds, six."""
+        ...
 
 
 Led: TypeAlias = LedTool | LedArm
@@ -178,7 +190,7 @@ class JointRates:
             raise UnprovenError("singular")
         return cls(*at, along, beside, tool_speed, float(np.linalg.norm(speeds[3:])), led.distance_m)
 
-    def exceeded(self, state: JointState, begun: Floats, *, stop_s: float) -> str:
+    def exceeded(self, state: MeasuredJoints, begun: Floats, *, stop_s: float) -> str:
         """Quantity that is above its bound in this state, as a word; "" for none.
 
         Args:
@@ -227,27 +239,6 @@ class JointRates:
             AGAIN_S + behind_s,
             LOOKAHEAD_S,
         )
-
-
-def led_by(request: Request) -> Led | None:
-    """Motion that a request lets a force or a hand lead; None for any other request."""
-    operation, values = (
-        operation_of(request.object, request.operation),
-        [si(v.value, v.unit) for v in request.quantities],
-    )
-    match Moves.NOTHING if operation is None else operation.moves:
-        case Moves.BY_FORCE:
-            return LedTool(tuple(values[:6]), tuple(values[12:18]), values[19])
-        case Moves.BY_HAND:
-            return LedArm(values[6], values[7], values[9])
-        case _:
-            return None
-
-
-def force_of(request: Request) -> float:
-    """Force with which a request lets the tool press, N; 0 where it names none."""
-    pressed = (si(v.value, v.unit) for v in request.quantities if v.unit is Unit.MILLINEWTON)
-    return math.hypot(*pressed)
 
 
 def led_scene(scene: Scene | None) -> Scene | None:
