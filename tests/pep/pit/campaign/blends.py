@@ -213,7 +213,11 @@ def judged(scene, motion, answer, number, move, manners, *, touch=NOTHING):
             above = seen.low - answer.index
             fast = float(world.shots.speed[:, : len(world.stage.moving)].max()) - answer.speed_m_s
             # Of a path with the highest index nothing behind the leg that has it is assessed.
-            if above > SLACK or (fast > SLACK and answer.index < HIGHEST) or not seen.violated <= set(answer.violations):
+            if (
+                above > SLACK
+                or (fast > SLACK and answer.index < HIGHEST)
+                or not seen.violated <= set(answer.violations)
+            ):
                 return "failed", f"{number} {manner}: index {above:+.4f}, speed {fast:+.4f}, {seen.violated}"
             worst = max(worst, seen.low)
             samples += seen.samples
