@@ -58,7 +58,7 @@ def test_everything_is_on_the_page():
     page = render(PICTURE)
     for shown in (
         "tool server", "1 min 15 s", "does not run", "57.3°", "moving", "running", "normal", "fresh", "camera-2", "p1",
-        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", ">30 s<",
+        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "needs a person&#x27;s approval", ">30 s<",
         "a person has to see this, attest the agent again",
         f"http://127.77.0.11:8700/ztpm/approvals/{'ab' * 16}/page", f"ztpm approvals approve {'ab' * 16} --data /cell --as NAME",
     ):  # fmt: skip
