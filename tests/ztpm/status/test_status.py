@@ -158,7 +158,7 @@ class Served:
     def __init__(self, port):
         self.gateway, self.stops = Gateway(), []
         self.feed = LiveFeed(
-            lambda: self.gateway, lambda: parts_of(PICTURE), clock=time.monotonic, wall_ms=lambda: 1_700_000_000_000
+            lambda: self.gateway, lambda: parts_of(PICTURE), clock=time.monotonic, wall_ms=lambda: int(time.time() * 1000)
         )
         self.server = StatusServer(lambda: PICTURE, feed=self.feed, stop=self.stop, host=HOST, port=port)
         self.url = self.server.url
@@ -232,6 +232,19 @@ def test_the_feed_tells_all_at_first_then_what_changed_and_is_made_once(served):
                 "a later one is told all too"
             )
     assert [question["report"] for question in served.gateway.asked].count("standing") == 1
+
+
+@pytest.mark.clause("LIV-3")
+def test_another_gateway_is_asked_anew_for_what_stands_there(served):
+    with httpx2.stream("GET", served.url + "events", timeout=20) as answer:
+        looking = answer.iter_lines()
+        events(looking, 15)
+        before, served.gateway = served.gateway, Gateway()
+        events(looking, 1)
+        while not served.gateway.asked:
+            events(looking, 1)
+    reports = [question["report"] for question in served.gateway.asked]
+    assert "standing" in reports[:2] and before is not served.gateway
 
 
 @pytest.mark.clause("LIV-4")
