@@ -158,7 +158,10 @@ class Served:
     def __init__(self, port):
         self.gateway, self.stops = Gateway(), []
         self.feed = LiveFeed(
-            lambda: self.gateway, lambda: parts_of(PICTURE), clock=time.monotonic, wall_ms=lambda: int(time.time() * 1000)
+            lambda: self.gateway,
+            lambda: parts_of(PICTURE),
+            clock=time.monotonic,
+            wall_ms=lambda: int(time.time() * 1000),
         )
         self.server = StatusServer(lambda: PICTURE, feed=self.feed, stop=self.stop, host=HOST, port=port)
         self.url = self.server.url
