@@ -88,6 +88,7 @@ class LiveFeed:
             for make, period_s in ((self._frame, FRAME_S), (self._page, PARTS_S))
         ]
         self._told_s = 0.0
+        self._told_by: Child | None = None
         self._held = self._motion = self._frame_text = ""
 
     # ---- viewers, on the server's event loop
@@ -138,6 +139,8 @@ class LiveFeed:
         if now is None or "arm" not in now or gateway is None:
             self._tell("frame", {"fault": GATEWAY})
             return
+        if gateway is not self._told_by:  # another process, perhaps with another cell file
+            self._told_by, self._held, self._motion = gateway, "", ""
         arm = now["arm"]
         if now["held"] != self._held or "standing" not in self._newest:
             standing = gateway.ask({REPORT: "standing"}, timeout_s=ANSWER_S)

@@ -10,6 +10,7 @@ import datetime as dt
 import math
 from typing import TYPE_CHECKING, Any, Final
 
+from policies.words.reason_table import REASONS, Reason
 from ztpm.status.decisions import OWED
 from ztpm.status.markup import Markup, tag, text
 
@@ -23,9 +24,9 @@ REFRESH_S: Final = 2
 SCRIPTS: Final = ("three-0.187.0.js", "viewer.js", "live.js")
 """Scripts of the page, in their order."""
 STYLE: Final = "console.css"
-LONG: Final = ("decisions", "story")
-"""Parts that scroll by themselves."""
-SCROLLED: Final = {"class_": "long", "tabindex": "0"}
+LONG, WIDE = {"class_": "long", "tabindex": "0"}, {"class_": "scrolls", "tabindex": "0"}
+SCROLLED: Final = dict.fromkeys(("decisions", "story"), LONG) | dict.fromkeys(("robot", "perception", "parts"), WIDE)
+"""Parts that scroll by themselves, by the keyboard too; what stands in them is replaced, they stay."""
 JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
 ROBOT_MODES: Final = {
     -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on", 5: "idle",
@@ -66,8 +67,7 @@ def parts_of(picture: Snapshot) -> dict[str, Markup]:
 def render(picture: Snapshot) -> str:
     """The whole page as HTML."""
     part = {
-        name: tag("div", html, id=f"part-{name}", **(SCROLLED if name in LONG else {}))
-        for name, html in parts_of(picture).items()
+        name: tag("div", html, id=f"part-{name}", **SCROLLED.get(name, {})) for name, html in parts_of(picture).items()
     }
     head = tag(
         "head",
@@ -128,8 +128,7 @@ def _table(headings: Iterable[str], rows: Iterable[Iterable[object]], *, numbers
     def line(kind: str, cells: Iterable[object]) -> Markup:
         return tag("tr", *(tag(kind, cell, class_="n" if at in numbers else "") for at, cell in enumerate(cells)))
 
-    table = tag("table", tag("thead", line("th", headings)), tag("tbody", *(line("td", row) for row in rows)))
-    return tag("div", table, class_="scrolls")
+    return tag("table", tag("thead", line("th", headings)), tag("tbody", *(line("td", row) for row in rows)))
 
 
 def _asks(picture: Snapshot) -> Markup:
@@ -147,7 +146,7 @@ def _asks(picture: Snapshot) -> Markup:
                 tag(
                     "p",
                     _tier(ask.tier),
-                    f" {ask.agent or 'an agent'} asks for {ask.operation}: {ask.reason}. Silence denies in ",
+                    f" {ask.agent or 'an agent'} asks for {ask.operation}. {_reason(ask.reason)} Silence denies in ",
                     tag("span", f"{left_s} s", data_until=str(ask.expires_at_ms)),
                     ". ",
                     tag("a", "Look and answer", href=f"{picture.issuer}/approvals/{ask.ask_id}/page", rel="noreferrer"),
@@ -157,6 +156,11 @@ def _asks(picture: Snapshot) -> Markup:
             )
         )
     return Markup("".join(questions))
+
+
+def _reason(code: str) -> str:
+    """Fixed sentence of a reason; of one that is not known here, its code."""
+    return REASONS[Reason(code)].text if code in Reason.__members__ else f"{code}."
 
 
 def _tier(tier: int | None) -> Markup:

@@ -177,6 +177,17 @@ def test_nothing_is_wider_than_the_screen_light_and_dark(cell, page, caller):
     assert page.faults == []
 
 
+@pytest.mark.clause("LIV-3")
+def test_without_a_script_the_page_says_the_same_in_words(cell, page):
+    plain = page.context.browser.new_context(java_script_enabled=False).new_page()
+    plain.goto(cell.told["status"])
+    words = plain.inner_text("body")
+    for said in ("stands still", "camera-1", "move_joint", "gateway", f"nc {cell.told['robot']} 29999"):
+        assert said in words
+    assert not plain.locator("#stop").is_visible()
+    plain.context.close()
+
+
 @pytest.mark.clause("LIV-4")
 def test_a_gateway_that_stands_still_is_told_and_its_picture_is_grey_and_a_stop_passes_it_by(cell, page):
     assert not page.locator("#view.stale").count()
@@ -186,7 +197,8 @@ def test_a_gateway_that_stands_still_is_told_and_its_picture_is_grey_and_a_stop_
         says(page, "#alarm", "says nothing")
         assert page.locator("#view.stale").count() == 1
         picture(page, "live-stale")
-        page.click("#stop")
+        page.focus("#stop")
+        page.keyboard.press("Enter")
         says(page, "#stopped", "the controller was told to stop")
     finally:
         os.kill(pid, signal.SIGCONT)

@@ -134,8 +134,8 @@ def test_a_sensor_is_started_as_often_as_it_dies(kept):
     [
         ("idp", [("idp",)]),
         ("tools", [("tools",)]),
-        ("gateway", [("gateway", "--reports")]),
-        ("robot", [("robot",), ("gateway", "--reports")]),
+        ("gateway", [("gateway",)]),
+        ("robot", [("robot",), ("gateway",)]),
     ],
 )
 def test_others_are_started_three_times_in_ten_minutes(kept, name, did):

@@ -58,7 +58,7 @@ def test_everything_is_on_the_page():
     page = render(PICTURE)
     for shown in (
         "tool server", "1 min 15 s", "does not run", "57.3°", "moving", "running", "normal", "fresh", "camera-2", "p1",
-        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", ">30 s<",
+        "glass-1 (fragile)", "120 ms old", "epoch 3", "90.0 %", "DEFER", "TIER_NEEDS_APPROVAL", "needs a person&#x27;s approval", ">30 s<",
         "a person has to see this, attest the agent again",
         f"http://127.77.0.11:8700/ztpm/approvals/{'ab' * 16}/page", f"ztpm approvals approve {'ab' * 16} --data /cell --as NAME",
     ):  # fmt: skip
@@ -158,7 +158,10 @@ class Served:
     def __init__(self, port):
         self.gateway, self.stops = Gateway(), []
         self.feed = LiveFeed(
-            lambda: self.gateway, lambda: parts_of(PICTURE), clock=time.monotonic, wall_ms=lambda: 1_700_000_000_000
+            lambda: self.gateway,
+            lambda: parts_of(PICTURE),
+            clock=time.monotonic,
+            wall_ms=lambda: int(time.time() * 1000),
         )
         self.server = StatusServer(lambda: PICTURE, feed=self.feed, stop=self.stop, host=HOST, port=port)
         self.url = self.server.url
@@ -232,6 +235,19 @@ def test_the_feed_tells_all_at_first_then_what_changed_and_is_made_once(served):
                 "a later one is told all too"
             )
     assert [question["report"] for question in served.gateway.asked].count("standing") == 1
+
+
+@pytest.mark.clause("LIV-3")
+def test_another_gateway_is_asked_anew_for_what_stands_there(served):
+    with httpx2.stream("GET", served.url + "events", timeout=20) as answer:
+        looking = answer.iter_lines()
+        events(looking, 15)
+        before, served.gateway = served.gateway, Gateway()
+        events(looking, 1)
+        while not served.gateway.asked:
+            events(looking, 1)
+    reports = [question["report"] for question in served.gateway.asked]
+    assert "standing" in reports[:2] and before is not served.gateway
 
 
 @pytest.mark.clause("LIV-4")
