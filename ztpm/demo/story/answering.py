@@ -56,6 +56,8 @@ def approve(stage: Stage, name: str, answer: Answer) -> None:
         return any(row["ask_id"] == ask_id for row in stage.person(name).approvals())
 
     until(posted, "the question at the provider")
+    if not stage.person(name).picture(ask_id):
+        raise StageError("the question came without a picture of its motion")
     stage.person(name).approve(ask_id)
 
 
