@@ -326,20 +326,21 @@ def test_a_thousand_hops_are_one_page(named, capsys):
     now = int(world.clock())
     rows = [("f" * 31 + "0", None, 0)]
     rows += [(f"{n:032x}", rows[0][0] if n % 8 == 1 else f"{n - 1:032x}", (n - 1) % 8 + 1) for n in range(1, 1_000)]
-    for hop, parent, position in rows:
-        world.sql(
-            "INSERT INTO hops (hop_id, token_id, parent, position, agent, sponsor, made_ms, not_after) VALUES "
-            "(:h, :t, :p, :n, :a, 'bob', :m, :e)",
-            h=hop, t="T" * 22, p=parent, n=position, a="planner" if position % 2 else "mover", m=now * 1_000, e=now + 600,
-        )  # fmt: skip
+    values = ", ".join(
+        f"('{hop}', '{'T' * 22}', {repr(parent) if parent else 'NULL'}, {position}, "
+        f"'{'planner' if position % 2 else 'mover'}', 'bob', {now * 1_000}, {now + 600})"
+        for hop, parent, position in rows
+    )
+    columns = "hop_id, token_id, parent, position, agent, sponsor, made_ms, not_after"
+    world.sql(f"INSERT INTO hops ({columns}) VALUES {values}")
     bob = Looking(world, "bob")
     bob.see("/tree")
     took = []
     for _ in range(5):
-        began = time.perf_counter()
+        began = time.process_time()
         shown = bob.see("/tree")
-        took.append(time.perf_counter() - began)
+        took.append(time.process_time() - began)
     assert len(re.findall(r'<li class="hop', shown)) == 1_000
     with capsys.disabled():
-        print(f" {min(took) * 1_000:.0f} ms for 1,000 hops, {len(shown) // 1_000} kB ", end="")
+        print(f" {min(took) * 1_000:.0f} ms of a processor for 1,000 hops, {len(shown) // 1_000} kB ", end="")
     world.sql("DELETE FROM hops WHERE token_id = :t AND parent IS NOT NULL AND position = 8", t="T" * 22)
