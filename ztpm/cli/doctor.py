@@ -53,7 +53,8 @@ def doctor(*, config: ConfigFile = None, idp: IdpPlace = None, as_json: Json = F
     """Check interpreter, libraries, loopback ports, the physics engines, and the cost of a durable record.
 
     With the configuration of a gateway also that it would be taken, and how well it knows its arm. Of an identity
-    provider: configuration, keys, rights to files, trust bundle, database, certificate, the issuer's answer, the clock.
+    provider: configuration, keys, rights to files, trust bundle, database, certificate, the issuer's answer, webhooks,
+    the clock.
     """
     if idp is not None:
         from ztpm.cli.provider.doctor import ProviderDoctor, config_at

@@ -1,7 +1,7 @@
 """Pushing beside a provider: each open question is told to each webhook once, by one of the workers.
 
-Nothing waits for it: an ask is taken and answered whether or not anybody can be told of it. What is to be sent is read
-from the store each time, so it outlives a restart, and ends with its question.
+Nothing waits for it: an ask is taken and answered also where nobody can be told of it. The store is read each time, so
+that what is to be sent outlives a restart, and ends with its question.
 """
 
 from __future__ import annotations

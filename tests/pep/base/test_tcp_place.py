@@ -1,4 +1,4 @@
-"""One reader of HOST:PORT, whoever asks."""
+"""One reader of HOST:PORT."""
 
 from __future__ import annotations
 

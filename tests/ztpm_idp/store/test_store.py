@@ -46,6 +46,7 @@ def test_the_migration_builds_the_schema(world):
 def test_the_newest_revision_is_the_migrations_own():
     config = Config()
     config.set_main_option("script_location", str(MIGRATIONS))
+    config.set_main_option("recursive_version_locations", "true")
     assert ScriptDirectory.from_config(config).get_current_head() == NEWEST
 
 

@@ -1,1 +1,0 @@
-"""Steps of the schema until its twelfth, which every database in use has taken."""

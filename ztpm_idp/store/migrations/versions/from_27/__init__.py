@@ -1,0 +1,1 @@
+"""Migrations from v0027 on."""
