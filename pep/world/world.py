@@ -20,7 +20,6 @@ from pep.base.ports import Assessed, RemainingVerdict, Together
 from pep.base.stop_model import patience_s
 from pep.perception.sensor_frames import Distrusted, Seen, Unseen
 from pep.pit import (
-    Assessment,
     BlendedPath,
     GripperMove,
     JointLeg,
@@ -160,12 +159,13 @@ class CellPhysics:
         if not state.still and not _goes_on(request, state):
             return ImpactFault(Reason.BUSY, "the arm is moving")
         robot, seed = self._holding.robot, bytes.fromhex(request.digest)
+        around = Situation(self._cell, sight.scene, sight.age_s, self._holding.held, touch)
         led = led_by(request)
         if led is not None:
             # It begins where the arm stands; its envelope is around that.
             still = MoveJ(state.q_rad, state.q_rad, 1.0, 1.0)  # type: ignore[arg-type]  # as below
             self._keep(request, still)
-            self.questions.keep(request.request_id, robot, self._situation(sight, touch), still, None)
+            self.questions.keep(request.request_id, robot, around, still, None)
             view = LedView(sight.scene, sight.age_s, self._cell, touch)
             return view.reading(led, robot, state.q_rad, force_n=force_of(request), seed=seed)
         motion = _motion(request, state, robot, self._cell)
@@ -179,17 +179,10 @@ class CellPhysics:
             return ImpactFault(Reason.PHYSICS_FAULT, "no physics is known for the operation")
         self._keep(request, motion)
         assessed = assess(robot, sight.scene, motion, self._cell, perception_age_s=sight.age_s, touch=touch, seed=seed)
-        match assessed:
-            case ImpactFault():
-                return assessed
-            case Assessment():
-                self.questions.keep(request.request_id, robot, self._situation(sight, touch), motion, assessed)
-                return assessed.reading()
-            case _:
-                assert_never(assessed)
-
-    def _situation(self, sight: AgedScene, touch: frozenset[str]) -> Situation:
-        return Situation(self._cell, sight.scene, sight.age_s, self._holding.held, touch)
+        if isinstance(assessed, ImpactFault):
+            return assessed
+        self.questions.keep(request.request_id, robot, around, motion, assessed)
+        return assessed.reading()
 
     def _keep(self, request: Request, motion: Motion) -> None:
         with self._lock:

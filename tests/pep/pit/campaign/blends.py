@@ -64,7 +64,7 @@ class Leg:
             self.fastest, self.gain = leg.speed_rad_s / length, leg.acceleration_rad_s2 / length
 
     def solved(self, s):
-        """Joint angles in this share, once, from the nearest that are known or were found last, and how they go on."""
+        """Joint angles in this share, found once: from the nearest known ones, and how these go on."""
         if (known := self.known.get(s)) is not None:
             return known
         near, dq, at = self.last
