@@ -141,6 +141,8 @@ async function watch() {
 
 let lost = false;
 
+// Without a script nobody can answer here, so that there is nothing to press.
+document.querySelector(".answer")?.removeAttribute("hidden");
 checked()
   .then((ask) => {
     allow(question.dataset.open === "yes");
