@@ -159,7 +159,7 @@ class CellPhysics:
         if not state.still and not _goes_on(request, state):
             return ImpactFault(Reason.BUSY, "the arm is moving")
         robot, seed = self._holding.robot, bytes.fromhex(request.digest)
-        around = Situation(self._cell, sight.scene, sight.age_s, self._holding.held, touch)
+        around = Situation(self._cell, sight.scene, sight.age_s, robot.held, touch)
         led = led_by(request)
         if led is not None:
             # It begins where the arm stands; its envelope is around that.
