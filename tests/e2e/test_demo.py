@@ -22,6 +22,7 @@ MOVING = {
 }  # fmt: skip
 
 
+@pytest.mark.campaign
 @pytest.mark.e2e
 @pytest.mark.timeout(400)
 def test_demo_is_as_told() -> None:

@@ -35,7 +35,7 @@ def test_a_bare_machine_judges_everything_once() -> None:
     assert "<!-- line: tests -->" in RUN
     assert re.findall(r"-m pytest (.*)", RUN) == [
         '-q -m version "${rooms_without_kernel[@]}"',
-        "-q tests/e2e/test_demo.py",
+        "-q --campaign tests/e2e/test_demo.py",
         '-q -m version "${rooms_without_kernel[@]/#/--ignore=}"',  # all others
     ]
     assert (TOP / "tests" / "e2e" / "test_demo.py").exists()

@@ -30,44 +30,44 @@ if TYPE_CHECKING:
     from pep.pit.scene.cell import CellParameters
     from pep.pit.scene.scene import Scene
 
-MICRO: Final = 1e6
-AGAIN_MS: Final = 100
+MICRO: Final = 1e6  # micro units of one
+AGAIN_MS: Final = 100  # ours, as below
 """Ours: longest time until a led arm is judged again.
 
 Its follower asks each 20 ms; one that is later is a stop.
 """
-AGAIN_S: Final = AGAIN_MS / 1_000
-MARGIN: Final = 1.25
+AGAIN_S: Final = AGAIN_MS / 1_000  # milliseconds of a second
+MARGIN: Final = 1.25  # ours, as below
 """Ours: speeds that are certified, by those at which the arm is stopped.
 
 The rest is what it may gain until the stop takes hold.
 """
-BEND: Final = 0.03
+BEND: Final = 0.03  # ours, as below
 """Ours: share of a line's fastest joint by which any joint may differ from the line's own speeds.
 
 The joints' speeds along a line of the tool change on the way; one judgement is 3 mm after the other at 20 mm/s.
 """
-NOISE_RAD_S: Final = 0.002
+NOISE_RAD_S: Final = 0.002  # ours, as below
 """Ours: speed of a joint that holds still, as a controller tells it, with room: twice the bound of standstill."""
-SLACK_M_S: Final = 0.005
+SLACK_M_S: Final = 0.005  # ours, as below
 """Ours: as `NOISE_RAD_S`, of the tool point."""
-SLACK_RAD_S: Final = 0.02
+SLACK_RAD_S: Final = 0.02  # ours, as below
 """Ours: likewise, of the tool's turning."""
-REACH_M: Final = 0.25
+REACH_M: Final = 0.25  # ours, as below
 """Ours: distance from the tool point to any part of the tool or of what it holds."""
 FARTHEST_M: Final = 1.0
 """As `pep.base.operations.REACH_UM`: from the task frame, about which an axis may turn, to the tool point."""
 ANY_DEPTH_M: Final = 1.0
-ANY_SPEED_M_S: Final = 10.0
+ANY_SPEED_M_S: Final = 10.0  # no arm is faster
 FASTEST_RAD_S: Final = 1.0
 """As `pep.base.stop_model.STREAM_SPEED_RAD_S`: a stop from it always ends inside the dead man's patience."""
-LOOKAHEAD_S: Final = 0.03
+LOOKAHEAD_S: Final = 0.03  # PHY-20, as below
 """PHY-20: lookahead within which a servo target makes for exactly the speeds that lead to it."""
-TOUCHING_MILLI: Final = 2_000
+TOUCHING_MILLI: Final = 2_000  # PHY-61
 """Index of a motion that is meant to press: what it touches feels the force."""
-HAND_MILLI: Final = 3_000
+HAND_MILLI: Final = 3_000  # PHY-63
 """Index of a motion that people make, whom no view tells from those who only stand there."""
-NEAR_MILLI: Final = 2_000
+NEAR_MILLI: Final = 2_000  # PHY-5
 """Index from which a person is within the protective separation distance (PHY-5)."""
 WEAKEST_N: Final = min(limit.force_n for limit in LIMITS.values())
 """Quasi-static force that every body region bears; at rest a force has no transient factor."""
@@ -118,7 +118,7 @@ class MeasuredJoints(Protocol):
 
 
 Led: TypeAlias = LedTool | LedArm
-SLOWER: Final = (0.75, 0.5, 0.35, 0.2, 0.1)
+SLOWER: Final = (0.75, 0.5, 0.35, 0.2, 0.1)  # ours, as below
 """Ours: shares of the speeds that are tried for a denial's answer, what would be permitted."""
 
 
@@ -178,7 +178,7 @@ class JointRates:
         twists[:3, :3], twists[3:, 3:] = turned * speeds[:3], turned * speeds[3:]
         try:
             rates = np.linalg.solve(here.jacobian, twists)
-            carried = np.abs(np.linalg.solve(here.jacobian, np.eye(6)[:, :3])).sum(axis=1) * turning
+            carried = np.abs(np.linalg.solve(here.jacobian, np.eye(6)[:, :3])).sum(axis=1) * turning  # six joints
         except np.linalg.LinAlgError:
             raise UnprovenError("singular") from None
         if np.count_nonzero(speeds) == 1 and not turning:
@@ -299,14 +299,14 @@ def with_force(reading: ImpactReading, led: Led, rates: JointRates, *, force_n: 
     found = [_added("by_force" if isinstance(led, LedTool) else "by_hand", floor_milli(led))]
     near = any(each.kind == "person" and each.index_milli > NEAR_MILLI for each in reading.contributions)
     if near and force_n > 0:
-        pressed = TOUCHING_MILLI + math.ceil(1_000 * force_n / WEAKEST_N)
-        found.append(_added("clamped_person", min(pressed, int(max(Tier)) * 1_000)))
+        pressed = TOUCHING_MILLI + math.ceil(1_000 * force_n / WEAKEST_N)  # PHY-61: thousandths
+        found.append(_added("clamped_person", min(pressed, int(max(Tier)) * 1_000)))  # thousandths
     index = max(reading.index_milli, *(each.index_milli for each in found))
     ranked = sorted((*reading.contributions, *found), key=lambda each: -each.index_milli)
     return replace(
         reading,
         index_milli=index,
-        tier=max(reading.tier, Tier(math.ceil(index / 1_000))),
+        tier=max(reading.tier, Tier(math.ceil(index / 1_000))),  # thousandths
         contributions=tuple(ranked),
         tcp_speed_um_s=math.ceil(MICRO * rates.tool_speed(reading.tcp_speed_um_s / MICRO)),
     )

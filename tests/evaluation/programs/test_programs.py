@@ -163,6 +163,7 @@ def measured(*names):
     return said
 
 
+@pytest.mark.campaign
 @pytest.mark.e2e
 @pytest.mark.timeout(180)
 def test_programs_run_and_are_refused_in_a_cell_of_their_own():

@@ -30,6 +30,7 @@ def test_each_law_is_proven(claim):
     assert seconds > 0
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("claim", lattice.BOUNDS, ids=lambda claim: claim.law.__name__)
 def test_each_law_is_proven_of_ranges_and_pairs(claim):
     small = replace(claim, shapes=tuple(shape for shape in claim.shapes if max(shape) <= 2))
@@ -61,6 +62,7 @@ def one_dimension_at_a_time(claim, monkeypatch):
     yield from names
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("claim", lattice.SCOPES, ids=lambda claim: claim.law.__name__)
 def test_each_law_is_proven_of_one_dimension_at_a_time(claim, monkeypatch):
     assert lattice.verdict(claim.law, one_dimension_at_a_time(claim, monkeypatch))[1] == PROVEN

@@ -197,6 +197,7 @@ def test_work_is_shared_whole():
     assert together(max, [(1, 2), (5, 3)]) == [2, 5]
 
 
+@pytest.mark.campaign
 def test_an_injected_text_misses_the_bar(monkeypatch):
     settings = Settings(quick=True, seed=3, vectors=None, clock_ns=lambda: 0, told=lambda what: None)
     pairs, texts = attenuation.run(400, seed=3, processes=1, each=100), injection.run(seed=3)
@@ -289,6 +290,7 @@ def test_no_child_permits_what_a_parent_does_not():
     assert set(figures.tally.forged) == {*FORGED, "fair"}
 
 
+@pytest.mark.campaign
 def test_the_bar_is_of_every_dimension():
     figures = attenuation.run(400, seed=6, processes=1, each=100)
     tally = figures.tally
@@ -379,6 +381,7 @@ def test_no_text_becomes_more_than_text():
     assert figures.texts == 64
 
 
+@pytest.mark.campaign
 def test_a_text_that_is_formatted_into_datalog_is_seen(monkeypatch):
     """A writer of blocks that formats names instead of binding them."""
     from capabilities.token import biscuit

@@ -126,6 +126,7 @@ def test_the_picture(monkeypatch, tmp_path):
     assert file.read_bytes().startswith(b"\x89PNG")
 
 
+@pytest.mark.campaign
 @pytest.mark.timeout(420)
 def test_the_command_as_a_user_runs_it():
     command = [str(Path(sys.executable).with_name("ztpm")), "eval", "bench", "capabilities", "--quick", "--json"]

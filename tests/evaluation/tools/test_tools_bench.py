@@ -98,6 +98,7 @@ def command(bench, calls=10):
     return told
 
 
+@pytest.mark.campaign
 @pytest.mark.long
 @pytest.mark.timeout(300)
 def test_the_command_as_a_user_runs_it():

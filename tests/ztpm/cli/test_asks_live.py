@@ -38,7 +38,7 @@ def test_answers(run, live, tmp_path):
     def asked(**changes):
         now, ask_id = int(time.time()), secrets.token_hex(16)
         stated = {
-            **SHOWN, "ask_id": ask_id, "nonce": secrets.token_hex(16), "issuer": live.addresses.issuer,
+            **SHOWN, "picture_digest": "", "ask_id": ask_id, "nonce": secrets.token_hex(16), "issuer": live.addresses.issuer,
             "audience": live.addresses.audience, "agent": "asker", "agent_key": keys.thumbprint(keys.public_raw(agent)),
             "tier": Tier(3), "values": (Quantity("q0", Unit.MICRORADIAN, -600_000),), "token_id": "A" * 22,
             "contributors": tuple(ask.Contributor(**c) for c in SHOWN["contributors"]),

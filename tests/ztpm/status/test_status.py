@@ -21,6 +21,7 @@ from ztpm.status.picture import Known, Part, Snapshot, Told
 from ztpm.status.server import StatusError, StatusServer
 from ztpm.status.stopping import CellStop, StopAnswer
 
+pytestmark = pytest.mark.xdist_group("status page")  # one port
 HOST = "127.77.0.11"
 EVIL = "<script>alert(1)</script>\"'&\x1b[2J"
 PICTURE = Snapshot(

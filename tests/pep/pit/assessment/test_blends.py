@@ -76,7 +76,7 @@ def test_what_stands_inside_of_a_corner_counts(made, manner):
     scene = inside_of(path, 0.03)
     answer = ask(path, scene)
     assert not isinstance(answer, ImpactFault)
-    word, detail = judged(scene, answer, 0, partial(moved, path), (manner,))
+    word, detail = judged(scene, path, answer, 0, partial(moved, path), (manner,))
     assert word == "held", detail
 
 

@@ -101,6 +101,7 @@ def test_a_certificate_of_a_curved_motion_that_is_not_verified_is_seen(monkeypat
     assert "a seal on nothing: Verified" in " ".join(campaign.piece(9, 0, 11, 1.0).failed)
 
 
+@pytest.mark.campaign
 def test_motions_are_sampled_every_millisecond():
     rng, met = np.random.default_rng(12), set()
     motions = [curved_question(rng)["motion"] for _ in range(40)] + list(random_stream(rng)) + list(random_stream(rng))
@@ -130,6 +131,7 @@ def complaints(count):
     return " ".join(campaign.piece(7, 0, count, 0.0).failed)
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
@@ -155,6 +157,7 @@ def through(radius=0.1):
     return Scene(people=(Person("p", ((Region.TORSO, Sphere(tuple(tcp().tolist()), radius)),)),))
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize(
     ("change", "seen"),
     [
@@ -181,6 +184,7 @@ def test_a_certificate_that_is_not_verified_and_a_corrupted_one_that_is_are_seen
     assert "a seal on nothing: Verified" in complaints(1)
 
 
+@pytest.mark.campaign
 def test_what_breaks_in_a_trial_is_a_failure_of_that_trial(monkeypatch):
     monkeypatch.setattr(trials, "document", lambda *a, **k: 1 / 0)
     assert "trial 1: ZeroDivisionError" in complaints(2)
@@ -189,6 +193,7 @@ def test_what_breaks_in_a_trial_is_a_failure_of_that_trial(monkeypatch):
 # ---- the command and the ledger
 
 
+@pytest.mark.campaign
 def test_the_command_tries_its_trials_in_processes_of_their_own_and_says_so(tmp_path, request):
     asked = [
         sys.executable,
@@ -602,6 +607,7 @@ def test_ratios_are_below_the_proven_ones_and_near(scene):
         assert proven[name] * 0.95 - 0.01 <= ratio <= proven[name] + 1e-9, name
 
 
+@pytest.mark.campaign
 def test_the_ruler_measures_what_is_sampled_and_nothing_beyond_its_reach():
     rows = np.arange(ROBOT.world_bodies)
     reached = []

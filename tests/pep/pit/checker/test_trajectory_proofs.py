@@ -161,6 +161,7 @@ def test_pieces_may_be_longer_only_where_the_answer_still_holds(true):
     assert isinstance(verify(seal(top)), Unverified)
 
 
+@pytest.mark.campaign
 def test_nothing_that_is_done_to_bytes_claim_or_rows_passes(true):
     """But other rows that prove the very same: on so short a piece they often do."""
     met = Counter()

@@ -12,6 +12,7 @@ from tests.ztpm_idp.store.campaign.scene import Scene
 pytestmark = [pytest.mark.xdist_group("postgres"), pytest.mark.filterwarnings("ignore:.*fork.*:DeprecationWarning")]
 
 
+@pytest.mark.campaign
 @pytest.mark.parametrize("database", ["sqlite", "postgres"])
 def test_nothing_acknowledged_is_lost_and_nothing_is_half_done(tmp_path, database):
     scene, found = Scene(tmp_path, database, many=1), Found()
