@@ -36,14 +36,14 @@ LEDGER: Final = (
     "change-proposed", "clearing-refused", "closing-refused", "delegation-refused", "device-confirmed",
     "device-declined", "envelope-refused", "envelope-revoked", "envelope-revoking-refused", "envelope-signed",
     "latch-clearing", "latch-refused", "latch-taken", "line-begun", "login-added", "login-ended", "mandate-signed",
-    "oauth-access-made", "oauth-assent-given",
-    "oauth-client-registered", "oauth-family-ended", "oauth-scope-declared", "oauth-scope-ended", "opening-closed",
-    "opening-made", "opening-refused", "pep-key-replaced", "pep-record", "pep-registered", "pep-restored",
-    "pep-suspended", "person-key-added", "person-passkey-added", "person-registered", "person-roles-changed",
-    "point-heard", "push-failed", "refusals-spent", "revoked", "sensor-key-replaced", "sensor-registered",
-    "sensor-restored", "sensor-suspended", "session-begun", "session-ended", "session-key-added", "session-key-ended", "store-restored",
-    "store-resumed", "suspension-ended", "token-delegated", "token-drawn", "token-issued", "tool-registered",
-    "tool-restored", "tool-retired", "tool-suspended", "trust-stated", "vote-cast", "vote-refused",
+    "oauth-access-made", "oauth-assent-given", "oauth-client-registered", "oauth-family-ended", "oauth-scope-declared",
+    "oauth-scope-ended", "opening-closed", "opening-made", "opening-refused", "pep-key-replaced", "pep-record",
+    "pep-registered", "pep-restored", "pep-suspended", "person-key-added", "person-passkey-added", "person-registered",
+    "person-roles-changed", "point-heard", "push-failed", "refusals-spent", "revoked", "sensor-key-replaced",
+    "sensor-registered", "sensor-restored", "sensor-suspended", "session-begun", "session-ended", "session-key-added",
+    "session-key-ended", "store-restored", "store-resumed", "suspension-ended", "token-delegated", "token-drawn",
+    "token-issued", "tool-registered", "tool-restored", "tool-retired", "tool-suspended", "trust-stated", "vote-cast",
+    "vote-refused",
 )  # fmt: skip
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (
