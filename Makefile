@@ -75,7 +75,7 @@ motions:  ## 10,000 paths with cut corners and 10,000 contacts and poses of stre
 	$(RUN) python -m tests.pep.pit.campaign.contacts $(if $(MINUTES),--minutes $(MINUTES))
 
 cells:  ## all that is tried of leased programs, latches and real cells on whole cells, in real time
-	$(RUN) python -m pytest -q --campaign tests/e2e/led tests/e2e/programs tests/e2e/latch tests/e2e/arms tests/pep/test_cell.py tests/adapters
+	$(RUN) python -m pytest -q --campaign tests/e2e/led tests/e2e/programs tests/e2e/latch tests/e2e/arms tests/pep/test_cell.py tests/adapters tests/e2e/test_up.py
 
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign

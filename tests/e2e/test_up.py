@@ -225,6 +225,7 @@ def test_up_shows_how_it_stands_ends_in_order_or_not_and_comes_back_as_it_was(up
     assert fourth.end(signal.SIGINT) == 0
 
 
+@pytest.mark.campaign
 def test_dead_children_are_mended_and_on_record_and_one_that_dies_too_often_ends_everything(up, tmp_path):
     from rtde_receive import RTDEReceiveInterface
 

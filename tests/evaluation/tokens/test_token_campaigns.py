@@ -374,6 +374,7 @@ def test_a_request_is_at_a_boundary_of_some_block():
 # --- injection -------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.campaign
 def test_no_text_becomes_more_than_text():
     figures = injection.run(seed=8)
     assert not figures.missed, figures.missed

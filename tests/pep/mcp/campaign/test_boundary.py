@@ -65,6 +65,7 @@ def test_a_tool_gets_what_was_decided_or_nothing(stand):
     assert found.carried > 0
 
 
+@pytest.mark.campaign
 def test_no_case_passes(stand):
     found = security.run(stand, every=6, slow=False)
     assert found.failed == []

@@ -368,6 +368,7 @@ def test_without_its_check_a_cell_is_believed(monkeypatch):
         assert is_believed(lambda cell: ask(cell=cell), CONFIGURED)
 
 
+@pytest.mark.campaign
 def test_without_its_check_a_model_is_believed(monkeypatch):
     monkeypatch.setattr("pep.pit.robot.model.TURN_LIMIT_RAD", math.inf)
     monkeypatch.setattr("pep.pit.robot.model.THINNEST_M", 5e-324)

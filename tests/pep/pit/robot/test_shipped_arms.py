@@ -98,6 +98,7 @@ def test_kinematics_masses_and_limits_are_the_vendors(name):
     assert np.abs(origin[0, 6] - frame[:3, 3]).max() <= 1e-9
 
 
+@pytest.mark.campaign
 @needs_vendor
 @pytest.mark.shared
 @pytest.mark.long
