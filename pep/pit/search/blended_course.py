@@ -42,7 +42,7 @@ GROWN: Final = 0.1  # ours: of the longer part of a joint, to each side, for a c
 FASTER: Final = 1.25  # ours: times the speeds of both legs, likewise
 STRIPS: Final = 2  # of a corner, for each of its speeds: more are tighter, and each costs a millisecond
 TURNED: Final = 2.0  # ours: times what is met, since it is met at some places alone
-TURNED_MOST: Final = 0.5  # ours: of the longest part of a joint: beyond it a mean of poses has other joint angles
+TURNED_MOST: Final = 0.25  # ours: of the longest part of a joint: beyond it a mean of poses is faster than both legs
 _SHARES: Final = np.array([(a / 4, b / 4) for a in range(5) for b in range(5 - a)])  # a grid of 15 places
 """Means of both parts at which a corner of the tool is looked at: its edges and inside."""
 
@@ -340,7 +340,7 @@ def _turned(robot: Robot, waypoint: Floats, u: Floats, w: Floats) -> Floats:
     """Greatest distance of means of two tool poses from the means of their joint angles, (6,), rad.
 
     Raises:
-        UnprovenError: it is more than half as far as the corner is wide.
+        UnprovenError: it is more than a quarter as far as the corner is wide.
     """
     here = stance(robot, waypoint)
     means = waypoint + _SHARES @ np.stack([-u, w])

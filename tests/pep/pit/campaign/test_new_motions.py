@@ -21,6 +21,10 @@ def test_a_stop_on_a_slow_part_counts_with_the_speed_that_the_arm_goes_on_to():
     held(blends.trial, (366, 526, 944), seed=2026)
 
 
+def test_no_corner_is_cut_where_a_mean_of_poses_turns_a_joint_faster_than_both_legs():
+    assert blends.trial(2026, 6341) == ("refused", "corner")
+
+
 @pytest.mark.parametrize("number", [790, 948])
 def test_no_way_until_a_contact_leads_out_of_a_violation(number):
     """The arm goes back from a contact: each of these would go back into a person, or into itself."""
