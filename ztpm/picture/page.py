@@ -12,8 +12,8 @@ from html import escape
 from importlib import resources
 from typing import TYPE_CHECKING, Final
 
-from pep.pit.picture.picture import MICRO_PER_MILLI, MILLI, to_plain
-from pep.pit.picture.words import sentence
+from pep.pit.picture.picture import to_plain
+from pep.pit.picture.words import MICRO_PER_MILLI, MILLI, sentence
 from ztpm.picture.bodies import COLOURS
 
 if TYPE_CHECKING:

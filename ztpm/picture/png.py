@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from capabilities.values.characters import shown
-from pep.pit.picture.picture import MICRO_PER_MILLI
-from pep.pit.picture.words import sentence
+from pep.pit.picture.words import MICRO_PER_MILLI, sentence
 from ztpm.picture.bodies import CELL_M, COLOURS, bodies_of, extent, triangles_of
 
 if TYPE_CHECKING:

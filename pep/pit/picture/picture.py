@@ -9,7 +9,7 @@ import numpy as np
 
 from pep.pit.picture.postures import nearest, route_of
 from pep.pit.picture.surface import surface_of
-from pep.pit.picture.words import headline
+from pep.pit.picture.words import MICRO_PER_MILLI, MILLI, headline
 from pep.pit.scene.scene import CELL_FILE, Box, Capsule, Convex, Scene, Sphere
 from pep.pit.scene.view import view_of
 
@@ -22,12 +22,11 @@ if TYPE_CHECKING:
     from pep.pit.scene.scene import Shape, Vector
     from policies.evidence.evidence import Contribution
 
-STEPS: Final = 48
+STEPS: Final = 48  # ours, as below
 """Instants that are drawn, start and end included; those of the witnesses are added."""
 LED: Final = "An arm that is led"
 PAYLOAD: Final = "payload"
-MILLI: Final = 1_000
-MICRO_PER_MILLI: Final = 1_000
+DECIMALS: Final = 5  # of a metre: a hundredth of a millimetre
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,16 +201,16 @@ def plain(shape: Shape) -> dict[str, Any]:
     """Shape as JSON: axis and radius of a round one; triangles, rods and corners of a flat one."""
     match shape:
         case Capsule(a, b, radius):
-            return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, 5)}
+            return {"a": _rounded(a), "b": _rounded(b), "r": round(radius, DECIMALS)}
         case Sphere(center, radius):
-            return {"a": _rounded(center), "b": _rounded(center), "r": round(radius, 5)}
+            return {"a": _rounded(center), "b": _rounded(center), "r": round(radius, DECIMALS)}
         case Box() | Convex():
             surface = surface_of(shape)
             return {
-                "triangles": np.round(surface.triangles, 5).tolist(),
-                "rods": np.round(surface.rods, 5).tolist(),
-                "corners": np.round(surface.corners, 5).tolist(),
-                "r": round(surface.radius_m, 5),
+                "triangles": np.round(surface.triangles, DECIMALS).tolist(),
+                "rods": np.round(surface.rods, DECIMALS).tolist(),
+                "corners": np.round(surface.corners, DECIMALS).tolist(),
+                "r": round(surface.radius_m, DECIMALS),
             }
         case _:
             assert_never(shape)
@@ -266,4 +265,4 @@ def row_of(shown: Picture, witness: DrawnPlace) -> int:
 
 
 def _rounded(point: Vector) -> list[float]:
-    return [round(x, 5) for x in point]
+    return [round(x, DECIMALS) for x in point]

@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from pep.pit.search.timed_course import Drive
 
 APART_M: Final = 1e-9  # float64 rounding: nearer than this there is no direction, and the axes cross
-STILL: Final = np.zeros(6)
+STILL: Final = np.zeros(6)  # six joints
 """Speed and stray of joints that do not move."""
 
 

@@ -26,22 +26,22 @@ if TYPE_CHECKING:
     from pep.pit.robot.robot import Robot
     from pep.pit.scene.scene import Vector
 
-MICRO: Final = 1e6
-MILLI: Final = 1e3
+MICRO: Final = 1e6  # micrometres of a metre
+MILLI: Final = 1e3  # milliseconds of a second
 FEWER: Final = (STEPS // 2, STEPS // 4)
 """Instants that are tried one after the other where the text is too long with all of them."""
 ROUNDING_UM: Final = 1
 """More than a point and its whole numbers are apart: half a micrometre along each axis is 0.87."""
 BOX_FACES: Final = (
-    *(0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5),
-    *(0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6),
-    *(0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3),
+    *(0, 1, 3, 0, 3, 2, 4, 6, 7, 4, 7, 5),  # lowest and highest x
+    *(0, 4, 5, 0, 5, 1, 2, 3, 7, 2, 7, 6),  # y
+    *(0, 2, 6, 0, 6, 4, 1, 5, 7, 1, 7, 3),  # z
 )
 """Triangles of an upright box whose corners go by x, then y, then z.
 
 Seen from outside they go round to the left.
 """
-BOX_NUMBERS: Final = 8 * 3
+BOX_NUMBERS: Final = 8 * 3  # corners of a box, and three numbers for each
 KEPT_OF: Final = (3, 4)
 """Share of the bodies that is tried next where all of them are too many."""
 

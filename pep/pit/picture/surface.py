@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from pep.pit.base.motion import Floats
     from pep.pit.scene.scene import Convex, Vector
 
-FINE, COARSE = 32, 12
+FINE, COARSE = 32, 12  # ours, as below
 """Corners of a ring about a capsule's axis: fine for bodies in view, coarse for hardly visible ones."""
-MOST_PARTS: Final = 128
+MOST_PARTS: Final = 128  # ours, as below
 """Most parts of a side, at any length."""
 
 
@@ -56,7 +56,7 @@ def corners_of(shape: Box | Convex) -> tuple[Vector, ...]:
     """The corners of a box or polytope, metre; of a polytope some may be inside."""
     if not isinstance(shape, Box):
         return shape.vertices_m
-    signs = np.array([[1 if k >> d & 1 else -1 for d in range(3)] for k in range(8)])
+    signs = np.array([[1 if k >> d & 1 else -1 for d in range(3)] for k in range(8)])  # corners of a box
     points = np.array(shape.center_m) + (signs * np.array(shape.half_m)) @ rotation_of(shape.quaternion).T
     return tuple(cast("Vector", tuple(point)) for point in points.tolist())
 

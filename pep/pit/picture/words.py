@@ -10,10 +10,10 @@ if TYPE_CHECKING:
     from pep.pit.assessment.assessment import Assessment
     from policies.evidence.evidence import Contribution
 
-MICRO_PER_MILLI: Final = 1_000
-MICRO: Final = 1_000_000
-MILLI: Final = 1_000
-NAME_LIMIT: Final = 40
+MICRO_PER_MILLI: Final = 1_000  # micro units of a thousandth
+MICRO: Final = 1_000_000  # micro units of one
+MILLI: Final = 1_000  # thousandths of one
+NAME_LIMIT: Final = 40  # ours, as below
 """Characters of another's name that a sentence has; the numbers after it are never pushed out."""
 VIOLATIONS: Final = {
     "person": "the way leads through a person",

@@ -11,9 +11,7 @@ ROOM = Path(pep.pit.__file__).parent
 PLAIN = {0, 1, 2, 3, 4, 0.5}  # structure: signs, halves, squares, space, and the corners of the index
 COMPILED = {ROOM / "base/pair_columns.py", ROOM / "second/compiled_sight.py", *(ROOM / "search/kernel").rglob("*.py")}
 """Their integers are the columns and dimensions of arrays; the figures that they compute with come from the other rooms."""
-DRAWN = set((ROOM / "picture").rglob("*.py"))
-"""No index comes from what is drawn."""
-SOURCES = sorted(set(ROOM.rglob("*.py")) - COMPILED - DRAWN)
+SOURCES = sorted(set(ROOM.rglob("*.py")) - COMPILED)
 
 
 def bare(text):
