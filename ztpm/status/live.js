@@ -56,13 +56,18 @@ function count() {
   }
 }
 
-const source = new EventSource("events");
-const on = (kind, take) => source.addEventListener(kind, (event) => take(JSON.parse(event.data)));
-on("standing", standing);
-on("seen", (bodies) => { seen = bodies; view?.live({ bodies }); });
-on("way", (postures) => { way = postures; view?.live({ postures }); });
-on("frame", frame);
-on("part", part);
+function follow() {
+  const source = new EventSource("events");
+  const on = (kind, take) => source.addEventListener(kind, (event) => take(JSON.parse(event.data)));
+  on("standing", standing);
+  on("seen", (bodies) => { seen = bodies; view?.live({ bodies }); });
+  on("way", (postures) => { way = postures; view?.live({ postures }); });
+  on("frame", frame);
+  on("part", part);
+}
+
+// The words are painted before the picture is begun, which takes longer.
+requestAnimationFrame(() => setTimeout(follow));
 setInterval(() => { fresh(); count(); }, 500);
 heard = performance.now();
 

@@ -17,12 +17,16 @@ window.ztpmViewer = (() => {
     rigid: "#b5b9bd", zone: "#c0392b", workspace: "#6b7783", witness: "#d11149",
   };
   const SKIN = { head: 1.18, neck: 1.12, upper_arm: 0.86, lower_arm: 0.8, hand: 1.12, thigh: 0.92, shin: 0.86 };
-  const GHOSTS = 14;
+  const GHOSTS = 8;
+  const SMALL_M = 0.06; // a radius below which a capsule is round with fewer faces
   const OPAQUE = { zone: 0.16, fragile: 0.8 };
   const VIEWS = { above: [-Math.PI / 2, Math.PI / 2], side: [-Math.PI / 2, 0] };
   const BEHIND = Math.PI / 3; // the first view's angle beside the line to the deciding body
   const NEAR_M = 0.03; // nearest points that are as near as this have no direction that is worth a view
   const GRID_M = 0.25;
+  const LATE_MS = 33; // a frame that comes later than this is one of fewer than 30 in a second
+  const REST_MS = 400;
+  const NAMES = 12; // bodies whose names stand in the picture; of more, the nearest to the arm and all people
 
   const SOFTWARE = /swiftshader|llvmpipe|softpipe|software/i; // names of what draws without a graphics processor
 
@@ -32,15 +36,16 @@ window.ztpmViewer = (() => {
     return new Look({ color: colour, opacity, transparent: opacity < 1, depthWrite: opacity > 0.5 });
   }
 
-  // A renderer with smooth edges where a graphics processor draws, else one without: they take half of its time.
+  // A renderer with smooth edges where a graphics processor draws, else one without, since they take half of its time,
+  // and with shadows only where nothing moves.
   function made() {
     const smooth = new THREE.WebGLRenderer({ antialias: true, alpha: true }), context = smooth.getContext();
     const about = context.getExtension("WEBGL_debug_renderer_info");
     const name = context.getParameter(about ? about.UNMASKED_RENDERER_WEBGL : context.RENDERER);
-    if (!SOFTWARE.test(name)) return smooth;
+    if (!SOFTWARE.test(name)) return { renderer: smooth, software: false };
     smooth.dispose();
     smooth.forceContextLoss();
-    return new THREE.WebGLRenderer({ antialias: false, alpha: true });
+    return { renderer: new THREE.WebGLRenderer({ antialias: false, alpha: true }), software: true };
   }
 
   function tinted(colour, factor) {
@@ -48,8 +53,8 @@ window.ztpmViewer = (() => {
   }
 
   function capsule(a, b, r, look, fine = true) {
-    const length = point(a).distanceTo(point(b));
-    const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(r, length, fine ? 8 : 4, fine ? 24 : 12), look);
+    const length = point(a).distanceTo(point(b)), many = !fine || r < SMALL_M / 4 ? 1 : r < SMALL_M ? 2 : 3;
+    const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(r, length, 1 + 2 * many, 8 * many), look);
     mesh.castShadow = look.opacity === 1;
     mesh.receiveShadow = look.opacity === 1;
     return lay(mesh, a, b);
@@ -68,6 +73,42 @@ window.ztpmViewer = (() => {
       ? new THREE.LineDashedMaterial({ color: colour, dashSize: 0.04, gapSize: 0.03 })
       : new THREE.LineBasicMaterial({ color: colour });
     return new THREE.Line(new THREE.BufferGeometry().setFromPoints(points.map(point)), look).computeLineDistances();
+  }
+
+  // One mesh for many that look alike and stand still to each other, in their own colours: a processor that draws
+  // without help is long in changing from one to the next.
+  function merged(group) {
+    const alike = new Map();
+    group.updateMatrixWorld(true);
+    group.traverse((each) => {
+      if (!each.isMesh && !each.isLineSegments) return;
+      const key = `${each.type} ${each.material.type} ${each.material.opacity}`;
+      alike.set(key, (alike.get(key) ?? []).concat(each));
+    });
+    for (const drawn of alike.values()) {
+      const surface = new THREE.BufferGeometry(), positions = [], normals = [], colours = [], index = [];
+      for (const each of drawn) {
+        const at = each.geometry.clone().applyMatrix4(each.matrixWorld), { position, normal } = at.attributes, before = positions.length / 3;
+        for (let k = 0; k < position.count; k += 1) {
+          positions.push(position.getX(k), position.getY(k), position.getZ(k));
+          if (normal) normals.push(normal.getX(k), normal.getY(k), normal.getZ(k));
+          colours.push(...each.material.color);
+        }
+        for (let k = 0; k < (at.index ?? position).count; k += 1) index.push(before + (at.index ? at.index.getX(k) : k));
+      }
+      for (const [name, values] of [["position", positions], ["normal", normals], ["color", colours]]) {
+        if (values.length) surface.setAttribute(name, new THREE.BufferAttribute(new Float32Array(values), 3));
+      }
+      surface.setIndex(index);
+      const first = drawn[0], look = first.material.clone();
+      look.color.set("#ffffff");
+      look.vertexColors = true;
+      const mesh = new first.constructor(surface, look);
+      [mesh.castShadow, mesh.receiveShadow] = [first.castShadow, first.receiveShadow];
+      for (const each of drawn) { each.geometry.dispose(); each.material.dispose(); each.removeFromParent(); }
+      group.add(mesh);
+    }
+    return group;
   }
 
   // A box or polytope with its edges, or a capsule; of a person each region has a tone of its own, so that arms are seen.
@@ -114,6 +155,7 @@ window.ztpmViewer = (() => {
     if (last < 1) return group;
     for (let k = 1; k < GHOSTS; k += 1) ghosts.add(arm(shown.parts, shown.postures[Math.round((k * last) / GHOSTS)].ends, 0.05, false));
     for (const row of [0, last]) ghosts.add(arm(shown.parts, shown.postures[row].ends, 0.22, false));
+    merged(ghosts);
     const way = line(shown.postures.map((p) => p.tcp), ink);
     [way.material.depthTest, way.material.transparent, way.renderOrder] = [false, true, 8];
     group.add(way);
@@ -182,9 +224,9 @@ window.ztpmViewer = (() => {
   // Draws a picture in an element; null where the browser offers no WebGL, with a sentence in its place.
   function show(element, picture) {
     const page = element.ownerDocument;
-    let renderer;
+    let renderer, software;
     try {
-      renderer = made();
+      ({ renderer, software } = made());
     } catch {
       const told = page.createElement("p");
       told.textContent = "The picture needs WebGL, which this browser does not offer; the text says the same.";
@@ -204,7 +246,7 @@ window.ztpmViewer = (() => {
     light.shadow.normalBias = 0.012;
     scene.add(new THREE.AmbientLight("#ffffff", 2.0), light, light.target);
 
-    const state = { azimuth: 0, elevation: 0.45, zoom: 1, row: 0, target: null, high: 1, wanted: false, sharp: 1, late: 0, resting: false };
+    const state = { azimuth: 0, elevation: 0.45, zoom: 1, row: 0, target: null, high: 1, wanted: false, sharp: 1, debt: 0, late: 0, resting: true, still: true };
     let shown, path, solid, mark, fixed, seen, floor, names = new Map(), labels = [], seenBodies = [], live = false, now = null;
     const colour = (name, other) => getComputedStyle(element).getPropertyValue(name).trim() || other;
     const label = (of, kind = "") => {
@@ -228,8 +270,19 @@ window.ztpmViewer = (() => {
 
     const named_anew = () => {
       for (const each of labels) each.remove();
-      names = named(shown.bodies.concat(seenBodies));
+      const known = [...named(shown.bodies.concat(seenBodies))], places = arm_points().map(point);
+      const leads = new Set(shown.witnesses.map((w) => w.object));
+      for (const [name, at] of known) {
+        const near = Math.min(...at.balls.flatMap(([p]) => places.map((other) => p.distanceToSquared(other))));
+        at.rank = at.kind === "person" ? -2 : leads.has(name) ? -1 : near;
+      }
+      known.sort(([, one], [, other]) => one.rank - other.rank);
+      names = new Map(known.slice(0, NAMES));
       labels = [];
+      if (known.length > NAMES) {
+        labels.push(label("", "more"));
+        labels[0].textContent = `names of ${known.length - NAMES} more are not shown`;
+      }
       for (const [name, at] of names) {
         at.label = label(COLOURS[at.kind] ?? COLOURS.rigid);
         at.label.append(page.createElement("b"));
@@ -287,6 +340,7 @@ window.ztpmViewer = (() => {
       const [width, height] = [element.clientWidth, element.clientHeight], half = state.high / state.zoom / 2;
       if (!width || !height) return;
       renderer.setPixelRatio(sharpness() * Math.min(window.devicePixelRatio || 1, 2));
+      light.castShadow = !software || state.still;
       renderer.setSize(width, height);
       [camera.top, camera.bottom, camera.right, camera.left] = [half, -half, (half * width) / height, (-half * width) / height];
       camera.updateProjectionMatrix();
@@ -302,7 +356,7 @@ window.ztpmViewer = (() => {
         for (let k = 0; k < taken.length && taken.some(covers); k += 1) at.y += side * (h + 2);
         at.y = clamp(at.y, 14, height - 14);
         taken.push({ ...at, w, h });
-        [span.style.left, span.style.top] = [`${at.x}px`, `${at.y}px`];
+        span.style.transform = `translate(-50%, -50%) translate(${at.x}px, ${at.y}px)`;
       };
       const lead = lead_of();
       gap.hidden = !lead;
@@ -323,17 +377,21 @@ window.ztpmViewer = (() => {
     // draws: a button beside the picture is heard in between.
     const sharpness = () => {
       const late = state.late = performance.now() - state.asked;
-      state.sharp = clamp(state.resting ? 1 : state.sharp * (late > 60 ? 0.85 : late < 30 ? 1.05 : 1), 0.5, 1);
+      [state.still, state.resting] = [state.resting, false];
+      if (state.still) return 1;
+      // By halves of what is left and seldom: another size is another buffer.
+      state.debt = clamp(state.debt + (late > LATE_MS ? 1 : -0.1), -3, 3);
+      if (state.debt === 3 && state.sharp > 0.5) [state.sharp, state.debt] = [state.sharp - 0.25, 0];
+      else if (state.debt === -3 && state.sharp < 1) [state.sharp, state.debt] = [state.sharp + 0.25, 0];
       clearTimeout(state.rest);
-      if (state.sharp < 1) state.rest = setTimeout(() => { state.resting = true; redraw(); }, 400);
-      state.resting = false;
+      if (software || state.sharp < 1) state.rest = setTimeout(() => { state.resting = true; redraw(); }, REST_MS);
       return state.sharp;
     };
     const redraw = () => {
       if (state.wanted) return;
       state.wanted = true;
       const begin = () => { state.asked = performance.now(); requestAnimationFrame(drawn); };
-      if (state.late > 60) setTimeout(begin, state.late);
+      if (state.late > 2 * LATE_MS) setTimeout(begin, state.late);
       else begin();
     };
     const lead_of = () => (live ? null : shown.witnesses.find((w) => w.posture === state.row) ?? null);
@@ -372,8 +430,7 @@ window.ztpmViewer = (() => {
         shown = { witnesses: [], postures: [], bodies: [], parts: [], workspace: null, ...next };
         for (const group of [path, solid, mark, fixed, seen]) if (group) emptied(group);
         [path, solid, mark, fixed, seen, seenBodies] = [swept(shown, colour("--ink", "#1c2733")), null, null, standing(shown), null, []];
-        for (const told of shown.bodies) fixed.add(body(told));
-        scene.add(path, fixed);
+        scene.add(path, merged(fixed.add(...shown.bodies.map(body))));
         [live, now] = [false, null];
         named_anew();
         laid_out();
@@ -404,8 +461,7 @@ window.ztpmViewer = (() => {
           const before = seenBodies.length;
           seenBodies = bodies;
           seen = new THREE.Group();
-          for (const told of bodies) seen.add(body(told));
-          scene.add(seen);
+          scene.add(merged(seen.add(...bodies.map(body))));
           named_anew();
           if (before !== bodies.length) { laid_out(); fit(); }
         }
