@@ -119,19 +119,37 @@ def test_the_png_is_drawn_whatever_stands_there(tmp_path):
     assert (tmp_path / "a.png").stat().st_size > 10_000
 
 
-@pytest.mark.e2e
-@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
-def test_a_browser_names_everything_inside_the_view(tmp_path):
+def names_in_a_browser(seen, tmp_path):
+    """Names that stand in the picture of a page with their places in pixels, and what is said of others."""
     file = tmp_path / "page.html"
-    file.write_text(page(scene("convex"), subtitle="", advice=""))
+    file.write_text(page(seen, subtitle="", advice=""))
     run = subprocess.run(
         [CHROMIUM, "--headless=new", "--no-sandbox", "--disable-gpu", "--use-angle=swiftshader",
          "--enable-unsafe-swiftshader", f"--user-data-dir={tmp_path / 'profile'}", "--window-size=1000,800",
          "--virtual-time-budget=2000", "--dump-dom", file.as_uri()],
         capture_output=True, text=True, timeout=90,
     )  # fmt: skip
-    names = re.findall(r"<span[^>]*left: ([\d.]+)px; top: ([\d.]+)px[^>]*><b>([^<]*)</b>", run.stdout)
-    assert sorted(name.split(" (")[0] for _, _, name in names) == ["gem", "passer-by", "ramp", "table"]
-    places = [(float(x), float(y)) for x, y, _ in names]
-    assert len(set(places)) == 4
-    assert all(0 < x < 1000 and 0 < y < 800 for x, y in places)
+    places = re.findall(r"<span[^>]*translate\(([\d.]+)px, ([\d.]+)px\)[^>]*><b>([^<]*)</b>", run.stdout)
+    others = re.search(r">names of (\d+) more", run.stdout)
+    return {name.split(" (")[0]: (float(x), float(y)) for x, y, name in places}, others and int(others[1])
+
+
+@pytest.mark.e2e
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_a_browser_names_everything_inside_the_view(tmp_path):
+    names, others = names_in_a_browser(scene("convex"), tmp_path)
+    assert (sorted(names), others) == (["gem", "passer-by", "ramp", "table"], None)
+    assert len(set(names.values())) == 4
+    assert all(0 < x < 1000 and 0 < y < 800 for x, y in names.values())
+
+
+@pytest.mark.e2e
+@pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed")
+def test_of_many_bodies_people_and_the_nearest_are_named_and_the_rest_are_counted(tmp_path):
+    seen = scene("convex")
+    far = [Thing(f"far-{k}", "rigid", Box((2.0 + k, -2.0, 0.2), (0.1, 0.1, 0.1)), 0.0) for k in range(500)]
+    bodies = [replace(seen.bodies[0], name=each.id, kind=each.kind, shape=each.shape) for each in far]
+    names, others = names_in_a_browser(replace(seen, bodies=(*bodies, *seen.bodies)), tmp_path)
+    assert {"gem", "passer-by", "ramp", "table", "far-0"} < set(names)
+    assert len(names) + others == 504
+    assert "far-499" not in names
