@@ -17,7 +17,7 @@ from pep.pit.picture.words import MICRO_PER_MILLI, MILLI, sentence
 from ztpm.picture.bodies import COLOURS
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Sequence
 
     from pep.pit.assessment.assessment import Assessment
     from pep.pit.picture.picture import DrawnBody, Picture
@@ -27,8 +27,8 @@ WORDS: Final = {"payload": "held object", "witness": "nearest points where it de
 ASSETS: Final = resources.files("ztpm_idp.console.assets")
 """Folder of what the pages of people have in common."""
 STYLE: Final = (ASSETS / "console.css").read_text("utf-8")
-LIBRARY: Final = "three-0.187.0.js"
-"""The library that draws; the README beside it says how it is made."""
+LIBRARIES: Final = tuple((ASSETS / name).read_text("utf-8") for name in ("three-0.187.0.js", "viewer.js"))
+"""The library that draws, and what draws with it; the README beside them says how it is made."""
 SCRIPT: Final = """"use strict";
 // This page's own: the picture that stands in it, and its slider, buttons and rows.
 const picture = JSON.parse(document.getElementById("picture").textContent);
@@ -46,59 +46,84 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
         subtitle: the question, in one line.
         advice: advice that would lower the tier, in one sentence.
     """
-    scripts = (*((ASSETS / name).read_text("utf-8") for name in (LIBRARY, "viewer.js")), SCRIPT)
-    content = "; ".join(
-        (
-            "default-src 'none'",
-            f"script-src {' '.join(map(hash_of, scripts))}",
-            f"style-src {hash_of(STYLE)}",
-            "base-uri 'none'",
-            "form-action 'none'",
-        )
-    )
-    still = " hidden" if shown.assessment is None else ""
     said = "<br>".join(escape(line) for line in (subtitle, advice) if line)
+    section = drawing(
+        _spoken(shown),
+        below=f'<ul class="key">{_key(shown)}</ul>\n'
+        "<noscript>The picture needs a script and WebGL; the table says the same.</noscript>",
+        still=shown.assessment is None,
+    )
+    table = _things(shown) if shown.assessment is None else _contributions(shown.assessment)
+    return file_of(
+        shown.title,
+        f'{_heading(shown)}\n<p class="dim">{said}</p>',
+        f"<main>\n{section}\n{table}\n</main>",
+        data=json.dumps(to_plain(shown), ensure_ascii=True, allow_nan=False, separators=(",", ":")),
+        scripts=(*LIBRARIES, SCRIPT),
+    )
+
+
+def drawing(words: str, *, below: str, still: bool = False) -> str:
+    """The section of the picture, and what turns it.
+
+    Args:
+        words: said in the picture's place to people who do not see it.
+        below: HTML under the picture.
+        still: True without a motion.
+    """
+    hidden = " hidden" if still else ""
+    return f"""<section aria-label="Picture">
+<div id="view" class="view" tabindex="0" role="img" aria-label="{escape(words, quote=True)}"></div>
+<div class="controls">
+<button type="button" data-play{hidden}>Play</button>
+<label for="time"{hidden}>Time</label>
+<input type="range" id="time" data-time min="0" max="0" step="1" value="0"{hidden}>
+<label{hidden}><input type="checkbox" data-swept checked> swept path</label>
+<button type="button" data-view="corner">Corner</button>
+<button type="button" data-view="above">Above</button>
+<button type="button" data-view="side">Side</button>
+<output data-told for="time"{hidden}></output>
+</div>
+{below}
+</section>"""
+
+
+def file_of(title: str, header: str, content: str, *, data: str, scripts: Sequence[str]) -> str:
+    """A file of a picture, which fetches nothing and runs no script but these.
+
+    Args:
+        title: as text.
+        header: HTML.
+        content: HTML.
+        data: JSON of the picture.
+        scripts: texts, in their order; the last draws.
+    """
+    policy = (
+        f"default-src 'none'; script-src {' '.join(map(hash_of, scripts))}; style-src {hash_of(STYLE)}; "
+        "base-uri 'none'; form-action 'none'"
+    )
+    # Nothing in them can end the element that they stand in.
+    safe = data.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    drawn = "\n".join(f"<script>{script}</script>" for script in scripts)
     return f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
-<meta http-equiv="Content-Security-Policy" content="{escape(content)}">
+<meta http-equiv="Content-Security-Policy" content="{escape(policy)}">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<title>{escape(shown.title)}</title>
+<title>{escape(title)}</title>
 <style>{STYLE}</style>
 </head>
 <body class="picture">
 <header>
-{_heading(shown)}
-<p class="dim">{said}</p>
+{header}
 </header>
-<main>
-<section aria-label="Picture">
-<div id="view" class="view" tabindex="0" role="img" aria-label="{escape(_spoken(shown), quote=True)}"></div>
-<div class="controls">
-<button type="button" data-play{still}>Play</button>
-<label for="time"{still}>Time</label>
-<input type="range" id="time" data-time min="0" max="0" step="1" value="0"{still}>
-<label{still}><input type="checkbox" data-swept checked> swept path</label>
-<button type="button" data-view="corner">Corner</button>
-<button type="button" data-view="above">Above</button>
-<button type="button" data-view="side">Side</button>
-<output data-told for="time"{still}></output>
-</div>
-<ul class="key">{_key(shown)}</ul>
-<noscript>The picture needs a script and WebGL; the table says the same.</noscript>
-</section>
-{_things(shown) if shown.assessment is None else _contributions(shown.assessment)}
-</main>
-<script type="application/json" id="picture">{_json(shown)}</script>
-{_inline(scripts)}
+{content}
+<script type="application/json" id="picture">{safe}</script>
+{drawn}
 </body>
 </html>
 """
-
-
-def _inline(scripts: Iterable[str]) -> str:
-    return "\n".join(f"<script>{script}</script>" for script in scripts)
 
 
 def _heading(shown: Picture) -> str:
@@ -164,12 +189,6 @@ def _told(body: DrawnBody) -> str:
 def hash_of(text: str) -> str:
     """The text as a content policy names it."""
     return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
-
-
-def _json(shown: Picture) -> str:
-    """The picture's values; nothing in them can end the element that they stand in."""
-    text = json.dumps(to_plain(shown), ensure_ascii=True, allow_nan=False, separators=(",", ":"))
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
 
 
 def _row(number: int, told: Contribution) -> str:
