@@ -127,6 +127,11 @@ window.ztpmViewer = (() => {
     return group;
   }
 
+  function grouped(bodies, group) {
+    for (const told of bodies) group.add(body(told));
+    return group;
+  }
+
   function arm(parts, ends, opacity, base) {
     const group = new THREE.Group();
     ends.forEach(([a, b], k) => {
@@ -430,7 +435,7 @@ window.ztpmViewer = (() => {
         shown = { witnesses: [], postures: [], bodies: [], parts: [], workspace: null, ...next };
         for (const group of [path, solid, mark, fixed, seen]) if (group) emptied(group);
         [path, solid, mark, fixed, seen, seenBodies] = [swept(shown, colour("--ink", "#1c2733")), null, null, standing(shown), null, []];
-        scene.add(path, merged(fixed.add(...shown.bodies.map(body))));
+        scene.add(path, merged(grouped(shown.bodies, fixed)));
         [live, now] = [false, null];
         named_anew();
         laid_out();
@@ -461,7 +466,7 @@ window.ztpmViewer = (() => {
           const before = seenBodies.length;
           seenBodies = bodies;
           seen = new THREE.Group();
-          scene.add(merged(seen.add(...bodies.map(body))));
+          scene.add(merged(grouped(bodies, seen)));
           named_anew();
           if (before !== bodies.length) { laid_out(); fit(); }
         }

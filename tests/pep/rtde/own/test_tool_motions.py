@@ -294,7 +294,13 @@ def test_a_stop_ends_it_and_is_told_when_the_arm_stands(world):
 def test_a_caller_who_goes_away_leaves_it_standing(world):
     async def scenario(tools):
         moving = asyncio.create_task(tools.act(MOVE_JOINT, MOVE, world.permit()))
-        world.past(0.1, lambda: loop.call_soon_threadsafe(moving.cancel))
+
+        async def left():
+            moving.cancel()
+            for _ in range(10):  # turns of the loop in which the follower is told
+                await asyncio.sleep(0)
+
+        world.past(0.1, lambda: asyncio.run_coroutine_threadsafe(left(), loop).result(10))
         loop = asyncio.get_running_loop()
         with pytest.raises(asyncio.CancelledError):
             await moving
