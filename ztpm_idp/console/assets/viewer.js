@@ -18,7 +18,7 @@ window.ztpmViewer = (() => {
   };
   const SKIN = { head: 1.18, neck: 1.12, upper_arm: 0.86, lower_arm: 0.8, hand: 1.12, thigh: 0.92, shin: 0.86 };
   const GHOSTS = 8;
-  const SMALL_M = 0.06; // a radius below which a capsule is round with fewer faces
+  const FACES_M = 60; // faces about a capsule for each metre of its radius, beside the 8 of the thinnest
   const OPAQUE = { zone: 0.16, fragile: 0.8 };
   const VIEWS = { above: [-Math.PI / 2, Math.PI / 2], side: [-Math.PI / 2, 0] };
   const BEHIND = Math.PI / 3; // the first view's angle beside the line to the deciding body
@@ -53,8 +53,8 @@ window.ztpmViewer = (() => {
   }
 
   function capsule(a, b, r, look, fine = true) {
-    const length = point(a).distanceTo(point(b)), many = !fine || r < SMALL_M / 4 ? 1 : r < SMALL_M ? 2 : 3;
-    const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(r, length, 1 + 2 * many, 8 * many), look);
+    const length = point(a).distanceTo(point(b)), sides = fine ? clamp(Math.round(8 + FACES_M * r), 8, 24) : 8;
+    const mesh = new THREE.Mesh(new THREE.CapsuleGeometry(r, length, Math.floor(sides / 4), sides), look);
     mesh.castShadow = look.opacity === 1;
     mesh.receiveShadow = look.opacity === 1;
     return lay(mesh, a, b);
