@@ -95,6 +95,9 @@ rotation:  ## a new key in every role under load, two providers and two enforcem
 horizon:  ## 54 enforcement points, 10,000 live tokens, 200 revocations and 1,000 descendants; the time to the last permit last (DATABASE=URL for another database, ARGS="--postgres --workers 2" and the like)
 	$(RUN) python -m tests.ztpm_idp.campaign.horizon $(if $(DATABASE),--database $(DATABASE)) $(ARGS)
 
+pages:  ## first paint and weight of the pages people look at, pictures a second of 50 objects, CPU of ten viewers; the figures last
+	$(RUN) python -m tests.e2e.live.figures
+
 login:  ## a person logs in at the certified oidc-provider in Chromium and confirms a command line; where the pictures lie last
 	@$(RUN) pytest -q -s --campaign tests/ztpm_idp/login/test_in_browser.py | awk '{ print; fflush() } /pictures in/ { last = $$0 } \
 	  END { sub(/^[.]+/, "", last); print last; exit last == "" }'

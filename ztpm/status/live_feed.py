@@ -78,6 +78,7 @@ class LiveFeed:
         self._clock = clock
         self._wall_ms = wall_ms
         self._newest: dict[str, bytes] = {}
+        self._values: dict[str, Any] = {}
         self._boxes: set[Mailbox] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._looked_at = threading.Event()
@@ -165,12 +166,13 @@ class LiveFeed:
             value = {**value, "at_ms": self._wall_ms()} if self._due(value) else None
             if value is None:
                 return
+        with self._lock:
+            if not self._boxes or (kind in self._newest and self._values.get(kind) == value):
+                return
         said = json.dumps(value, allow_nan=False, separators=(",", ":"))
         text = f"event: {event or kind}\ndata: {said}\n\n".encode()
         with self._lock:
-            if self._newest.get(kind) == text or not self._boxes:
-                return
-            self._newest[kind] = text
+            self._newest[kind], self._values[kind] = text, value
             boxes, loop = tuple(self._boxes), self._loop
         if loop is not None and not loop.is_closed():
             loop.call_soon_threadsafe(_deliver, boxes, {kind: text})

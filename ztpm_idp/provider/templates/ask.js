@@ -73,6 +73,8 @@ async function draw(ask) {
   const bytes = await answer.arrayBuffer();
   if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs("the picture is not the one that was signed");
   const shown = JSON.parse(new TextDecoder().decode(bytes));
+  // The words are painted before the picture is begun, which takes longer.
+  await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
   const view = ztpmViewer.show(document.querySelector("#view"), shownPicture.drawable(shown, sentenceOf(ask)));
   if (view === null) throw new Error("no WebGL");
   ztpmViewer.controls(document.querySelector("#picture"), view);
