@@ -76,6 +76,7 @@ class Change:
         credential: of a key that is a passkey, the id by which its authenticator knows it, in base64url; else "".
         reason: of an end.
         login: issuer and subject at a login provider, with a space between.
+        by_passkey: its proposer said so with a passkey, not with an operator key.
         end: state in which it ended, or None.
         confirmed, declined: administrators who said so.
     """
@@ -94,6 +95,7 @@ class Change:
     confirmed: frozenset[str] = frozenset()
     declined: frozenset[str] = frozenset()
     login: str = ""
+    by_passkey: bool = False
 
     @property
     def until_ms(self) -> int:
