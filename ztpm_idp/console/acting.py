@@ -21,7 +21,7 @@ from ztpm_idp.console.acts import Act
 from ztpm_idp.console.pages import page
 from ztpm_idp.console.tree import may_cut
 from ztpm_idp.console.viewing import Viewer, to, viewer_of
-from ztpm_idp.domain.changes import ChangeKind, ChangeState
+from ztpm_idp.domain.changes import ChangeState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import ChangeEnded
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
@@ -60,8 +60,8 @@ async def show_question(request: Request, name: str) -> Response:
     async with provider.store.read() as view:
         act, seen, change = await _seen(view, viewer, act, members, at_ms=provider.now_ms())
     nonce, party = words.fresh(), relying_party(provider.settings.issuer)
-    said = {"act": act.value, "by": viewer.person.id, "issuer": provider.settings.issuer, "nonce": nonce}
-    said |= members | seen
+    said = {"act": act.value} | members | seen
+    said |= {"by": viewer.person.id, "issuer": provider.settings.issuer, "nonce": nonce}
     question = await words.ask(request, viewer, PURPOSE, nonce=nonce, said=said)
     return page(
         request,
@@ -74,7 +74,7 @@ async def show_question(request: Request, name: str) -> Response:
         exactly=json.dumps(said),
         command=acts.typed(act, said, by=viewer.person.id),
         waits=act in {Act.PROPOSE_END, Act.PROPOSE_ROLES, Act.PROPOSE_PERSON},
-        at_terminal=act is Act.CONFIRM and change is not None and at_terminal(change),
+        at_terminal=act is Act.CONFIRM and change is not None and change.at_terminal,
         rp="" if party is None or not viewer.person.passkeys else party.rp_id,
         passkeys=party is not None,
         sealed=question.sealed,
@@ -173,8 +173,3 @@ async def _seen(
         alone = person.id == viewer.person.id or not person.privileged
         act = Act.END if alone else Act.PROPOSE_END
     return act, {"name": person.name, "had": " ".join(sorted(person.roles))}, None
-
-
-def at_terminal(change: Change) -> bool:
-    """True where only an operator key confirms: the word before was a passkey's, or the root key's ([CON-13])."""
-    return change.by_passkey or change.kind is ChangeKind.RECOVERY

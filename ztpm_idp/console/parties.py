@@ -71,7 +71,7 @@ class WaitingRow:
     """
 
     change: Change
-    told: list[tuple[str, str]]
+    told: dict[str, str]
     asked: list[str]
     may_answer: bool
 
@@ -140,7 +140,7 @@ async def _waiting(view: Transaction, viewer: Viewer, at_ms: int) -> list[Waitin
             continue
         asked = sorted(admins - {change.by, change.person} - change.confirmed - change.declined)
         may_answer = PersonRole.ADMIN in viewer.person.roles and viewer.person.id in asked
-        rows.append(WaitingRow(change, sorted(acts.told(change).items()), asked, may_answer))
+        rows.append(WaitingRow(change, acts.told(change), asked, may_answer))
     return rows
 
 

@@ -103,6 +103,11 @@ class Change:
         return self.proposed_ms + (RECOVERY_WAIT_MS if self.kind is ChangeKind.RECOVERY else CHANGE_LIFETIME_MS)
 
     @property
+    def at_terminal(self) -> bool:
+        """True where only an operator key confirms it: the first word was a passkey's or the root key's ([CON-13])."""
+        return self.by_passkey or self.kind is ChangeKind.RECOVERY
+
+    @property
     def people(self) -> int:
         """Number of administrators whose word ends it, beside the proposer."""
         return 2 if self.kind is ChangeKind.RECOVERY else 1

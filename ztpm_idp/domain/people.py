@@ -115,8 +115,7 @@ def answer(rules: Rules, state: State, command: AnswerChange, at_ms: int) -> Out
     if by in change.confirmed | change.declined:
         return Refusal(IdpCode.VOTED_BEFORE, "one word of each person")
     # 4. One of the words that make a change is signed with an operator key ([CON-13]).
-    asserted = isinstance(command.signed, AssertedAct)
-    if command.word is Word.CONFIRM and asserted and (change.by_passkey or change.kind is ChangeKind.RECOVERY):
+    if command.word is Word.CONFIRM and isinstance(command.signed, AssertedAct) and change.at_terminal:
         return Refusal(IdpCode.OPERATOR_KEY_NEEDED, "of two people one signs with an operator key")
     # 5. Enough people, who are administrators still, have said the same.
     said = ChangeAnswered(change.change_id, by, command.word, command.reason, command.signed)
