@@ -138,7 +138,7 @@ async def _after(request: Request, act: Act, said: Mapping[str, str], done: Done
 async def _seen(
     view: Transaction, viewer: Viewer, act: Act, members: Mapping[str, str], *, at_ms: int
 ) -> tuple[Act, dict[str, str], Change | None]:
-    """The act that this amounts to now, what is so beforehand and is bound with it, and the change that is answered.
+    """Act that this amounts to now; what is so beforehand and bound with it; the change that is answered.
 
     Raises:
         PageProblem: `NOT_PERMITTED`, `NOT_FOUND`, `PARTY_ENDED`, `CHANGE_UNKNOWN` or `CHANGE_OVER`.

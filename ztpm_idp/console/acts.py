@@ -90,7 +90,7 @@ _ROLE: Final = "role"
 
 
 def read(act: Act, given: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Members of an act, as the fields of a form state them: exactly its own, once each, and as the command takes them.
+    """Members of an act as the fields of a form state them: exactly its own, as the command takes them.
 
     Args:
         act: which.

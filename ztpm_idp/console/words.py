@@ -40,8 +40,8 @@ ASSERTED: Final = ("credential", "authenticator", "client", "signature")
 
 
 @dataclass(frozen=True, slots=True)
-class Question:
-    """A question that was asked in this session.
+class SealedQuestion:
+    """Question that was asked in this session.
 
     Attributes:
         nonce: the provider's, fresh for it.
@@ -56,7 +56,7 @@ class Question:
     more: Mapping[str, Any]
 
 
-async def ask(request: Request, viewer: Viewer, purpose: str, *, nonce: str, **more: Any) -> Question:
+async def ask(request: Request, viewer: Viewer, purpose: str, *, nonce: str, **more: Any) -> SealedQuestion:
     """A question for this viewer.
 
     Args:
@@ -71,7 +71,7 @@ async def ask(request: Request, viewer: Viewer, purpose: str, *, nonce: str, **m
     kept = {"nonce": nonce, "at_ms": at_ms, "session": viewer.session_id} | more
     async with provider.store.read() as view:
         sealed = session.seal(await view.sessions.secret(), purpose, json.dumps(kept))
-    return Question(nonce, sealed, at_ms, more)
+    return SealedQuestion(nonce, sealed, at_ms, more)
 
 
 def fresh() -> str:
@@ -79,7 +79,7 @@ def fresh() -> str:
     return secrets.token_urlsafe(24)
 
 
-async def asked(request: Request, viewer: Viewer, purpose: str, sealed: str) -> Question:
+async def asked(request: Request, viewer: Viewer, purpose: str, sealed: str) -> SealedQuestion:
     """The question that was sealed, when it was asked in this session and not long ago.
 
     Raises:
@@ -92,7 +92,7 @@ async def asked(request: Request, viewer: Viewer, purpose: str, sealed: str) -> 
     asked_ms, of = int(kept.pop("at_ms", 0)), kept.pop("session", None)
     if of != viewer.session_id or not 0 <= provider.now_ms() - asked_ms <= QUESTION_S * 1_000:
         raise PageProblem(IdpCode.LOGIN_OVER, "ask again on the page, and answer within five minutes")
-    return Question(str(kept.pop("nonce")), sealed, asked_ms, kept)
+    return SealedQuestion(str(kept.pop("nonce")), sealed, asked_ms, kept)
 
 
 def assertion_in(form: Mapping[str, str]) -> wire.AssertionBody:
@@ -108,7 +108,7 @@ def assertion_in(form: Mapping[str, str]) -> wire.AssertionBody:
 
 
 async def word_on(
-    request: Request, viewer: Viewer, question: Question, said: wire.AssertionBody, expected: bytes
+    request: Request, viewer: Viewer, question: SealedQuestion, said: wire.AssertionBody, expected: bytes
 ) -> tuple[OneUse, passkeys.Asserted]:
     """The one use of an assertion by the viewer's own passkey over exactly this challenge, and the assertion.
 

@@ -69,7 +69,7 @@ class Looking(Browser):
         return self.post(f"{AT}/revocations", self.word(held, form, nonce, **changes))
 
     def asked(self, name, /, **query):
-        """What the question about this act has the passkey say, and what the page keeps of it."""
+        """Members that the passkey is to say to the question about this act, and the seal that the page keeps."""
         self.get(f"{AT}/acts/{name}?{urlencode(query, doseq=True)}")
         found = re.search(r'data-said="([^"]*)"', self.page.text)
         if found is None:

@@ -46,7 +46,7 @@ def held(named):
 
 
 def standing(named, kind, name):
-    """How a party stands, as the provider's list says."""
+    """Standing of a party, as the provider's list says."""
     alice = named.world.people["alice"]
     return {row["id"]: row["status"] for row in (alice.agents() if kind == "agent" else alice.persons())}.get(name)
 
@@ -165,7 +165,7 @@ def test_an_approver_ends_by_two_people_of_whom_one_has_an_operator_key(named, h
 
 
 def confirmed_by_word(named, change, by):
-    """Code of the refusal of a confirmation by passkey, whatever page or script asked for it."""
+    """Code of the refusal of a confirmation by passkey that no page asked for."""
     word = AssertedAct("{}", "k", "a", "c", "s")
     command = commands.AnswerChange(by, change, Answer.CONFIRM, "", word)
     running = named.world.provider.run(command, actor=by)

@@ -1,4 +1,4 @@
-"""The console in a real browser: a token is killed by passkey, found and proven in the trail; people and agents."""
+"""The console in a real browser: a token is killed and proven dead; an agent is suspended, and people change."""
 
 from __future__ import annotations
 
