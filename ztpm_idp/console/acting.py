@@ -23,7 +23,6 @@ from ztpm_idp.console.tree import may_cut
 from ztpm_idp.console.viewing import Viewer, to, viewer_of
 from ztpm_idp.domain.changes import ChangeState
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.events import ChangeEnded
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
 from ztpm_idp.domain.signed import AssertedAct
 from ztpm_idp.login.forms import form_of
@@ -128,11 +127,9 @@ async def _after(request: Request, act: Act, said: Mapping[str, str], done: Done
                 made = await view.revocations.among({name})
             return to(request, f"/revocations/{made.get(name, done.epoch)}")
         case Act.CONFIRM | Act.DECLINE:
-            ends = [event.state for event in done.events if isinstance(event, ChangeEnded)]
-            state = ends[0] if ends else ChangeState.OPEN
-            return to(request, f"/people?answered={said['change_id']}&state={state.value}")
+            return to(request, f"/people?after={said['change_id']}")
         case _:
-            return to(request, f"/people?proposed={change_id}")
+            return to(request, f"/people?after={change_id}")
 
 
 async def _seen(

@@ -108,9 +108,12 @@ async def show_people(request: Request) -> Response:
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
         return viewer
-    at_ms, query = provider_of(request).now_ms(), request.query_params
+    at_ms, after = provider_of(request).now_ms(), request.query_params.get("after", "")
     async with provider_of(request).store.read() as view:
         rows, waiting = await _people(view, viewer, at_ms), await _waiting(view, viewer, at_ms)
+        change = await view.people.change(after) if ID.fullmatch(after) else None
+    # A link says nothing by itself: the notice is of a change that has the viewer's own word.
+    own = change is not None and viewer.person.id in change.confirmed | change.declined | {change.by}
     return page(
         request,
         "people.html",
@@ -120,14 +123,8 @@ async def show_people(request: Request) -> Response:
         waiting=waiting,
         admin=PersonRole.ADMIN in viewer.person.roles,
         roles=[role.value for role in PersonRole],
-        proposed=_change_id(query.get("proposed", "")),
-        answered=_change_id(query.get("answered", "")),
-        state=query.get("state", "") if query.get("state", "") in set(ChangeState) else ChangeState.OPEN.value,
+        notice=None if change is None or not own else (change.change_id, change.state(at_ms).value),
     )
-
-
-def _change_id(text: str) -> str:
-    return text if ID.fullmatch(text) else ""
 
 
 async def _waiting(view: Transaction, viewer: Viewer, at_ms: int) -> list[WaitingRow]:

@@ -268,7 +268,6 @@ def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell,
 
     # an agent is suspended; a person without a finger does nothing
     page.goto(suspend)
-    looked_at(page, "agent-acts", axe)
     by_keyboard(page, "suspend-agent", "odd acts, größer")
     looked_at(page, "act", axe)
     page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
@@ -296,11 +295,9 @@ def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell,
     page.keyboard.press("Enter")
     page.locator("[data-member=roles]").wait_for()
     assert page.inner_text("[data-member=roles]") == "auditor sponsor"
-    looked_at(page, "act-roles", axe)
     sign_by_keyboard(page)
-    page.wait_for_url("**/console/people?proposed=*")
+    page.wait_for_url("**/console/people?after=*")
     change = page.url.rpartition("=")[2]
-    looked_at(page, "people-proposed", axe)
     assert world.people["dan"].confirm_change(change) == "done"
 
     # another's change is confirmed on the page, where an operator key proposed it
@@ -314,10 +311,9 @@ def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell,
     page.locator("[data-member=change_id]").wait_for()
     looked_at(page, "act-confirm", axe)
     sign_by_keyboard(page)
-    page.wait_for_url(f"**/console/people?answered={change}&state=done")
+    page.wait_for_url(f"**/console/people?after={change}")
+    assert f"{change} is done" in page.inner_text(".notice")
     assert [row["roles"] for row in world.people["dan"].persons() if row["id"] == "bob"] == [["sponsor"]]
-    page.goto(f"{world.issuer}/console/agents")
-    looked_at(page, "agents-form", axe)
     assert [fault for fault in page.faults if "403" not in fault] == []
     page.faults.clear()
     print(f"suspended {took_s:.2f} s after the word")
