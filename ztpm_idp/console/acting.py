@@ -160,7 +160,9 @@ async def _seen(
             raise PageProblem(IdpCode.CHANGE_UNKNOWN)
         if (state := change.state(at_ms)) is not ChangeState.OPEN:
             raise PageProblem(IdpCode.CHANGE_OVER, f"it is {state.value}")
-        return act, acts.told(change), change
+        whom = await view.party(change.person)
+        had = {"had": _roles(whom)} if isinstance(whom, RegisteredPerson) else {}
+        return act, acts.told(change) | had, change
     person = await view.party(members["person"])
     if not isinstance(person, RegisteredPerson):
         raise PageProblem(IdpCode.NOT_FOUND, "no such person")
@@ -169,4 +171,8 @@ async def _seen(
     if act is not Act.PROPOSE_ROLES:
         alone = person.id == viewer.person.id or not person.privileged
         act = Act.END if alone else Act.PROPOSE_END
-    return act, {"name": person.name, "had": " ".join(sorted(person.roles))}, None
+    return act, {"name": person.name, "had": _roles(person)}, None
+
+
+def _roles(person: RegisteredPerson) -> str:
+    return " ".join(sorted(person.roles))

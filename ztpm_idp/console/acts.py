@@ -130,8 +130,8 @@ def _text(value: Any) -> str:
 
 
 def told(change: Change) -> dict[str, str]:
-    """Members of a waiting change, of which an answer states every one."""
-    return {
+    """Members that a waiting change has, of which an answer states every one."""
+    every = {
         "kind": change.kind.value,
         "person": change.person,
         "name": change.name,
@@ -142,6 +142,7 @@ def told(change: Change) -> dict[str, str]:
         "why": change.reason,
         "proposed_by": change.by,
     }
+    return {name: text for name, text in every.items() if text}
 
 
 def bound(said: Mapping[str, str]) -> bytes:

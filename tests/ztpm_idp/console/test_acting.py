@@ -191,6 +191,7 @@ def test_a_change_that_an_operator_key_proposed_is_confirmed_by_a_passkey(named,
     assert (said["kind"], said["person"], said["roles"], said["proposed_by"]) == (
         "roles", "bob", "auditor sponsor", "alice",
     )  # fmt: skip
+    assert said["had"] == "sponsor" and "login" not in said
     assert dan.act(held["dan"], "confirm-change", change_id=change).status_code == 303
     assert f"{change}</code> is done" in dan.follow().text
     assert "is done" not in carol.see(f"/people?after={change}"), "whose word it was not"
