@@ -16,7 +16,7 @@ from fastapi import APIRouter, FastAPI
 from fastapi.routing import APIRoute
 from starlette.exceptions import HTTPException
 
-from ztpm_idp.console import front, parties, revoking, trail, tree
+from ztpm_idp.console import acting, front, parties, revoking, trail, tree
 from ztpm_idp.console.pages import problem_part
 from ztpm_idp.console.viewing import is_part
 from ztpm_idp.domain.codes import IdpCode
@@ -110,6 +110,7 @@ _PARTS: Final = (
     front,
     tree,
     revoking,
+    acting,
     trail,
     parties,
 )

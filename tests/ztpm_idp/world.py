@@ -123,6 +123,7 @@ LATEST_COLUMNS = (
     ("sensors", "suspended_ms"),
     ("tools", "suspended_ms"),
     ("asks", "picture"),
+    ("changes", "by_passkey"),
 )
 """Columns that no database of an earlier release has."""
 

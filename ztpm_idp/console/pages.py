@@ -73,7 +73,7 @@ _PAGES: Final = jinja2.Environment(
     lstrip_blocks=True,
 )
 _PAGES.globals["t"] = TEXTS
-_PAGES.filters |= {"time": time_of, "short": _short, "lines": _lines}
+_PAGES.filters |= {"time": time_of, "short": _short, "lines": _lines, "under": lambda name: name.replace("-", "_")}
 
 
 def problem_part(request: Request, problem: Problem) -> HTMLResponse:

@@ -10,15 +10,16 @@ from fastapi import APIRouter, Request
 from fastapi.responses import Response  # noqa: TC002  the framework reads the annotations
 
 from capabilities.keys.keys import thumbprint
+from capabilities.statements.claims import ID
 from capabilities.values.units import INT_LIMIT
-from ztpm_idp.console import history, plot
+from ztpm_idp.console import acts, history, plot
 from ztpm_idp.console.pages import page, time_of
 from ztpm_idp.console.texts import TEXTS
 from ztpm_idp.console.tree import may_cut
 from ztpm_idp.console.viewing import Viewer, viewer_of
 from ztpm_idp.domain.changes import ChangeKind, ChangeState
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.domain.parties import RegisteredAgent, RegisteredPerson, Standing
+from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
 from ztpm_idp.login.pages import PageProblem
 from ztpm_idp.provider import audit
 from ztpm_idp.routes.audit import follower_of
@@ -59,6 +60,23 @@ class PersonRow:
 
 
 @dataclass(frozen=True, slots=True)
+class WaitingRow:
+    """A change that waits, on the page.
+
+    Attributes:
+        change: as proposed, with the words on it.
+        told: its members with their texts.
+        asked: administrators who may answer it.
+        may_answer: the viewer is one of them.
+    """
+
+    change: Change
+    told: dict[str, str]
+    asked: list[str]
+    may_answer: bool
+
+
+@dataclass(frozen=True, slots=True)
 class AgentRow:
     """An agent on the page.
 
@@ -90,10 +108,37 @@ async def show_people(request: Request) -> Response:
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
         return viewer
-    at_ms = provider_of(request).now_ms()
+    at_ms, after = provider_of(request).now_ms(), request.query_params.get("after", "")
     async with provider_of(request).store.read() as view:
-        rows = await _people(view, viewer, at_ms)
-    return page(request, "people.html", viewer, active="people", rows=rows)
+        rows, waiting = await _people(view, viewer, at_ms), await _waiting(view, viewer, at_ms)
+        change = await view.people.change(after) if ID.fullmatch(after) else None
+    # A link says nothing by itself: the notice is of a change that has the viewer's own word.
+    own = change is not None and viewer.person.id in change.confirmed | change.declined | {change.by}
+    return page(
+        request,
+        "people.html",
+        viewer,
+        active="people",
+        rows=rows,
+        waiting=waiting,
+        admin=PersonRole.ADMIN in viewer.person.roles,
+        roles=[role.value for role in PersonRole],
+        notice=None if change is None or not own else (change.change_id, change.state(at_ms).value),
+    )
+
+
+async def _waiting(view: Transaction, viewer: Viewer, at_ms: int) -> list[WaitingRow]:
+    """Changes that wait: all for who sees everybody, else those that the viewer proposed or is about."""
+    admins, rows = await view.people.administrators(), list[WaitingRow]()
+    for change in await view.people.open_changes(at_ms=at_ms):
+        if change.state(at_ms) is not ChangeState.OPEN or not (
+            viewer.sees(change.person) or change.by == viewer.person.id
+        ):
+            continue
+        asked = sorted(admins - {change.by, change.person} - change.confirmed - change.declined)
+        may_answer = PersonRole.ADMIN in viewer.person.roles and viewer.person.id in asked
+        rows.append(WaitingRow(change, acts.told(change), asked, may_answer))
+    return rows
 
 
 async def _people(view: Transaction, viewer: Viewer, at_ms: int) -> list[PersonRow]:
@@ -132,7 +177,16 @@ async def show_agents(request: Request) -> Response:
         return viewer
     async with provider_of(request).store.read() as view:
         rows = await _agents(request, view, viewer, None)
-    return page(request, "agents.html", viewer, active="agents", rows=rows)
+        people = await view.all_parties("person")
+    sponsors = sorted(
+        person.id
+        for person in people
+        if isinstance(person, RegisteredPerson)
+        and person.standing is Standing.ACTIVE
+        and PersonRole.SPONSOR in person.roles
+        and may_cut(viewer, person.id)
+    )
+    return page(request, "agents.html", viewer, active="agents", rows=rows, sponsors=sponsors)
 
 
 async def _agents(request: Request, view: Transaction, viewer: Viewer, only: str | None) -> list[AgentRow]:

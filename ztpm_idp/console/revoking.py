@@ -6,19 +6,17 @@ asserts exactly it, or by an operator key at a terminal ([CON-2], [CON-3] in doc
 
 from __future__ import annotations
 
-import json
-import secrets
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response  # noqa: TC002  the framework reads the annotations
 from pydantic import ValidationError
 
-from capabilities.statements.people.assertion import Word, challenge, check, relying_party
+from capabilities.statements.people.assertion import Word, challenge, relying_party
 from capabilities.statements.revocation import check_id
-from capabilities.values.errors import FaultCode, StatementError
-from ztpm_idp.console import forest
+from capabilities.values.errors import StatementError
+from ztpm_idp.console import forest, words
 from ztpm_idp.console.pages import page
 from ztpm_idp.console.tree import forest_of
 from ztpm_idp.console.viewing import Viewer, to, viewer_of
@@ -26,27 +24,21 @@ from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
-from ztpm_idp.login import session
 from ztpm_idp.login.forms import form_of
 from ztpm_idp.login.pages import PageProblem
-from ztpm_idp.provider import confirmations, passkeys, wire
-from ztpm_idp.provider.done import OneUse
+from ztpm_idp.provider import confirmations, wire
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import provider_of, since_of
-from ztpm_idp.store import ProofUse
 
 if TYPE_CHECKING:
     from ztpm_idp.console.forest import Branch
     from ztpm_idp.console.tree import Forest
-    from ztpm_idp.provider.provider import Provider
     from ztpm_idp.store.points import FollowedPoint
     from ztpm_idp.store.revocations import MadeRevocation
 
 router = APIRouter()
 KINDS: Final = frozenset({RevocationKind.TOKEN, RevocationKind.HOP, RevocationKind.AGENT, RevocationKind.MANDATE})
 """Kinds that these pages take back: what was lent, and agents; people, keys and audiences need a terminal."""
-QUESTION_S: Final = 300
-"""Seconds for which a page with the question takes the passkey's word: as long as a login page does."""
 PURPOSE: Final = "console revocation"
 """Purpose under which the page's nonce is sealed; it is no cookie's name."""
 WATCHED_MS: Final = 30_000
@@ -119,8 +111,7 @@ async def show_question(request: Request) -> Response:
     subject = await _subject(request, viewer, given.get("kind", ""), given.get("id", ""))
     provider = provider_of(request)
     party = relying_party(provider.settings.issuer)
-    nonce = secrets.token_urlsafe(24)
-    kept = {"nonce": nonce, "at_ms": provider.now_ms(), "session": viewer.session_id}
+    question = await words.ask(request, viewer, PURPOSE, nonce=words.fresh())
     return page(
         request,
         "revoke.html",
@@ -130,77 +121,36 @@ async def show_question(request: Request) -> Response:
         command=f"ztpm revoke {subject.kind.value} {subject.id} --reason 'WHY' --as {viewer.person.id}",
         rp="" if party is None or not viewer.person.passkeys else party.rp_id,
         passkeys=party is not None,
-        nonce=nonce,
-        sealed=session.seal(await _secret(provider), PURPOSE, json.dumps(kept)),
+        nonce=question.nonce,
+        sealed=question.sealed,
     )
 
 
 @router.post("/console/revocations", include_in_schema=False)
 async def take_back(request: Request) -> Response:
     """Takes something back on the word of a passkey of the person who is logged in."""
-    form = await form_of(
-        request, "kind", "id", "reason", "sealed", "credential", "authenticator", "client", "signature"
-    )
+    form = await form_of(request, "kind", "id", "reason", "sealed", *words.ASSERTED)
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
         raise PageProblem(IdpCode.NOT_LOGGED_IN)
     try:
         stated = wire.RevocationBody.model_validate({name: form[name] for name in ("kind", "id", "reason")})
-        said = wire.AssertionBody.model_validate(
-            {name: form[name] for name in ("credential", "authenticator", "client", "signature")}
-        )
     except ValidationError:
-        raise PageProblem(IdpCode.FORM_MALFORMED, "no revocation, or no assertion of a passkey") from None
+        raise PageProblem(IdpCode.FORM_MALFORMED, "no revocation") from None
+    said = words.assertion_in(form)
     if stated.kind not in KINDS:
         raise PageProblem(IdpCode.NOT_PERMITTED, "people, keys and audiences are revoked at a terminal")
-    once = await _word(request, viewer, stated, said, form["sealed"])
-    provider, command = provider_of(request), commands.Revoke(viewer.person.id, stated.kind, stated.id, stated.reason)
-    try:
-        done = await provider.run(command, actor=viewer.person.id, once=once)
-    except Problem as problem:
-        if problem.code is FaultCode.REPLAYED:
-            raise PageProblem(IdpCode.LOGIN_OVER, "this word was used before") from None
-        raise PageProblem(problem.code, problem.detail) from None
+    provider, by = provider_of(request), viewer.person.id
+    # The question was asked in this session; the passkey asserts this revocation, and its word counts once ([CON-3]).
+    question = await words.asked(request, viewer, PURPOSE, form["sealed"])
+    expected = bound(
+        provider.settings.issuer, question.nonce, by=by, kind=stated.kind.value, id_=stated.id, reason=stated.reason
+    )
+    once, _ = await words.word_on(request, viewer, question, said, expected)
+    done = await words.done_once(request, viewer, commands.Revoke(by, stated.kind, stated.id, stated.reason), once)
     async with provider.store.read() as view:
         made = await view.revocations.among({(stated.kind.value, stated.id)})
     return to(request, f"/revocations/{made.get((stated.kind.value, stated.id), done.epoch)}")
-
-
-async def _word(
-    request: Request, viewer: Viewer, stated: wire.RevocationBody, said: wire.AssertionBody, sealed: str
-) -> OneUse:
-    """The one use of an assertion by the viewer's own passkey over exactly this revocation ([CON-3]).
-
-    Raises:
-        PageProblem: `LOGIN_OVER`, `PASSKEY_UNKNOWN`, `NOT_PERMITTED`, or the fault of the assertion.
-    """
-    provider = provider_of(request)
-    # 1. The question was asked in this session, not long ago.
-    text, at_ms = session.unseal(await _secret(provider), PURPOSE, sealed), provider.now_ms()
-    kept: dict[str, Any] = {} if text is None else json.loads(text)
-    asked_ms = int(kept.get("at_ms", 0))
-    if kept.get("session") != viewer.session_id or not 0 <= at_ms - asked_ms <= QUESTION_S * 1_000:
-        raise PageProblem(IdpCode.LOGIN_OVER, "ask again what would die, and answer within five minutes")
-    # 2. The passkey is one of this person's now, and asserts this issuer, nonce, person, kind, id and reason.
-    try:
-        party, found = passkeys.party_of(provider), await passkeys.asserted(provider, said)
-        if found.person.id != viewer.person.id:
-            raise PageProblem(IdpCode.NOT_PERMITTED, "the passkey is another person's than the session")
-        expected = bound(
-            provider.settings.issuer,
-            str(kept["nonce"]),
-            by=viewer.person.id,
-            kind=stated.kind.value,
-            id_=stated.id,
-            reason=stated.reason,
-        )
-        check(found.assertion, expected=expected, party=party, key=found.key)
-    except StatementError as error:
-        raise PageProblem(error.code, error.detail) from None
-    except Problem as problem:
-        raise PageProblem(problem.code, problem.detail) from None
-    # 3. It counts once, in the commit of the revocation.
-    return OneUse(ProofUse(found.key, str(kept["nonce"]), expires_ms=asked_ms + QUESTION_S * 1_000, at_ms=at_ms))
 
 
 @router.get("/console/revocations/{epoch}", include_in_schema=False)
@@ -276,8 +226,3 @@ def _epoch(text: str) -> int:
         return since_of(text)
     except Problem:
         raise PageProblem(IdpCode.NOT_FOUND, "no such revocation") from None
-
-
-async def _secret(provider: Provider) -> bytes:
-    async with provider.store.read() as view:
-        return await view.sessions.secret()

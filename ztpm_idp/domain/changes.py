@@ -76,6 +76,7 @@ class Change:
         credential: of a key that is a passkey, the id by which its authenticator knows it, in base64url; else "".
         reason: of an end.
         login: issuer and subject at a login provider, with a space between.
+        by_passkey: its proposer said so with a passkey, not with an operator key.
         end: state in which it ended, or None.
         confirmed, declined: administrators who said so.
     """
@@ -94,11 +95,17 @@ class Change:
     confirmed: frozenset[str] = frozenset()
     declined: frozenset[str] = frozenset()
     login: str = ""
+    by_passkey: bool = False
 
     @property
     def until_ms(self) -> int:
         """Wall clock at which it expires; of a recovery, at which it takes effect unless two people decline it."""
         return self.proposed_ms + (RECOVERY_WAIT_MS if self.kind is ChangeKind.RECOVERY else CHANGE_LIFETIME_MS)
+
+    @property
+    def at_terminal(self) -> bool:
+        """True where only an operator key confirms it: the first word was a passkey's or the root key's ([CON-13])."""
+        return self.by_passkey or self.kind is ChangeKind.RECOVERY
 
     @property
     def people(self) -> int:

@@ -16,7 +16,7 @@ from ztpm_idp.domain.upkeep.acts import UpkeepCommand
 if TYPE_CHECKING:
     from capabilities.values.scope import Restriction, Scope
     from ztpm_idp.domain.changes import Change, Word
-    from ztpm_idp.domain.events import RevocationKind, SignedRequest
+    from ztpm_idp.domain.events import AssertedAct, RevocationKind, SignedRequest
     from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, RegisteredTool
 
 
@@ -46,7 +46,7 @@ class ProposeChange:
     """A person proposes a change of people, `signed` as it came; another person answers."""
 
     change: Change
-    signed: SignedRequest
+    signed: SignedRequest | AssertedAct
 
     @property
     def by(self) -> str:
@@ -62,7 +62,7 @@ class AnswerChange:
     change_id: str
     word: Word
     reason: str
-    signed: SignedRequest
+    signed: SignedRequest | AssertedAct
 
 
 @dataclass(frozen=True, slots=True)

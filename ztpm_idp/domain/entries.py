@@ -21,6 +21,7 @@ from ztpm_idp.domain.events import (
     AgentVouched,
     ApprovalActRefused,
     AskTaken,
+    AssertedAct,
     ChangeAnswered,
     ChangeEnded,
     ChangeProposed,
@@ -350,5 +351,8 @@ def _decision(decision: Decision) -> Json:
     }
 
 
-def _signed(signed: SignedRequest) -> Json:
+def _signed(signed: SignedRequest | AssertedAct) -> Json:
+    if isinstance(signed, AssertedAct):
+        return {"passkey": signed.key, "said": signed.said, "authenticator": signed.authenticator,
+                "client": signed.client, "signature": signed.signature}  # fmt: skip
     return {"method": signed.method, "url": signed.url, "body": signed.body, "proof": signed.proof}

@@ -11,6 +11,7 @@ from ztpm_idp.domain.asking.latch_acts import LatchEvent
 from ztpm_idp.domain.asking.pushes import PushFailed
 from ztpm_idp.domain.login.events import LoginEvent
 from ztpm_idp.domain.oauth.events import OAuthEvent
+from ztpm_idp.domain.signed import AssertedAct as AssertedAct  # noqa: PLC0414, TC001  its readers take it from here
 from ztpm_idp.domain.signed import SignedRequest as SignedRequest  # noqa: PLC0414, TC001  its readers take it from here
 from ztpm_idp.domain.upkeep.acts import UpkeepEvent
 
@@ -63,7 +64,7 @@ class ChangeProposed:
 
     change: Change
     told: tuple[str, ...]
-    signed: SignedRequest
+    signed: SignedRequest | AssertedAct
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,7 @@ class ChangeAnswered:
     by: str
     word: Word
     reason: str
-    signed: SignedRequest
+    signed: SignedRequest | AssertedAct
 
 
 @dataclass(frozen=True, slots=True)

@@ -26,6 +26,7 @@ from ztpm_idp.domain.events import (
 from ztpm_idp.domain.login.events import AccessEnded, LoginAdded
 from ztpm_idp.domain.parties import PersonRole, RegisteredPerson, Standing
 from ztpm_idp.domain.registry import active_person, full, new_party
+from ztpm_idp.domain.signed import AssertedAct
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -113,7 +114,10 @@ def answer(rules: Rules, state: State, command: AnswerChange, at_ms: int) -> Out
         return Refusal(IdpCode.CHANGE_YOURS, "whom it is about has no say in it")
     if by in change.confirmed | change.declined:
         return Refusal(IdpCode.VOTED_BEFORE, "one word of each person")
-    # 4. Enough people, who are administrators still, have said the same.
+    # 4. One of the words that make a change is signed with an operator key ([CON-13]).
+    if command.word is Word.CONFIRM and isinstance(command.signed, AssertedAct) and change.at_terminal:
+        return Refusal(IdpCode.OPERATOR_KEY_NEEDED, "of two people one signs with an operator key")
+    # 5. Enough people, who are administrators still, have said the same.
     said = ChangeAnswered(change.change_id, by, command.word, command.reason, command.signed)
     before = change.confirmed if command.word is Word.CONFIRM else change.declined
     if by != change.by and len((before & state.administrators) | {by}) < change.people:

@@ -1,4 +1,4 @@
-"""Request of a caller as auditors verify it."""
+"""Request or word of a person as auditors verify it."""
 
 from __future__ import annotations
 
@@ -16,3 +16,20 @@ class SignedRequest:
     url: str
     body: str
     proof: str
+
+
+@dataclass(frozen=True, slots=True)
+class AssertedAct:
+    """A person's word by passkey on one act of administration, kept for auditors to verify ([CON-12]).
+
+    Attributes:
+        said: what the passkey asserts, in canonical form; its challenge is that of the word of administration.
+        key: thumbprint of the passkey.
+        authenticator, client, signature: the assertion's parts, in base64url.
+    """
+
+    said: str
+    key: str
+    authenticator: str
+    client: str
+    signature: str

@@ -86,7 +86,7 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.VOTED_BEFORE: (409, "This person has voted."),
     IdpCode.NOTHING_TO_WITHDRAW: (409, "This person has approved nothing here."),
     IdpCode.CLEAR_NOT_SEEN: (409, "The approver must attest to seeing the cell clear."),
-    IdpCode.OPERATOR_KEY_NEEDED: (409, "One of the two people must vote with an operator key."),
+    IdpCode.OPERATOR_KEY_NEEDED: (409, "One of the two people must use an operator key."),
     IdpCode.OPENING_UNKNOWN: (404, "There is no such opening."),
     IdpCode.OPENING_DIFFERS: (409, "Another opening has this id."),
     IdpCode.OPENING_NOT_YOURS: (403, "The opening is another person's."),

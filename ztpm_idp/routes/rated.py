@@ -114,6 +114,8 @@ FREE: Final = frozenset(
         ("POST", "/revocations"),
         ("GET", "/console/revoke"),
         ("POST", "/console/revocations"),
+        ("GET", "/console/acts/{name}"),
+        ("POST", "/console/acts"),
         ("GET", "/console/revocations/{epoch}"),
         ("POST", "/agents/{id_}/suspend"),
         ("POST", "/agents/{id_}/retire"),

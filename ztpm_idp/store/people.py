@@ -105,6 +105,7 @@ class People:
                     reason=change.reason,
                     login=change.login,
                     credential=change.credential or None,
+                    by_passkey=change.by_passkey,
                 )
             case ChangeAnswered(change_id=change_id, by=by, word=word):
                 statement = sa.insert(t.change_words).values(
@@ -144,6 +145,7 @@ class People:
                 confirmed=frozenset(said[row.change_id, Word.CONFIRM.value]),
                 declined=frozenset(said[row.change_id, Word.DECLINE.value]),
                 login=row.login,
+                by_passkey=row.by_passkey,
             )
             for row in found
         ]

@@ -67,6 +67,7 @@ changes = sa.Table(
     sa.Column("ended", sa.String(16), nullable=True),
     sa.Column("login", sa.String(512), nullable=False, server_default=""),
     sa.Column("credential", sa.String(684), nullable=True),
+    sa.Column("by_passkey", sa.Boolean, nullable=False, server_default=sa.false()),
     sa.CheckConstraint("kind IN ('person', 'key', 'end', 'recovery', 'login')", name="kind"),
     sa.CheckConstraint("ended IN ('done', 'declined', 'ended')", name="ended"),
 )

@@ -56,6 +56,7 @@ class Word(StrEnum):
     REVOCATION = "ztpm-passkey-revocation/1"
     AUTHORIZATION = "ztpm-passkey-consent/1"
     ENROLMENT = "ztpm-passkey-enrolment/1"
+    ADMINISTRATION = "ztpm-passkey-administration/1"
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import html
+import json
 import re
+from urllib.parse import urlencode
 
 from tests.ztpm_idp.login.browser import Browser
-from ztpm_idp.console import revoking
+from ztpm_idp.console import acts, revoking
 
 from capabilities.statements.people.assertion import relying_party
 
@@ -65,6 +67,22 @@ class Looking(Browser):
         """Takes something back by passkey; the answer."""
         form, nonce = self.question(kind, id_)
         return self.post(f"{AT}/revocations", self.word(held, form, nonce, **changes))
+
+    def asked(self, name, /, **query):
+        """Members that the passkey is to say to the question about this act, and the seal that the page keeps."""
+        self.get(f"{AT}/acts/{name}?{urlencode(query, doseq=True)}")
+        found = re.search(r'data-said="([^"]*)"', self.page.text)
+        if found is None:
+            return None, None
+        return json.loads(html.unescape(found[1])), dict(_HIDDEN.findall(self.page.text))["sealed"]
+
+    def act(self, held, name, /, *, signed=None, changes=None, **query):
+        """Does this by passkey; the answer. `signed` stands in place of parts of what the passkey says."""
+        said, sealed = self.asked(name, **query)
+        if said is None:
+            return self.page
+        body = held.body(acts.bound(said | (signed or {})), **(changes or {}))
+        return self.post(f"{AT}/acts", {"sealed": sealed} | body)
 
 
 def party():

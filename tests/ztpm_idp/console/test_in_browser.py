@@ -1,4 +1,4 @@
-"""The console in a real browser: a token is killed by passkey, and found and proven in the trail."""
+"""The console in a real browser: a token is killed and proven dead; an agent is suspended, and people change."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ WIDER = """() => [...document.querySelectorAll("body *")].filter((each) => {
   const box = each.getBoundingClientRect();
   return box.width > 0 && box.right > document.documentElement.clientWidth + 1 && !each.closest(".unseen, .skip, pre, table.wide");
 }).map((each) => `${each.tagName} ${each.className} ${each.textContent.slice(0, 40)}`)"""
-COLOURED = {"question", "trail", "entry", "request", "people"}
+COLOURED = {"question", "trail", "entry", "request", "people", "act"}
 """Pages that have between them every colour; in the dark nothing else differs."""
 SERIOUS = {"serious", "critical"}
 
@@ -212,6 +212,111 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point,
     print(
         f"seen {seen_s:.2f} s after the word, confirmed on the page {confirmed_s:.2f} s after it ({told}); accessibility {'tried' if axe else 'NOT tried'}"
     )
+
+
+def by_keyboard(page, form, reason):
+    """Goes by keyboard alone from the reason of this form to the question that it asks."""
+    page.locator(f"form[action$='{form}'] input[name=reason]").first.focus()
+    page.keyboard.type(reason)
+    page.keyboard.press("Enter")
+    page.locator("[data-member=reason]").wait_for()
+    assert page.inner_text("[data-member=reason]") == reason
+
+
+def sign_by_keyboard(page):
+    button = page.get_by_role("button", name="Sign with your passkey")
+    for _ in range(40):
+        if button.evaluate("each => each === document.activeElement"):
+            break
+        page.keyboard.press("Tab")
+    page.keyboard.press("Enter")
+
+
+@pytest.mark.clause("CON-11", "CON-12", "CON-13")
+def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell, story, page, axe):
+    world = cell.world
+    if not any(row["id"] == "alice" and row["passkeys"] for row in world.people["alice"].persons()):
+        with_passkey(world, page, "alice", "dan")
+    page.goto(f"{world.issuer}/console")
+    if page.get_by_role("button", name="Log in with a passkey").count():
+        page.get_by_role("button", name="Log in with a passkey").click()
+        page.wait_for_url(f"{world.issuer}/console")
+
+    # what is signed is what is drawn: a changed word is seen, and the provider takes it not; a hidden one is not signed
+    address, suspend = f"{world.issuer}/console/acts/suspend-agent?*", f"{world.issuer}/console/agents/planner"
+
+    def altered(before, after):
+        def other(route):
+            answer = route.fetch()
+            assert before in answer.text()
+            route.fulfill(response=answer, body=answer.text().replace(before, after))
+
+        page.route(address, other)
+        page.goto(suspend)
+
+    altered("&#34;planner&#34;", "&#34;mover&#34;")
+    by_keyboard(page, "suspend-agent", "odd acts, größer")
+    assert page.inner_text("[data-member=agent]") == "mover"
+    sign_by_keyboard(page)
+    page.get_by_text("STATEMENT_UNTRUSTED", exact=True).wait_for()
+    page.unroute(address)
+    altered('data-member="standing"', 'data-member="other"')
+    by_keyboard(page, "suspend-agent", "odd acts, größer")
+    sign_by_keyboard(page)
+    page.wait_for_function("() => document.querySelector('.told').textContent.includes('does not show')")
+    page.unroute(address)
+
+    # an agent is suspended; a person without a finger does nothing
+    page.goto(suspend)
+    by_keyboard(page, "suspend-agent", "odd acts, größer")
+    looked_at(page, "act", axe)
+    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
+    sign_by_keyboard(page)
+    page.wait_for_function("() => document.querySelector('.told').textContent.includes('Nothing was done')")
+    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": True})
+    began = time.monotonic()
+    sign_by_keyboard(page)
+    page.wait_for_url(suspend)
+    took_s = time.monotonic() - began
+    assert "suspended" in page.inner_text("main")
+    by_keyboard(page, "restore-agent", "looked into")
+    sign_by_keyboard(page)
+    page.wait_for_url(suspend)
+    assert "suspended" not in page.inner_text("table.pairs")
+
+    # roles are proposed on the page, and confirmed with an operator key
+    page.goto(f"{world.issuer}/console/people")
+    page.locator("li", has_text="bob").locator("summary").focus()
+    page.keyboard.press("Enter")
+    auditor = page.locator("li", has_text="bob").get_by_label("auditor")
+    auditor.focus()
+    page.keyboard.press("Space")
+    page.locator("li", has_text="bob").get_by_role("button", name="Propose roles").focus()
+    page.keyboard.press("Enter")
+    page.locator("[data-member=roles]").wait_for()
+    assert page.inner_text("[data-member=roles]") == "auditor sponsor"
+    sign_by_keyboard(page)
+    page.wait_for_url("**/console/people?after=*")
+    change = page.url.rpartition("=")[2]
+    assert world.people["dan"].confirm_change(change) == "done"
+
+    # another's change is confirmed on the page, where an operator key proposed it
+    change = world.people["dan"].propose_roles("bob", ["sponsor"])
+    page.goto(f"{world.issuer}/console/people")
+    for part in page.locator("details").all():
+        part.evaluate("each => { each.open = true; }")
+    looked_at(page, "people-waiting", axe)
+    page.get_by_role("button", name="Confirm").focus()
+    page.keyboard.press("Enter")
+    page.locator("[data-member=change_id]").wait_for()
+    looked_at(page, "act-confirm", axe)
+    sign_by_keyboard(page)
+    page.wait_for_url(f"**/console/people?after={change}")
+    assert f"{change} is done" in page.inner_text(".notice")
+    assert [row["roles"] for row in world.people["dan"].persons() if row["id"] == "bob"] == [["sponsor"]]
+    assert [fault for fault in page.faults if "403" not in fault] == []
+    page.faults.clear()
+    print(f"suspended {took_s:.2f} s after the word")
 
 
 @pytest.mark.parametrize("changed", ["line", "path", "root", "signature", "number"])

@@ -12,7 +12,7 @@ from tests.ztpm_idp.console.looking import AT, NAMED, Looking
 from tests.ztpm_idp.routes.test_points import signed as marked
 from tests.ztpm_idp.test_passkeys import passkey
 from tests.ztpm_idp.world import AUDIENCE, SLOWER, World
-from ztpm_idp.console import front, revoking
+from ztpm_idp.console import front, words
 
 from capabilities.statements.people.assertion import login_challenge
 from ztpm_idp.client import ClientError
@@ -149,7 +149,7 @@ def test_a_word_that_is_not_exactly_this_revocation_takes_nothing_back(named, he
     other.post(f"{AT}/revocations", other.word(held["alice"], form, nonce))
     assert other.code() == "LOGIN_OVER"
     form, nonce = alice.question("hop", hop.hop_id)
-    named.world.clock.at_s += revoking.QUESTION_S + 1
+    named.world.clock.at_s += words.QUESTION_S + 1
     alice.post(f"{AT}/revocations", alice.word(held["alice"], form, nonce))
     assert alice.code() == "LOGIN_OVER"
     # what is not bob's stays not bob's, by his own passkey

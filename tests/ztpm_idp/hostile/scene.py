@@ -475,6 +475,10 @@ PAGES = {
         client="AA",
         signature="AA",
     ),  # fmt: skip
+    "GET /console/acts/{name}": lambda s: Asked("/console/acts/suspend-agent?agent=helper&reason=odd"),
+    "POST /console/acts": lambda s: form_of(
+        "/console/acts", sealed="AAAA.AAAA", credential="AAAA", authenticator="AAAA", client="AAAA", signature="AAAA"
+    ),
     "GET /console/trail": lambda s: Asked("/console/trail"),
     "GET /console/trail/export": lambda s: Asked("/console/trail/export?kind=revoked"),
     "GET /console/trail/entries/{number}": lambda s: Asked("/console/trail/entries/1"),

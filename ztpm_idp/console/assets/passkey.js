@@ -11,17 +11,42 @@ function canonical(object) {
   return `{${members.join(",")}}`;
 }
 
-async function asserted(form) {
+// What takes something back: the form says it, with the reason that the person has written.
+const revocation = (form) => ({
+  by: form.dataset.by,
+  id: form.elements.id.value,
+  issuer: form.dataset.issuer,
+  kind: form.elements.kind.value,
+  nonce: form.dataset.nonce,
+  reason: form.elements.reason.value,
+});
+
+// Characters that are not seen, and words of Latin letters and of others, are spelled by their numbers.
+const spelled = (text) =>
+  text.replace(/\p{C}|\p{Zl}|\p{Zp}|\S+/gu, (part) =>
+    /^(\p{C}|\p{Zl}|\p{Zp})|[A-Za-z].*[^ -\u024f]|[^ -\u024f].*[A-Za-z]/u.test(part)
+      ? part.replace(/[^ -\u024f]|\p{C}/gu, (each) => `\u27e8U+${each.codePointAt(0).toString(16).toUpperCase().padStart(4, "0")}\u27e9`)
+      : part);
+
+// An act of administration: each member is drawn in its place, and nothing is signed that has none.
+const drawn = new WeakMap();
+function draw(form) {
+  const said = JSON.parse(form.dataset.said);
+  const places = [...form.closest(".question").querySelectorAll("[data-member]")];
+  const named = new Map(places.map((place) => [place.dataset.member, place]));
+  const names = Object.keys(said);
+  if (names.length !== places.length || !names.every((name) => named.has(name) && typeof said[name] === "string")) return;
+  for (const name of names) named.get(name).textContent = spelled(said[name]);
+  drawn.set(form, said);
+}
+for (const form of document.querySelectorAll('form[data-word="administration"]')) draw(form);
+
+const SAID = { revocation, administration: (form) => drawn.get(form) };
+
+async function asserted(form, said) {
   const fields = form.elements;
-  const said = {
-    by: form.dataset.by,
-    id: fields.id.value,
-    issuer: form.dataset.issuer,
-    kind: fields.kind.value,
-    nonce: form.dataset.nonce,
-    reason: fields.reason.value,
-  };
-  const challenge = await crypto.subtle.digest("SHA-256", utf8(`ztpm-passkey-revocation/1\n${canonical(said)}`));
+  const text = utf8(`ztpm-passkey-${form.dataset.word}/1\n${canonical(said)}`);
+  const challenge = await crypto.subtle.digest("SHA-256", text);
   const publicKey = { challenge, rpId: form.dataset.rp, userVerification: "required", timeout: 60_000 };
   const credential = await navigator.credentials.get({ publicKey });
   fields.credential.value = b64u(credential.rawId);
@@ -33,15 +58,20 @@ async function asserted(form) {
 // Questions come into the page when they are asked for, so the page listens for them.
 document.addEventListener("submit", async (event) => {
   const form = event.target;
-  if (form.dataset.word !== "revocation") return;
+  if (!Object.hasOwn(SAID, form.dataset.word ?? "")) return;
   event.preventDefault();
   const button = form.querySelector("button");
   const told = form.querySelector(".told");
   if (button.disabled) return;
+  const said = SAID[form.dataset.word](form);
+  if (said === undefined) {
+    told.textContent = told.dataset.differs;
+    return;
+  }
   button.disabled = true;
   told.textContent = told.dataset.asked;
   try {
-    await asserted(form);
+    await asserted(form, said);
     form.submit();
   } catch (error) {
     told.textContent = `${told.dataset.failed} (${error.name}).`;
