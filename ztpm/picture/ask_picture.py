@@ -29,6 +29,6 @@ def ask_picture(text: str, *, sentence: str, code: str) -> str:
         sentence,
         f'<h1>{escape(sentence)}</h1>\n<p class="dim">Code of the ask: <code>{escape(code)}</code></p>',
         drawing(sentence, below=BELOW),
-        data=text,
+        drawn=text,
         scripts=(*LIBRARIES, (ASSETS / "shown_picture.js").read_text("utf-8"), SCRIPT),
     )

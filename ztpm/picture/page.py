@@ -58,7 +58,7 @@ def page(shown: Picture, *, subtitle: str, advice: str) -> str:
         shown.title,
         f'{_heading(shown)}\n<p class="dim">{said}</p>',
         f"<main>\n{section}\n{table}\n</main>",
-        data=json.dumps(to_plain(shown), ensure_ascii=True, allow_nan=False, separators=(",", ":")),
+        drawn=json.dumps(to_plain(shown), ensure_ascii=True, allow_nan=False, separators=(",", ":")),
         scripts=(*LIBRARIES, SCRIPT),
     )
 
@@ -88,14 +88,14 @@ def drawing(words: str, *, below: str, still: bool = False) -> str:
 </section>"""
 
 
-def file_of(title: str, header: str, content: str, *, data: str, scripts: Sequence[str]) -> str:
+def file_of(title: str, header: str, content: str, *, drawn: str, scripts: Sequence[str]) -> str:
     """A file of a picture, which fetches nothing and runs no script but these.
 
     Args:
         title: as text.
         header: HTML.
         content: HTML.
-        data: JSON of the picture.
+        drawn: JSON of the picture.
         scripts: texts, in their order; the last draws.
     """
     policy = (
@@ -103,8 +103,8 @@ def file_of(title: str, header: str, content: str, *, data: str, scripts: Sequen
         "base-uri 'none'; form-action 'none'"
     )
     # Nothing in them can end the element that they stand in.
-    safe = data.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-    drawn = "\n".join(f"<script>{script}</script>" for script in scripts)
+    safe = drawn.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    run = "\n".join(f"<script>{script}</script>" for script in scripts)
     return f"""<!doctype html>
 <html lang="en">
 <head>
@@ -120,7 +120,7 @@ def file_of(title: str, header: str, content: str, *, data: str, scripts: Sequen
 </header>
 {content}
 <script type="application/json" id="picture">{safe}</script>
-{drawn}
+{run}
 </body>
 </html>
 """

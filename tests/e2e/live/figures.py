@@ -1,4 +1,4 @@
-"""Figures of the pages in Chromium, drawn by the processor alone: first paint, weight, pictures a second, and CPU of the server.
+"""Figures of the pages in a browser that draws by software: paint, weight, pictures, CPU of the server.
 
     python -m tests.e2e.live.figures [--loads 30] [--objects 50] [--viewers 10]
 
@@ -62,7 +62,7 @@ def across(running: Running) -> tuple[float, ...]:
 
 
 def scene(objects: int, *, near: bool = False, seed: int = 1) -> str:
-    """A scene of boxes, capsules and one person around the arm, out of its way but for a person who is near."""
+    """A scene of boxes, capsules and one person around the arm."""
     pick = random.Random(seed)
     things = []
     for k in range(objects):
