@@ -5,7 +5,7 @@ from __future__ import annotations
 import sqlalchemy as sa
 from alembic import op
 
-revision = "v0031"
+revision = "v0029"
 down_revision = "v0028"
 branch_labels = None
 depends_on = None
