@@ -256,6 +256,66 @@ def test_a_connection_that_is_lost_and_an_ask_that_ends_are_told(cell, page):
     assert page.query_selector("#approve") is None
 
 
+def shown(cell, page, ask_id):
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    page.fill("#approver", "carol")
+
+
+@pytest.mark.clause("PSK-8")
+def test_a_telephone_without_a_network_says_that_nothing_counts_and_answers_when_it_is_back(cell, page):
+    """After the first test, in which carol has made her passkey."""
+    ask_id, _ = asked(cell)
+    shown(cell, page, ask_id)
+    page.context.set_offline(True)
+    try:
+        page.click("#approve")
+        answered(page, "Nothing counts")
+        assert cell.told(ask_id).votes == ()
+    finally:
+        page.context.set_offline(False)
+    page.click("#approve")
+    answered(page, "The ask is granted")
+    assert len(cell.told(ask_id).votes) == 1
+
+
+@pytest.mark.clause("PSK-8")
+def test_who_answers_second_is_told_that_it_does_not_count(cell, page):
+    """After the first test, in which carol has made her passkey."""
+    ask_id, _ = asked(cell)
+    page.route("**/state", lambda route: route.abort())  # the page does not hear of the first answer
+    shown(cell, page, ask_id)
+    cell.world.people["alice"].deny(ask_id)
+    page.click("#approve")
+    answered(page, "Nothing counts")
+    page.unroute("**/state")
+    assert "ASK_ANSWERED" in page.text_content("#told")
+    assert (cell.told(ask_id).state, len(cell.told(ask_id).votes)) == ("denied", 1)
+
+
+@pytest.mark.clause("PSK-8")
+@pytest.mark.parametrize("wrong_h", [-72, 72])
+def test_a_telephone_with_a_wrong_clock_counts_down_right_and_signs_nothing_for_an_ask_that_is_over(
+    cell, page, wrong_h
+):
+    ask_id, _ = asked(cell, expires_at=cell.now + 5)
+    other = page.context.new_page()
+    other.add_init_script(f"const now = Date.now.bind(Date); Date.now = () => now() + {wrong_h * 3_600_000};")
+    other.add_init_script(
+        "navigator.credentials.get = () => { window.signed = true; return Promise.reject(new Error()); };"
+    )
+    other.route("**/state", lambda route: route.abort())
+    shown(cell, other, ask_id)
+    assert re.fullmatch(r"0:0[0-5] left\.", other.text_content("#left"))
+    other.wait_for_function("() => document.querySelector('#left').textContent === 'Over.'", timeout=15_000)
+    assert other.is_disabled("#approve")
+    other.click("#deny")
+    answered(other, "this ask is over")
+    assert other.evaluate("window.signed") is None
+    other.close()
+    assert cell.told(ask_id).votes == ()
+
+
 @pytest.mark.clause("PSK-8")
 @pytest.mark.parametrize("name", ["motion", "long", "act"])
 def test_nothing_is_wider_than_the_screen_and_everybody_can_read_it(cell, page, axe, name):
