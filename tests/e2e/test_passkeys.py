@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import asyncio
 import hashlib
-import itertools
-import os
 import re
-import shutil
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import httpx2
 import pytest
-import uvicorn
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
@@ -26,13 +20,15 @@ from pep.pit.files.scene_file import Situation
 from pep.pit.picture.shown_form import shown_text
 from pep.request.authority import PresentedRequest
 from policies.evidence.model import Effect
+from tests import browsing
+from tests.browsing import CHROMIUM, looked_at, picture
 from tests.pep import kit
 from tests.pep.people.test_approvals import People
 from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 from tests.ursim.cell import HOME, let_go, until
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.routes.test_latches import taken as told_latch
-from tests.ztpm_idp.world import AUDIENCE, World
+from tests.ztpm_idp.world import AUDIENCE
 from ursim.ports.launch import SimulatedController
 
 from capabilities.keys import keys
@@ -41,66 +37,29 @@ from capabilities.statements.people import ask, latch, passkey_vote
 from capabilities.statements.people import picture as wire
 from pep.pit import assess
 
-CHROMIUM = shutil.which("chromium")
-FRAMES_S = 5.0
-"""A picture follows its place within some frames, which a busy machine draws late."""
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.clause("PSK-6"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
 SCRIPTS_PORT = 30_002
-PICTURES = os.environ.get("ZTPM_PICTURES")
-"""A folder for screenshots, for people who want to look."""
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
-    """A provider on a listener of its own, at a name: passkeys belong to no address."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    changes = {"issuer": f"http://localhost:{port}/ztpm", "port": port}
-    with World(tmp_path_factory.mktemp("browser"), clock=time.time, settings_changes=changes) as world:
-        server = uvicorn.Server(
-            uvicorn.Config(world.app, host="127.0.0.1", port=port, lifespan="off", log_level="error")
-        )
-        served = asyncio.run_coroutine_threadsafe(server.serve(), world.loop)
-        for _ in range(500):
-            if server.started:
-                break
-            time.sleep(0.01)
+    with browsing.served(tmp_path_factory.mktemp("browser")) as world:
         yield Cell(world)
-        server.should_exit = True
-        served.result(20)
 
 
 @pytest.fixture(scope="module")
 def page():
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        opened = browser.new_context(viewport={"width": 390, "height": 844}, reduced_motion="reduce").new_page()
-        opened.authenticator = opened.context.new_cdp_session(opened)
-        opened.authenticator.send("WebAuthn.enable")
-        opened.id = opened.authenticator.send(
-            "WebAuthn.addVirtualAuthenticator",
-            {
-                "options": {
-                    "protocol": "ctap2",
-                    "transport": "internal",
-                    "hasResidentKey": True,
-                    "hasUserVerification": True,
-                    "isUserVerified": True,
-                    "automaticPresenceSimulation": True,
-                }
-            },
-        )["authenticatorId"]
-        opened.faults = []
-        opened.on("pageerror", lambda error: opened.faults.append(str(error)))
-        opened.on("console", lambda said: opened.faults.append(said.text) if said.type == "error" else None)
-        yield opened
-        browser.close()
+    with browsing.browser_page(viewport=browsing.TELEPHONE, reduced_motion="reduce") as opened:
+        yield browsing.authenticator(opened)
+
+
+@pytest.fixture(scope="module")
+def axe():
+    return browsing.rules()
 
 
 class Snapshot:
@@ -115,11 +74,6 @@ class Snapshot:
 
     def passkeys(self):
         return {entry.key: entry.id for entry in self.read.passkeys}
-
-
-def picture(page, name, *, whole=True):
-    if PICTURES:
-        page.screenshot(path=str(Path(PICTURES) / f"{name}.png"), full_page=whole)
 
 
 MOTION = sweep()
@@ -150,17 +104,6 @@ def asked(cell, *, shown=SHOWN, **changes):
 def checked(page):
     """Waits until the script has found the page to show what was signed, and has drawn the picture."""
     page.wait_for_function("() => !document.querySelector('#approve').disabled", timeout=20_000)
-
-
-def narrow(page):
-    wide = "() => [...document.querySelectorAll('body *')].filter(e => e.getBoundingClientRect().width > innerWidth)"
-    ends_s = time.monotonic() + FRAMES_S
-    while (
-        found := page.evaluate(f"() => ({wide})().map(e => e.outerHTML.slice(0, 200))")
-    ) and time.monotonic() < ends_s:
-        page.wait_for_timeout(50)
-    assert found == []
-    assert page.evaluate("() => document.documentElement.scrollWidth <= innerWidth")
 
 
 ACT = {
@@ -202,13 +145,13 @@ def test_a_passkey_is_made_and_answers_an_ask(cell, page):
     ask_id, text = asked(cell)
     page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
     checked(page)
-    narrow(page)
+    browsing.narrow(page)
     # a person who is not verified signs nothing, and nor does one in another's name
     page.fill("#approver", "carol")
-    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
+    browsing.verified(page, person=False)
     page.click("#approve")
     answered(page, "Nothing was signed")
-    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": True})
+    browsing.verified(page, person=True)
     page.fill("#approver", "alice")
     page.click("#approve")
     answered(page, "That passkey is carol's")
@@ -313,23 +256,77 @@ def test_a_connection_that_is_lost_and_an_ask_that_ends_are_told(cell, page):
     assert page.query_selector("#approve") is None
 
 
+def shown(cell, page, ask_id):
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    page.fill("#approver", "carol")
+
+
 @pytest.mark.clause("PSK-8")
-def test_nothing_is_wider_than_the_screen(cell, page):
-    for name, changes in {"motion": {}, "long": LONG, "act": ACT}.items():
-        ask_id, _ = cell.taken(**changes) if name == "act" else asked(cell, **changes)
-        page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
-        checked(page)
-        for width, scheme in itertools.product((390, 768, 1280), ("light", "dark")):
-            page.set_viewport_size({"width": width, "height": 844 if width < 700 else 900})
-            page.emulate_media(color_scheme=scheme)
-            for whole in (False, True):
-                page.evaluate("whole => { document.querySelector('#all').open = whole; }", whole)
-                narrow(page)
-                if whole is False or name == "motion":
-                    picture(page, f"ask-{name}-{width}-{scheme}{'-all' if whole else ''}", whole=whole)
-        cell.world.people["alice"].deny(ask_id)
-    page.emulate_media(color_scheme="light")
-    page.set_viewport_size({"width": 390, "height": 844})
+def test_a_telephone_without_a_network_says_that_nothing_counts_and_answers_when_it_is_back(cell, page):
+    """After the first test, in which carol has made her passkey."""
+    ask_id, _ = asked(cell)
+    shown(cell, page, ask_id)
+    page.context.set_offline(True)
+    try:
+        page.click("#approve")
+        answered(page, "Nothing counts")
+        assert cell.told(ask_id).votes == ()
+    finally:
+        page.context.set_offline(False)
+    page.click("#approve")
+    answered(page, "The ask is granted")
+    assert len(cell.told(ask_id).votes) == 1
+
+
+@pytest.mark.clause("PSK-8")
+def test_who_answers_second_is_told_that_it_does_not_count(cell, page):
+    """After the first test, in which carol has made her passkey."""
+    ask_id, _ = asked(cell)
+    page.route("**/state", lambda route: route.abort())  # the page does not hear of the first answer
+    shown(cell, page, ask_id)
+    cell.world.people["alice"].deny(ask_id)
+    page.click("#approve")
+    answered(page, "Nothing counts")
+    page.unroute("**/state")
+    assert "ASK_ANSWERED" in page.text_content("#told")
+    assert (cell.told(ask_id).state, len(cell.told(ask_id).votes)) == ("denied", 1)
+
+
+@pytest.mark.clause("PSK-8")
+@pytest.mark.parametrize("wrong_h", [-72, 72])
+def test_a_telephone_with_a_wrong_clock_counts_down_right_and_signs_nothing_for_an_ask_that_is_over(
+    cell, page, wrong_h
+):
+    ask_id, _ = asked(cell, expires_at=cell.now + 5)
+    other = page.context.new_page()
+    other.add_init_script(f"const now = Date.now.bind(Date); Date.now = () => now() + {wrong_h * 3_600_000};")
+    other.add_init_script(
+        "navigator.credentials.get = () => { window.signed = true; return Promise.reject(new Error()); };"
+    )
+    other.route("**/state", lambda route: route.abort())
+    shown(cell, other, ask_id)
+    assert re.fullmatch(r"0:0[0-5] left\.", other.text_content("#left"))
+    other.wait_for_function("() => document.querySelector('#left').textContent === 'Over.'", timeout=15_000)
+    assert other.is_disabled("#approve")
+    other.click("#deny")
+    answered(other, "this ask is over")
+    assert other.evaluate("window.signed") is None
+    other.close()
+    assert cell.told(ask_id).votes == ()
+
+
+@pytest.mark.clause("PSK-8")
+@pytest.mark.parametrize("name", ["motion", "long", "act"])
+def test_nothing_is_wider_than_the_screen_and_everybody_can_read_it(cell, page, axe, name):
+    changes = {"motion": {}, "long": LONG, "act": ACT}[name]
+    ask_id, _ = cell.taken(**changes) if name == "act" else asked(cell, **changes)
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    for whole in (False, True):
+        page.evaluate("whole => { document.querySelector('#all').open = whole; }", whole)
+        looked_at(page, f"ask-{name}{'-all' if whole else ''}", axe)
+    cell.world.people["alice"].deny(ask_id)
 
 
 @pytest.mark.clause("PSK-8")

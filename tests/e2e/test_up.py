@@ -59,8 +59,8 @@ def until_refused(call):
 class Running:
     """A `ztpm up`, ready."""
 
-    def __init__(self, data):
-        command = [str(Path(sys.executable).with_name("ztpm")), "up", "--data", str(data), "--json"]
+    def __init__(self, data, *options):
+        command = [str(Path(sys.executable).with_name("ztpm")), "up", "--data", str(data), "--json", *options]
         self.errors = data.with_suffix(".stderr")
         with self.errors.open("ab") as errors:
             self.process = subprocess.Popen(
@@ -132,8 +132,8 @@ class Caller:
         stage = Stage(cell=type("Here", (), {"addresses": Addresses(running.told["controller"])})(), people={})
         self.lent = self.alice.issue(self.agent, lent(stage), purpose="move")
 
-    def move(self, to=RIGHT):
-        arguments = {"q_rad": list(to), "speed_rad_s": SPEED_RAD_S, "acceleration_rad_s2": ACCELERATION_RAD_S2}
+    def move(self, to=RIGHT, speed=SPEED_RAD_S):
+        arguments = {"q_rad": list(to), "speed_rad_s": speed, "acceleration_rad_s2": ACCELERATION_RAD_S2}
         return call(self.audience, self.agent.auth(self.lent.token), "move_joint", arguments)
 
 

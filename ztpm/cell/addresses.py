@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import hashlib
 import ipaddress
 from dataclasses import dataclass
 from typing import Final
 
 from pep.rtde.robot.connections import LEASED_PORTS, PORTS
 from ztpm.base.loopback import free_host, is_free
+
+LOOPBACK: Final = "127.0.0.1"
+NAME: Final = "localhost"
+"""The one name of a loopback address for which a browser keeps passkeys without TLS (W3C Secure Contexts 3.1)."""
+NAMED_PORTS: Final = range(10_000, 30_000)
+"""Ports of providers at that name: none that the system gives to connections (from 32768 on)."""
 
 
 class SetupError(ValueError):
@@ -20,6 +27,7 @@ class Addresses:
 
     Attributes:
         host: an address in 127.0.0.0/8.
+        named: the identity provider is at `localhost` instead, since browsers keep a passkey for a name alone.
         idp_port, tools_port, perception_port, status_port: TCP ports on it.
         door_port, carriage_port: of the robot's gateway, on `gateway_host`.
     """
@@ -31,6 +39,12 @@ class Addresses:
     status_port: int = 8890
     door_port: int = 8900
     carriage_port: int = 8901
+    named: bool = False
+
+    @property
+    def provider_host(self) -> str:
+        """Address of the identity provider."""
+        return LOOPBACK if self.named else self.host
 
     @property
     def gateway_host(self) -> str:
@@ -61,8 +75,9 @@ class Addresses:
 
     @property
     def ports(self) -> tuple[int, ...]:
-        """Every port of the cell, the robot's fixed ones among them."""
-        return (self.idp_port, self.tools_port, self.status_port, *ROBOT_PORTS)
+        """Every port of the cell on `host`, the robot's fixed ones among them."""
+        provider = () if self.named else (self.idp_port,)
+        return (*provider, self.tools_port, self.status_port, *ROBOT_PORTS)
 
     @property
     def gateway_ports(self) -> tuple[int, ...]:
@@ -73,12 +88,13 @@ class Addresses:
     def taken(self) -> tuple[int, ...]:
         """Ports of the cell that are taken now."""
         own = (port for port in self.ports if not is_free(self.host, port))
-        return (*own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
+        provider = (self.idp_port,) if self.named and not is_free(LOOPBACK, self.idp_port) else ()
+        return (*provider, *own, *(port for port in self.gateway_ports if not is_free(self.gateway_host, port)))
 
     @property
     def issuer(self) -> str:
         """Base URL of the identity provider."""
-        return f"http://{self.host}:{self.idp_port}/ztpm"
+        return f"http://{NAME if self.named else self.host}:{self.idp_port}/ztpm"
 
     @property
     def door(self) -> str:
@@ -107,13 +123,21 @@ ROBOT_PORTS: Final = LEASED_PORTS
 """Fixed ports of a UR controller and its Robotiq gripper."""
 
 
-def free_addresses(seed: bytes) -> Addresses:
+def free_addresses(seed: bytes, *, named: bool = False) -> Addresses:
     """Addresses on a loopback host where every port of a cell is free now.
 
     Args:
         seed: random bytes; decides the order in which hosts are tried.
+        named: the identity provider is at `localhost`, which all cells share: each has a port of its own there.
 
     Raises:
         OSError: when no host is found.
     """
-    return Addresses(host=free_host(seed, lambda host: not Addresses(host=host).taken))
+
+    def at(host: str) -> Addresses:
+        if not named:
+            return Addresses(host=host)
+        drawn = int.from_bytes(hashlib.sha256(host.encode()).digest()[:4])
+        return Addresses(host=host, idp_port=NAMED_PORTS[drawn % len(NAMED_PORTS)], named=True)
+
+    return at(free_host(seed, lambda host: not at(host).taken))

@@ -7,6 +7,7 @@ import shutil
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlsplit
 
 from msgspec import structs
 
@@ -17,7 +18,7 @@ from capabilities.statements import workload
 from capabilities.values.caps import DEFAULT
 from ztpm.base.layout import OPERATORS, SURVEYOR, Layout, LayoutError, new_key, write_private
 from ztpm.cell import survey
-from ztpm.cell.addresses import ROBOT_PORTS, Addresses, SetupError, free_addresses
+from ztpm.cell.addresses import NAME, ROBOT_PORTS, Addresses, SetupError, free_addresses
 from ztpm.cell.provider_setup import OAUTH_KEY, ROLES, make_ring, put_first_people, sqlite_url, toml
 from ztpm.cell.simulated_platform import TRUST_DOMAIN
 from ztpm.cell.site import read_site
@@ -92,9 +93,10 @@ def read_addresses(layout: Layout) -> Addresses:
         perception_port=gateway.perception_port,
         door_port=gateway.port,
         carriage_port=gateway.carriage_port,
+        named=urlsplit(idp.issuer).hostname == NAME,
     )
     stated = (
-        ("idp.toml: host", idp.host, addresses.host),
+        ("idp.toml: host", idp.host, addresses.provider_host),
         ("idp.toml: issuer", idp.issuer, addresses.issuer),
         ("cell.toml: issuer", door.issuer, addresses.issuer),
         ("cell.toml: audience", door.audience, addresses.audience),
@@ -225,7 +227,7 @@ def _lines(settings: Mapping[str, str | int | list[str]]) -> bytes:
 def _idp_settings(layout: Layout, addresses: Addresses) -> dict[str, str | int | list[str]]:
     return {
         "issuer": addresses.issuer,
-        "host": addresses.host,
+        "host": addresses.provider_host,
         "port": addresses.idp_port,
         "database_url": sqlite_url(layout),
         "key_ring_file": str(layout.key_ring),

@@ -8,12 +8,11 @@ from urllib.parse import urlsplit
 
 from pep.rtde.robot.connections import PORTS
 from ztpm.base.loopback import free_host, is_free
-from ztpm.cell.addresses import Addresses, SetupError
+from ztpm.cell.addresses import LOOPBACK, Addresses, SetupError
 
 if TYPE_CHECKING:
     from ztpm.base.layout import Layout
 
-LOOPBACK: Final = "127.0.0.1"
 MACHINES: Final = ("provider", "gateway", "tools")
 """Machines of a cell, those that others use first; one machine may be all of them."""
 

@@ -8,6 +8,7 @@ import signal
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final
 
@@ -34,6 +35,10 @@ def up(
         Path, typer.Option("--data", help="Directory of the cell; made when missing.", envvar=PLACE_VARIABLE)
     ] = Path(".ztpm"),
     policy: Annotated[str, typer.Option(help="Of a new cell: shipped policy set or a file.")] = "paper-default",
+    named: Annotated[
+        bool,
+        typer.Option("--localhost", help="Of a new cell: its provider is at localhost, so that passkeys work."),
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="One JSON line when the cell is ready.")] = False,
 ) -> None:
     """Run a cell until SIGINT or SIGTERM: identity provider, simulated UR3e and sensor, gateway, tools, status page.
@@ -70,9 +75,8 @@ def up(
             if not as_json:
                 console.print(f"{'Making' if new else 'Starting'} the cell in {layout.root} ...")
             with waiting("starting the cell", at_once=True) as over:
-                addresses = prepare(
-                    layout, passphrase=passphrase, policy=policy, fresh=lambda: free_addresses(secrets.token_bytes(16))
-                )
+                fresh = partial(free_addresses, secrets.token_bytes(16), named=named)
+                addresses = prepare(layout, passphrase=passphrase, policy=policy, fresh=fresh)
                 log = EventLog(layout.log, wall_s=time.time, say=_mute if as_json else _say)
                 if lock.stale_pid is not None:
                     log.note(

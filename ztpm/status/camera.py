@@ -19,6 +19,7 @@ from ztpm.base.layout import read_key
 from ztpm.cell.cell import PROCESSES
 from ztpm.status.decisions import Decisions
 from ztpm.status.picture import Known, Part, Snapshot, Told
+from ztpm.status.texts import TEXTS
 from ztpm_idp.client import ProofAuth, direct_http
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ class SnapshotCollector:
         gateway = children.get("gateway")
         report = None if gateway is None or not gateway.alive else gateway.ask({"report": True}, timeout_s=ANSWER_S)
         if report is None:
-            incomplete.append("The gateway says nothing.")
+            incomplete.append(TEXTS["incomplete"]["gateway"])
         agents = self._agents()
         answers = {
             "idp": self._answers(f"{addresses.issuer}/readyz"),
@@ -95,7 +96,7 @@ class SnapshotCollector:
         try:
             self._decisions.follow()
         except OSError as error:
-            incomplete.append(f"The journal cannot be read: {type(error).__name__}.")
+            incomplete.append(TEXTS["incomplete"]["journal"].format(fault=type(error).__name__))
         now, at_ms = self._clock(), int(self._wall_s() * 1000)
         return Snapshot(
             at_ms=at_ms,

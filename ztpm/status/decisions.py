@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 from policies.evidence.model import ObligationKind
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
     from pathlib import Path
 
 KEPT: Final = 20
@@ -22,12 +21,8 @@ FIRST_BYTES: Final = 4_194_304
 READ_BYTES: Final = 4_194_304
 """Part that is read at once afterwards."""
 
-OWED: Final[Mapping[str, str]] = {
-    ObligationKind.NOTIFY: "a person has to see this",
-    ObligationKind.REATTEST: "attest the agent again",
-    ObligationKind.LOWER_TRUST: "lower the sender's trust",
-}
-"""Obligations that other parts than the enforcement point fulfil, in the words of this page."""
+OWED: Final = frozenset({ObligationKind.NOTIFY, ObligationKind.REATTEST, ObligationKind.LOWER_TRUST})
+"""Obligations that other parts than the enforcement point fulfil; their words stand in `texts.toml`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +37,7 @@ class Decided:
         effect, reason: PERMIT, DENY or DEFER, and why.
         tier: or None.
         outcome: outcome of a PERMIT: "done", "failed", "refused", "cancelled", "unknown"; "" when there is none yet.
-        owed: duties of people or the identity provider because of it, each a key of `OWED`.
+        owed: duties of people or the identity provider because of it, each of `OWED`.
     """
 
     at_ms: int

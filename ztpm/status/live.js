@@ -4,6 +4,7 @@
 
 const at = (id) => document.getElementById(id);
 const told = at("told"), stop = at("stop"), stopped = at("stopped"), alarm = at("alarm");
+const WORDS = JSON.parse(document.body.dataset.words); // as in `texts.toml`, which has every text of the page
 const OLD_MS = 2500; // without news for so long, what is shown is old
 const SAID_MS = 15000; // an outcome stands for so long; the decisions tell of it from then on
 let view = null, heard = null, ahead = 0, seen = null, way = null, silent = "";
@@ -22,7 +23,7 @@ function frame(now) {
   ahead = now.at_ms - Date.now();
   silent = now.fault;
   if (view && now.ends) view.live({ ends: now.ends });
-  if (!now.fault) told.textContent = now.moving ? "The arm moves." : "The arm stands still.";
+  if (!now.fault) told.textContent = now.moving ? WORDS.moves : WORDS.stands;
   fresh();
 }
 
@@ -30,9 +31,9 @@ function frame(now) {
 function fresh() {
   const age = heard === null ? 0 : performance.now() - heard;
   let words = "";
-  if (age > OLD_MS) words = `No news from the cell for ${Math.floor(age / 1000)} s: what is shown is old.`;
-  else if (silent === "gateway") words = "The gateway says nothing: what is shown is old.";
-  else if (silent === "robot") words = "The robot says nothing: what is shown is old.";
+  if (age > OLD_MS) words = WORDS.no_news.replace("{seconds}", Math.floor(age / 1000));
+  else if (silent === "gateway") words = WORDS.gateway;
+  else if (silent === "robot") words = WORDS.robot;
   if (alarm.textContent !== words) alarm.textContent = words;
   alarm.hidden = !words;
   document.body.classList.toggle("stale", Boolean(words));
@@ -75,7 +76,7 @@ heard = performance.now();
 
 stop.hidden = false;
 stop.addEventListener("click", async () => {
-  stopped.textContent = "Stopping …";
+  stopped.textContent = WORDS.stopping;
   try {
     const answer = await fetch("stop", {
       method: "POST",
@@ -89,7 +90,7 @@ stop.addEventListener("click", async () => {
     stopped.className = answer.ok ? "good" : "bad";
     if (answer.ok) setTimeout(() => { stopped.textContent = ""; }, SAID_MS);
   } catch {
-    stopped.textContent = "The cell does not answer. Use the robot's own emergency stop.";
+    stopped.textContent = WORDS.no_answer;
     stopped.className = "bad";
   }
 });

@@ -7,12 +7,13 @@ again every two seconds.
 from __future__ import annotations
 
 import datetime as dt
+import json
 import math
 from typing import TYPE_CHECKING, Any, Final
 
 from policies.words.reason_table import REASONS, Reason
-from ztpm.status.decisions import OWED
 from ztpm.status.markup import Markup, tag, text
+from ztpm.status.texts import TEXTS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -27,24 +28,12 @@ STYLE: Final = "console.css"
 LONG, WIDE = {"class_": "long", "tabindex": "0"}, {"class_": "scrolls", "tabindex": "0"}
 SCROLLED: Final = dict.fromkeys(("decisions", "story"), LONG) | dict.fromkeys(("robot", "perception", "parts"), WIDE)
 """Parts that scroll by themselves, by the keyboard too; what stands in them is replaced, they stay."""
-JOINTS: Final = ("base", "shoulder", "elbow", "wrist 1", "wrist 2", "wrist 3")
-ROBOT_MODES: Final = {
-    -1: "no controller", 0: "disconnected", 1: "confirm safety", 2: "booting", 3: "power off", 4: "power on", 5: "idle",
-    6: "backdrive", 7: "running", 8: "updating firmware",
-}  # fmt: skip  # RTDE guide: robot_mode
-SAFETY_MODES: Final = {
-    1: "normal", 2: "reduced", 3: "protective stop", 4: "recovery", 5: "safeguard stop", 6: "system emergency stop",
-    7: "robot emergency stop", 8: "violation", 9: "fault", 10: "validate joint", 11: "undefined",
-}  # fmt: skip  # RTDE guide: safety_mode
 SAFE_MODES: Final = (1, 2)
+"""RTDE guide: safety_mode; the names of both modes stand in `texts.toml`."""
 VIEW_LIMIT_MS: Final = 2_000
 """Beyond this age of the revocation view motion is denied: the shipped policy's `lease_motion_ms`."""
 DASHBOARD: Final = 29999
 """UR dashboard server, whose stop is for all."""
-VIEW_WORDS: Final = (
-    "The arm as it is now, with who and what is seen around it, zones, and the way of a motion under way. "
-    "Arrow keys turn it, plus and minus zoom."
-)
 
 
 def parts_of(picture: Snapshot) -> dict[str, Markup]:
@@ -69,38 +58,39 @@ def render(picture: Snapshot) -> str:
     part = {
         name: tag("div", html, id=f"part-{name}", **SCROLLED.get(name, {})) for name, html in parts_of(picture).items()
     }
+    words = TEXTS["page"]
     head = tag(
         "head",
         tag("meta", charset="utf-8"),
         tag("noscript", tag("meta", http_equiv="refresh", content=str(REFRESH_S))),
         tag("meta", name="viewport", content="width=device-width, initial-scale=1"),
-        tag("title", "ZTPM cell"),
+        tag("title", words["title"]),
         tag("link", rel="stylesheet", href=STYLE),
         *(tag("script", src=name, defer="defer") for name in SCRIPTS),
     )
     stopping = tag(
         "div",
         tag("output", id="stopped", role="alert"),
-        tag("button", "Stop", id="stop", class_="stop", type="button", hidden="hidden"),
+        tag("button", words["stop"], id="stop", class_="stop", type="button", hidden="hidden"),
         tag(
             "noscript",
-            "The button needs a script. Without one: ",
+            words["stop_bare"],
             tag("code", f"printf 'stop\\n' | nc {picture.robot_host} {DASHBOARD}"),
         ),
         class_="stopping",
     )
-    header = tag("header", tag("h1", "ZTPM cell"), part["clock"], part["dots"], stopping)
+    header = tag("header", tag("h1", words["title"]), part["clock"], part["dots"], stopping)
     arm = tag(
         "section",
-        tag("h2", "The arm now", class_="unseen"),
-        tag("div", id="view", class_="view", tabindex="0", role="img", aria_label=VIEW_WORDS),
+        tag("h2", words["arm"], class_="unseen"),
+        tag("div", id="view", class_="view", tabindex="0", role="img", aria_label=words["view"]),
         tag("p", tag("output", id="told", class_="dim")),
-        tag("noscript", "The picture needs a script and WebGL; the words say the same."),
+        tag("noscript", words["view_bare"]),
     )
     side = tag(
         "div",
-        _section("Story", part["story"]) if picture.story is not None else "",
-        _section("Decisions", part["decisions"]),
+        _section(words["story"], part["story"]) if picture.story is not None else "",
+        _section(words["decisions"], part["decisions"]),
         class_="side",
     )
     main = tag(
@@ -108,15 +98,24 @@ def render(picture: Snapshot) -> str:
         arm,
         side,
         tag("div", *(
-            _section(title, part[name])
+            _section(words[title], part[name])
             for title, name in (
-                ("Robot", "robot"), ("Perception", "perception"), ("Revocations", "view"), ("Agents", "agents"),
-                ("Processes", "parts"),
+                ("robot", "robot"), ("perception", "perception"), ("revocations", "view"), ("agents", "agents"),
+                ("processes", "parts"),
             )
         ), class_="rest"),
     )  # fmt: skip
     alarm = tag("p", id="alarm", class_="bad", role="alert", hidden="hidden")
-    body = tag("body", header, part["incomplete"], alarm, part["asks"], main, class_="live")
+    body = tag(
+        "body",
+        header,
+        part["incomplete"],
+        alarm,
+        part["asks"],
+        main,
+        class_="live",
+        data_words=json.dumps(TEXTS["script"]),
+    )
     return "<!doctype html>\n" + tag("html", head, body, lang="en")
 
 
@@ -133,7 +132,7 @@ def _table(headings: Iterable[str], rows: Iterable[Iterable[object]], *, numbers
 
 def _asks(picture: Snapshot) -> Markup:
     """The open questions, each a banner."""
-    questions = []
+    questions, words = [], TEXTS["ask"]
     for ask in picture.asks:
         left_s = max(0, ask.expires_at_ms - picture.at_ms) // 1000
         commands = "\n".join(
@@ -146,12 +145,14 @@ def _asks(picture: Snapshot) -> Markup:
                 tag(
                     "p",
                     _tier(ask.tier),
-                    f" {ask.agent or 'an agent'} asks for {ask.operation}. {_reason(ask.reason)} Silence denies in ",
+                    words["asks"].format(
+                        agent=ask.agent or words["agent"], operation=ask.operation, reason=_reason(ask.reason)
+                    ),
                     tag("span", f"{left_s} s", data_until=str(ask.expires_at_ms)),
                     ". ",
-                    tag("a", "Look and answer", href=f"{picture.issuer}/approvals/{ask.ask_id}/page", rel="noreferrer"),
+                    tag("a", words["answer"], href=f"{picture.issuer}/approvals/{ask.ask_id}/page", rel="noreferrer"),
                 ),
-                tag("details", tag("summary", "By command"), tag("pre", commands)),
+                tag("details", tag("summary", words["command"]), tag("pre", commands)),
                 class_="banner",
             )
         )
@@ -164,14 +165,13 @@ def _reason(code: str) -> str:
 
 
 def _tier(tier: int | None) -> Markup:
-    return tag("span", "tier ?" if tier is None else f"tier {tier}", class_="tier" if tier is None else f"tier t{tier}")
-
-
-STATES: Final = {"good": "answers", "wait": "does not answer", "bad": "does not run"}
+    words = TEXTS["ask"]
+    said = words["no_tier"] if tier is None else words["tier"].format(tier=tier)
+    return tag("span", said, class_="tier" if tier is None else f"tier t{tier}")
 
 
 def _state(part: Part) -> str:
-    """Class of a process's state, a key of `STATES`."""
+    """Class of a process's state."""
     return "bad" if part.pid is None else "wait" if part.answers is False else "good"
 
 
@@ -181,7 +181,7 @@ def _dots(parts: Iterable[Part]) -> Markup:
             "li",
             tag("span", class_="dot", aria_hidden="true"),
             part.name,
-            "" if _state(part) == "good" else f": {STATES[_state(part)]}",
+            "" if _state(part) == "good" else f": {TEXTS['processes'][_state(part)]}",
             class_=_state(part),
         )
         for part in parts
@@ -190,32 +190,36 @@ def _dots(parts: Iterable[Part]) -> Markup:
 
 
 def _parts(picture: Snapshot) -> Markup:
+    words = TEXTS["processes"]
     rows = [
         (
             part.name,
-            tag("span", "runs" if part.answers is None else STATES[_state(part)], class_=_state(part)),
+            tag("span", words["runs"] if part.answers is None else words[_state(part)], class_=_state(part)),
             "" if part.pid is None else part.pid,
             _duration(part.up_s),
             part.restarts,
         )
         for part in picture.parts
     ]
-    table = _table(("process", "", "pid", "up", "restarts"), rows, numbers=(2, 3, 4))
+    table = _table(words["columns"], rows, numbers=(2, 3, 4))
     return Markup(table + tag("p", tag("code", picture.audience), " ", tag("code", picture.data), class_="dim"))
 
 
 def _robot(robot: dict[str, Any] | None) -> Markup:
+    words = TEXTS["robot"]
     latched = _latch(None if robot is None else robot.get("latch"))
     if robot is None or "fault" in robot:
-        return text(tag("p", robot["fault"] if robot else "not known", class_="bad"), *latched)
-    angles = [(name, f"{math.degrees(angle):.1f}°") for name, angle in zip(JOINTS, robot["q_rad"], strict=False)]
-    safety = robot["safety_mode"]
+        return text(tag("p", robot["fault"] if robot else words["unknown"], class_="bad"), *latched)
+    angles = [
+        (name, f"{math.degrees(angle):.1f}°") for name, angle in zip(words["joints"], robot["q_rad"], strict=False)
+    ]
+    mode, safety, moves = robot["robot_mode"], robot["safety_mode"], robot["moving"]
     return text(
         tag(
             "p",
-            tag("span", "moving" if robot["moving"] else "stands still", class_="wait" if robot["moving"] else "good"),
-            f"; mode {ROBOT_MODES.get(robot['robot_mode'], robot['robot_mode'])}; safety ",
-            tag("span", SAFETY_MODES.get(safety, safety), class_="good" if safety in SAFE_MODES else "bad"),
+            tag("span", words["moving" if moves else "stands"], class_="wait" if moves else "good"),
+            words["mode"].format(mode=words["modes"].get(str(mode), mode)),
+            tag("span", words["safety"].get(str(safety), safety), class_="good" if safety in SAFE_MODES else "bad"),
         ),
         *latched,
         _table((name for name, _ in angles), [[angle for _, angle in angles]]),
@@ -227,21 +231,25 @@ def _latch(latch: dict[str, Any] | None) -> tuple[Markup, ...]:
     """The latch of the robot, and how people clear it."""
     if latch is None or not latch["latched"]:
         return ()
-    people = "two people have" if latch["approvers"] > 1 else "a person has"
-    said = f"latched after {latch['cause']} {latch['reason']}".rstrip()
+    words = TEXTS["robot"]
+    said = words["latched"].format(cause=latch["cause"], reason=latch["reason"]).rstrip()
     command = f"ztpm latch clear {latch['latch_id']} --as NAME"
-    return tag("p", tag("span", said, class_="bad"), f": {people} to clear it"), tag("pre", command)
+    return tag(
+        "p", tag("span", said, class_="bad"), words["two_clear" if latch["approvers"] > 1 else "one_clears"]
+    ), tag("pre", command)
 
 
 def kinematics_said(calibration: str | None, uncertainty_mm: float | None) -> str:
     """Accuracy of the arm's kinematics, in one sentence."""
-    own = "nominal kinematics" if calibration is None else f"kinematics of its own, calibration {calibration[:12]}"
-    return own if uncertainty_mm is None else f"{own}; reckoned to {uncertainty_mm:.1f} mm"
+    words = TEXTS["robot"]
+    own = str(words["nominal"] if calibration is None else words["calibrated"].format(calibration=calibration[:12]))
+    return own if uncertainty_mm is None else str(words["reckoned"].format(own=own, mm=uncertainty_mm))
 
 
 def _perception(perception: dict[str, Any] | None) -> Markup:
+    words = TEXTS["perception"]
     if perception is None:
-        return tag("p", "not known", class_="bad")
+        return tag("p", words["unknown"], class_="bad")
     word = perception["perception"]
     state = tag("span", word, class_={"fresh": "good", "invalid": "bad"}.get(word, "wait"))
     fault = f" ({perception['fault']})" if "fault" in perception else ""
@@ -250,42 +258,45 @@ def _perception(perception: dict[str, Any] | None) -> Markup:
     for sensor in sorted({*perception["sensors"], *seen}):
         row = seen.get(sensor)
         if row is None:
-            rows.append((sensor, "-", "nothing", ""))
+            rows.append((sensor, "-", words["nothing"], ""))
         else:
             things = ", ".join(f"{thing['id']} ({thing['kind']})" for thing in row["objects"])
-            rows.append((sensor, f"{row['age_ms']} ms", ", ".join(row["people"]) or "nobody", things or "nothing"))
-    table = _table(("sensor", "age", "people", "objects"), rows, numbers=(1,))
+            rows.append(
+                (sensor, f"{row['age_ms']} ms", ", ".join(row["people"]) or words["nobody"], things or words["nothing"])
+            )
+    table = _table(words["columns"], rows, numbers=(1,))
     return text(tag("p", state, fault), table)
 
 
 def _view(view: dict[str, Any] | None) -> Markup:
+    words = TEXTS["revocations"]
     if view is None or view["age_ms"] is None:
-        return tag("p", "no view; nothing is permitted", class_="bad")
+        return tag("p", words["none"], class_="bad")
     fresh = view["age_ms"] <= VIEW_LIMIT_MS
     return tag(
         "p",
-        tag("span", f"view is {view['age_ms']} ms old", class_="good" if fresh else "bad"),
-        f", epoch {view['epoch']}",
-        "" if fresh else "; motion is denied",
+        tag("span", words["age"].format(age_ms=view["age_ms"]), class_="good" if fresh else "bad"),
+        words["epoch"].format(epoch=view["epoch"]),
+        "" if fresh else words["denied"],
     )
 
 
 def _agents(picture: Snapshot) -> Markup:
+    words = TEXTS["agents"]
     if picture.agents is None:
-        return tag("p", "the registry does not answer", class_="bad")
+        return tag("p", words["silent"], class_="bad")
     if not picture.agents:
-        return tag("p", "None has a stated trust; `ztpm agent list` shows all.", class_="dim")
+        return tag("p", words["none"], class_="dim")
     rows = [(known.agent, f"{known.trust_permille / 10:.1f} %") for known in picture.agents]
-    return _table(("agent", "trust"), rows, numbers=(1,))
+    return _table(words["columns"], rows, numbers=(1,))
 
 
-UNKNOWN: Final = {"stop": "somebody"}
-"""Names for records without an agent, by their request: a stop asks for none."""
 EFFECTS: Final = {"PERMIT": "good", "DENY": "bad", "DEFER": "wait"}
 
 
 def _decisions(decisions: Iterable[Decided]) -> Markup:
     """The newest decisions as a line of time, newest first, each in its tier's colour."""
+    words, owed = TEXTS["decisions"], TEXTS["owed"]
     each = [
         tag(
             "li",
@@ -293,27 +304,37 @@ def _decisions(decisions: Iterable[Decided]) -> Markup:
             _tier(decided.tier),
             " ",
             tag("b", decided.effect, class_=EFFECTS.get(decided.effect, "")),
-            f" {decided.agent or UNKNOWN.get(decided.request_id, 'nobody known')}: {decided.operation or 'a call'}",
+            f" {decided.agent or _nobody(decided)}: {decided.operation or words['call']}",
             f", {decided.outcome}" if decided.outcome else "",
             "" if decided.reason == "PERMITTED" else tag("span", f" {decided.reason}", class_="mono dim"),
-            tag("span", f" {', '.join(OWED.get(kind, kind) for kind in decided.owed)}", class_="wait")
+            tag("span", f" {', '.join(owed.get(kind, kind) for kind in decided.owed)}", class_="wait")
             if decided.owed
             else "",
             class_="" if decided.tier is None else f"t{decided.tier}",
         )
         for decided in decisions
     ]
-    return tag("ol", *each, class_="line") if each else tag("p", "None yet.", class_="dim")
+    return tag("ol", *each, class_="line") if each else tag("p", words["none"], class_="dim")
+
+
+def _nobody(decided: Decided) -> str:
+    """Name for a record without an agent: a stop asks for none."""
+    return str(TEXTS["decisions"]["stop" if decided.request_id == "stop" else "unknown"])
 
 
 def _story(story: Iterable[Told] | None) -> Markup:
     """The steps of a story, newest first."""
+    words = TEXTS["story"]
     each = [
         tag(
             "li",
             tag("b", told.step),
             " ",
-            tag("span", "…" if told.ok is None else "as told" if told.ok else "not as told", class_=_told_class(told)),
+            tag(
+                "span",
+                words["plays" if told.ok is None else "as_told" if told.ok else "not_as_told"],
+                class_=_told_class(told),
+            ),
             tag("br"),
             told.words,
             tag("span", f" {told.decision} {told.reason}", class_="mono dim") if told.decision else "",

@@ -28,6 +28,7 @@ from ztpm.edge.server import EdgeServer
 from ztpm.status.live_feed import LiveFeed
 from ztpm.status.page import SCRIPTS, STYLE, parts_of, render
 from ztpm.status.stopping import CellStop
+from ztpm.status.texts import TEXTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -109,9 +110,9 @@ def status_app(
         stopping(request.scope)
         # [LIV-2] a page of another origin stops nothing: it cannot send this kind of body unasked, and names itself
         if request.headers.getlist("origin") != [f"http://{host}:{port}"]:
-            return JSONResponse({"code": "WRONG_ORIGIN", "told": "Stop it on the cell's own page."}, 403, HEADERS)
+            return JSONResponse({"code": "WRONG_ORIGIN", "told": TEXTS["stop"]["wrong_origin"]}, 403, HEADERS)
         if not await _asks_to_stop(request):
-            return JSONResponse({"code": "BODY_MALFORMED", "told": 'Send {"stop":true}, as JSON.'}, 400, HEADERS)
+            return JSONResponse({"code": "BODY_MALFORMED", "told": TEXTS["stop"]["malformed"]}, 400, HEADERS)
         answer = await run_in_threadpool(stop)
         return JSONResponse(answer.as_json(), 200 if answer.stopped else 503, HEADERS)
 

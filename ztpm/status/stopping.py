@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 from pep.base.errors import RobotError
 from pep.rtde.robot.dashboard import stop_program
 from ztpm.base.processes import STOP
+from ztpm.status.texts import TEXTS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -65,16 +66,17 @@ class CellStop:
 
     def __call__(self) -> StopAnswer:
         """Begins to stop the arm."""
+        words: dict[str, str] = TEXTS["stop"]
         gateway = self._cell.children.get("gateway")
         answer = None if gateway is None else gateway.ask({STOP: True}, timeout_s=ANSWER_S, lane=STOP)
         if answer is not None and answer.get("begun") is True:
             lease = answer.get("lease")
-            over = f" The lease of {lease} is over." if lease else ""
-            return StopAnswer("gateway", f"The arm is being stopped.{over}")
+            over = words["lease"].format(lease=lease) if lease else ""
+            return StopAnswer("gateway", words["begun"] + over)
         try:
             self._dashboard(self._cell.addresses.controller_host)
         except RobotError as error:
             self._note("stop-failed", f"a stop on the page reached nobody: {error.code}")
-            return StopAnswer("", "Neither gateway nor controller answers. Use the robot's own emergency stop.")
+            return StopAnswer("", words["nobody"])
         self._note("arm-stopped", "stopped on the page through the dashboard: the gateway did not answer")
-        return StopAnswer("dashboard", "The gateway is silent: the controller was told to stop the arm.")
+        return StopAnswer("dashboard", words["dashboard"])

@@ -11,6 +11,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
+import tomllib
 from base64 import b64encode
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -27,7 +28,7 @@ from capabilities.values.characters import shown
 from capabilities.values.scope import Tier
 from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
-from ztpm_idp.domain.asking.asks import Answer, AskState
+from ztpm_idp.domain.asking.asks import AskState
 from ztpm_idp.provider.ask_words import WORDS, code_of, reason_of, sentence_of
 
 if TYPE_CHECKING:
@@ -36,6 +37,8 @@ if TYPE_CHECKING:
 
 _FOLDER: Final = Path(__file__).parent / "templates"
 STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
+TEXTS: Final[dict[str, dict[str, str]]] = tomllib.loads((_FOLDER / "texts.toml").read_text("utf-8"))
+"""English texts of these pages and their scripts; those of the sentence stand in `ask_words.json`."""
 PAGES: Final = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER),
     autoescape=True,
@@ -44,6 +47,7 @@ PAGES: Final = jinja2.Environment(
     trim_blocks=True,
     lstrip_blocks=True,
 )
+PAGES.globals |= {"t": TEXTS, "words": json.dumps(TEXTS["script"])}
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'; "
     f"style-src 'self' 'sha256-{b64encode(hashlib.sha256(STYLE.encode()).digest()).decode()}'",
@@ -79,20 +83,6 @@ TIERS: Final = {
     Tier(4): "safety critical",
 }
 """The tiers' names (DESIGN section 6)."""
-_PERCEPTION: Final = {
-    "fresh": "fresh: sensors saw the cell",
-    "stale": "NOT FRESH: the sensors' last view of the cell was too old",
-    "missing": "MISSING: no sensor showed the cell",
-    NO_ROBOT: "not needed: no robot acts",
-}
-_STATE: Final = {
-    AskState.OPEN: "open, waits for people",
-    AskState.GRANTED: "granted",
-    AskState.DENIED: "denied",
-    AskState.WITHDRAWN: "withdrawn",
-    AskState.EXPIRED: "over",
-}
-_ANSWER: Final = {Answer.APPROVE: "approved", Answer.DENY: "denied", Answer.WITHDRAW: "withdrew"}
 _DECIMAL: Final[dict[Unit, tuple[int, str]]] = {
     Unit.MICROMETRE: (3, "mm"),
     Unit.MICROMETRE_PER_SECOND: (3, "mm/s"),
@@ -235,6 +225,7 @@ def render(
         at_ms: now, wall clock.
         passkey: the panel for answers by passkey, if any.
     """
+    answers = TEXTS["answers"]
     return PAGES.get_template("ask.html").render(
         style=STYLE,
         look=look_of(ask.issuer),
@@ -250,7 +241,7 @@ def render(
         key_needed=ask.approvers > 1,
         ask=ask,
         digest=asked.ask.digest,
-        state=_STATE[state],
+        state=TEXTS["states"][state.value],
         is_open=state is AskState.OPEN,
         reload_s=RELOAD_S,
         left=_left(ask, at_ms) if state is AskState.OPEN else "",
@@ -285,13 +276,18 @@ def render(
             )
             for fact in ask.facts
         ],
-        perception=_PERCEPTION[ask.perception],
+        perception=TEXTS["perception"][ask.perception],
         robot=ask.perception != NO_ROBOT,
         seen=ask.perception in {"fresh", NO_ROBOT},
         perception_age=None if ask.perception_age_ms is None else _figure("", ask.perception_age_ms, Unit.MILLISECOND),
         reasons=[(each, _reason(each)) for each in ask.reasons],
         votes=[
-            (vote.approver, _ANSWER[vote.answer], time_of(vote.not_after), "" if vote.active else "disabled since")
+            (
+                vote.approver,
+                answers[vote.answer.value],
+                time_of(vote.not_after),
+                "" if vote.active else answers["disabled"],
+            )
             for vote in asked.votes
         ],
     )

@@ -8,7 +8,7 @@ import socket
 import pytest
 from ztpm.base.layout import Layout
 from ztpm.base.lock import DirectoryLock
-from ztpm.cell.setup import Addresses, SetupError, read_addresses
+from ztpm.cell.setup import Addresses, SetupError, free_addresses, read_addresses
 
 ADDRESSES = Addresses("127.77.0.9")
 
@@ -47,6 +47,34 @@ def test_passphrases(run, tmp_path, copy, monkeypatch):
     monkeypatch.delenv("ZTPM_PASSPHRASE")
     refused(run("up", "--data", tmp_path / "new", "--json"), "PASSPHRASE_MISSING", 2)
     assert not (tmp_path / "new").exists()
+
+
+@pytest.mark.clause("LIV-6")
+def test_a_cell_has_its_provider_at_a_name_in_all_its_files_or_not_at_all(copy):
+    named = Addresses("127.77.0.9", idp_port=12_345, named=True)
+    files = (copy.idp_config, copy.cell_config, copy.gateway_config)
+    for path in files:
+        text = path.read_text().replace(ADDRESSES.issuer, named.issuer)
+        path.write_text(text.replace('host = "127.77.0.9"\nport = 8700', 'host = "127.0.0.1"\nport = 12345'))
+    assert read_addresses(copy) == named
+    assert (named.provider_host, named.issuer) == ("127.0.0.1", "http://localhost:12345/ztpm")
+    for path in files[1:]:
+        text = path.read_text()
+        path.write_text(text.replace(named.issuer, ADDRESSES.issuer))
+        with pytest.raises(SetupError, match="issuer is"):
+            read_addresses(copy)
+        path.write_text(text)
+
+
+@pytest.mark.clause("LIV-6")
+def test_a_port_at_the_name_that_is_taken_is_not_drawn():
+    seed = bytes(16)
+    drawn = free_addresses(seed, named=True)
+    assert drawn == free_addresses(seed, named=True)
+    with socket.create_server(("127.0.0.1", drawn.idp_port)):
+        assert drawn.taken == (drawn.idp_port,)
+        assert free_addresses(seed, named=True).idp_port != drawn.idp_port
+    assert free_addresses(seed).provider_host == drawn.host
 
 
 def test_a_policy_that_is_none_leaves_nothing_behind(run, tmp_path):

@@ -2,62 +2,30 @@
 
 from __future__ import annotations
 
-import asyncio
-import os
-import shutil
-import socket
 import subprocess
 import sys
 import time
-from pathlib import Path
 
 import pytest
-import uvicorn
-from tests.node_packages import installed
+from tests import browsing
+from tests.browsing import CHROMIUM
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.journals import Journal
-from tests.ztpm_idp.world import SLOWER, World
+from tests.ztpm_idp.world import SLOWER
 
 from ztpm_idp.client import ClientError
 
-CHROMIUM = shutil.which("chromium")
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.clause("CON-2", "CON-4", "CON-6"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
-PICTURES = os.environ.get("ZTPM_PICTURES")
-"""A folder for screenshots, for people who want to look."""
-WIDTHS = (390, 768, 1280)
-"""Widths of a telephone, a tablet and a screen, in pixels."""
-WIDER = """() => [...document.querySelectorAll("body *")].filter((each) => {
-  const box = each.getBoundingClientRect();
-  return box.width > 0 && box.right > document.documentElement.clientWidth + 1 && !each.closest(".unseen, .skip, pre, table.wide");
-}).map((each) => `${each.tagName} ${each.className} ${each.textContent.slice(0, 40)}`)"""
-COLOURED = {"question", "trail", "entry", "request", "people", "act"}
-"""Pages that have between them every colour; in the dark nothing else differs."""
-SERIOUS = {"serious", "critical"}
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
-    """A provider on a listener of its own, at a name: passkeys belong to no address."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    changes = {"issuer": f"http://localhost:{port}/ztpm", "port": port}
-    with World(tmp_path_factory.mktemp("console"), clock=time.time, settings_changes=changes) as world:
-        server = uvicorn.Server(
-            uvicorn.Config(world.app, host="127.0.0.1", port=port, lifespan="off", log_level="error")
-        )
-        served = asyncio.run_coroutine_threadsafe(server.serve(), world.loop)
-        for _ in range(500):
-            if server.started:
-                break
-            time.sleep(0.01)
+    with browsing.served(tmp_path_factory.mktemp("console")) as world:
         yield Cell(world)
-        server.should_exit = True
-        served.result(20)
 
 
 @pytest.fixture(scope="module")
@@ -89,62 +57,22 @@ def story(cell):
 
 @pytest.fixture(scope="module")
 def page():
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        opened = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
-        opened.authenticator = opened.context.new_cdp_session(opened)
-        opened.authenticator.send("WebAuthn.enable")
-        options = {"protocol": "ctap2", "transport": "internal", "hasResidentKey": True, "hasUserVerification": True,
-                   "isUserVerified": True, "automaticPresenceSimulation": True}  # fmt: skip
-        made = opened.authenticator.send("WebAuthn.addVirtualAuthenticator", {"options": options})
-        opened.id = made["authenticatorId"]
-        opened.faults = []
-        opened.on("pageerror", lambda error: opened.faults.append(str(error)))
-        opened.on("console", lambda said: opened.faults.append(said.text) if said.type == "error" else None)
-        yield opened
-        browser.close()
+    with browsing.browser_page() as opened:
+        yield browsing.authenticator(opened)
 
 
 @pytest.fixture(scope="module")
 def axe():
-    """The accessibility rules, as text of a script; "" where npm cannot bring them."""
-    try:
-        kept = installed(Path(__file__).parent / "axe")
-    except pytest.skip.Exception:
-        return ""
-    return (kept / "node_modules" / "axe-core" / "axe.min.js").read_text("utf-8")
+    return browsing.rules()
 
 
 def looked_at(page, name, axe):
-    """Holds that nothing is wider than the screen, and that no rule of accessibility is broken; keeps pictures."""
-    for scheme in ("light", "dark"):
-        page.emulate_media(color_scheme=scheme)
-        for width in WIDTHS:
-            page.set_viewport_size({"width": width, "height": 900})
-            assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width, scheme)
-            assert page.evaluate(WIDER) == [], (name, width, scheme)
-            if PICTURES:
-                page.screenshot(path=str(Path(PICTURES) / f"console-{name}-{width}-{scheme}.png"), full_page=True)
-        if axe and (scheme == "light" or name in COLOURED):
-            if page.evaluate("typeof axe") == "undefined":
-                page.evaluate(axe)
-            rules = {} if scheme == "light" else {"runOnly": ["color-contrast"]}
-            found = page.evaluate("rules => axe.run(rules)", rules)["violations"]
-            serious = [(each["id"], each["nodes"][0]["html"]) for each in found if each["impact"] in SERIOUS]
-            assert serious == [], (name, scheme)
-    page.set_viewport_size({"width": 1280, "height": 900})
+    browsing.looked_at(page, f"console-{name}", axe)
 
 
 def with_passkey(world, page, name, another):
     """A passkey of this person in the page's authenticator."""
-    person = world.people[name]
-    begun = person.begin_passkey()
-    page.goto(begun["url"])
-    page.click("#enrol")
-    page.wait_for_function("() => document.querySelector('#told').textContent.includes('Made.')", timeout=15_000)
-    key = person.enrolled_passkey(begun["enrolment_id"])
-    world.people[another].confirm_change(person.propose_passkey(begun["enrolment_id"], key))
+    browsing.enrolled(page, world.people[name], world.people[another])
 
 
 def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point, page, axe):
@@ -166,10 +94,10 @@ def test_a_person_logs_in_cuts_a_tree_and_finds_it_on_record(cell, story, point,
     looked_at(page, "question", axe)
     page.get_by_label("Reason").focus()
     page.keyboard.type("an odd act, größer")
-    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": False})
+    browsing.verified(page, person=False)
     page.keyboard.press("Enter")
     page.wait_for_function("() => document.querySelector('.told').textContent.includes('Nothing was revoked')")
-    page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": True})
+    browsing.verified(page, person=True)
     began = time.monotonic()
     page.keyboard.press("Enter")
     page.wait_for_url("**/console/revocations/*")

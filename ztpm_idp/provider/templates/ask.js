@@ -17,9 +17,8 @@ function warn(text) {
 }
 
 const short = (name) => (name.length <= NAME_LIMIT ? name : `${name.slice(0, NAME_LIMIT - 1)}…`);
-const words = (text, members) => text.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
 const filled = (text, members) =>
-  words(text, Object.fromEntries(Object.entries(members).map(([name, value]) => [name, short(String(value))])));
+  put(text, Object.fromEntries(Object.entries(members).map(([name, value]) => [name, short(String(value))])));
 
 function linkWord(name) {
   const found = Object.entries(ASK_WORDS.links).find(([begins]) => name.startsWith(begins));
@@ -31,7 +30,7 @@ function objectWord(first) {
   const slash = first.object.indexOf("/");
   if (first.kind !== "person" || slash < 0) return short(first.object);
   const region = first.object.slice(slash + 1).replaceAll("_", " ");
-  return words(ASK_WORDS.person, { name: short(first.object.slice(0, slash)), region: short(region) });
+  return put(ASK_WORDS.person, { name: short(first.object.slice(0, slash)), region: short(region) });
 }
 
 // As `ask_words.py` says it: a distance is rounded down, a speed up.
@@ -39,7 +38,7 @@ function sentenceOf(ask) {
   const named = { operation: ask.operation, name: ask.object };
   if (!ask.contributors.length) return filled(ASK_WORDS[ask.perception === "none" ? "act" : "alone"], named);
   const first = ask.contributors[0], hundredths = Math.ceil(first.speed_um_s / 10_000);
-  return words(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
+  return put(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
     kind: short(first.kind),
     link: linkWord(first.link),
     object: objectWord(first),
@@ -53,25 +52,25 @@ async function checked() {
   const text = question.dataset.text, digest = hex(await sha256(utf8(text)));
   const ask = JSON.parse(new TextDecoder().decode(unb64u(text.split(".")[1])));
   const said = [
-    ["ask", question.dataset.digest, digest],
-    ["sentence", document.querySelector("#sentence").textContent, sentenceOf(ask)],
-    ["person and agent", document.querySelector("#reason").textContent, filled(ASK_WORDS.who, ask)],
-    ["code", document.querySelector("#code").textContent, digest.slice(0, 8)],
-    ["ask to sign", panel?.dataset.ask ?? text, text],
+    [SAID.ask, question.dataset.digest, digest],
+    [SAID.sentence, document.querySelector("#sentence").textContent, sentenceOf(ask)],
+    [SAID.who, document.querySelector("#reason").textContent, filled(ASK_WORDS.who, ask)],
+    [SAID.code, document.querySelector("#code").textContent, digest.slice(0, 8)],
+    [SAID.to_sign, panel?.dataset.ask ?? text, text],
   ];
   for (const [what, shown, signed] of said) {
-    if (shown !== signed) throw new Differs(`the ${what} on this page is not the one that was signed`);
+    if (shown !== signed) throw new Differs(put(SAID.differs, { what }));
   }
   if (ask.picture_digest) await draw(ask);
-  else if (ask.start_urad.length) warn("No picture was sent with this ask: it is told as text alone.");
+  else if (ask.start_urad.length) warn(SAID.no_picture);
   return ask;
 }
 
 async function draw(ask) {
   const answer = await fetch(question.dataset.picture, { credentials: "omit" });
-  if (!answer.ok) throw new Differs("the picture of this ask is not there");
+  if (!answer.ok) throw new Differs(SAID.picture_gone);
   const bytes = await answer.arrayBuffer();
-  if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs("the picture is not the one that was signed");
+  if (hex(await sha256(bytes)) !== ask.picture_digest) throw new Differs(SAID.picture_differs);
   const shown = JSON.parse(new TextDecoder().decode(bytes));
   // The words are painted before the picture is begun, which takes longer.
   await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
@@ -115,7 +114,7 @@ function countDown(ask) {
   const left = document.querySelector("#left");
   const tick = () => {
     const s = Math.max(0, ask.expires_at - Number(question.dataset.now) - Math.floor((performance.now() - started) / 1_000));
-    left.textContent = s > 0 ? `${Math.floor(s / 60)}:${String(s % 60).padStart(2, "0")} left.` : "Over.";
+    left.textContent = s > 0 ? put(SAID.left, { minutes: Math.floor(s / 60), seconds: String(s % 60).padStart(2, "0") }) : SAID.over;
     left.classList.toggle("soon", s <= 15);
     if (s === 0) {
       allow(false);
@@ -137,7 +136,7 @@ async function watch() {
     if (!busy && (state !== "open" || votes !== Number(question.dataset.votes))) location.reload();
   } catch {
     lost = true;
-    warn("No connection to the identity provider: what stands here may be old.");
+    warn(SAID.lost);
   }
 }
 
@@ -155,5 +154,5 @@ checked()
   })
   .catch((error) => {
     allow(false);
-    warn(`Nothing can be approved here: ${error instanceof Differs ? error.message : "the picture cannot be drawn"}. Use your operator key, as below.`);
+    warn(put(SAID.nothing_approved, { why: error instanceof Differs ? error.message : SAID.not_drawn }));
   });

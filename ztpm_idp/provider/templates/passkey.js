@@ -4,6 +4,8 @@
 
 const panel = document.querySelector("[data-passkey]");
 const told = document.querySelector("#told");
+const SAID = JSON.parse(document.querySelector("[data-words]").dataset.words); // as in `texts.toml`
+const put = (text, members) => text.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
 const utf8 = (text) => new TextEncoder().encode(text);
 const b64u = (bytes) =>
   btoa(String.fromCharCode(...new Uint8Array(bytes))).replaceAll("+", "-").replaceAll("/", "_").replaceAll("=", "");
@@ -52,13 +54,13 @@ async function enrol() {
   const credential = await navigator.credentials.create({ publicKey });
   const said = await post(panel.dataset.post, { credential: credential.toJSON() });
   const code = await sha256(unb64u(said.key));
-  tell(`Made. Its code is ${hex(code).slice(0, 8)}. Compare it at your terminal, and confirm there.`);
+  tell(put(SAID.made, { code: hex(code).slice(0, 8) }));
 }
 
 // What the page shows, its bytes as they were signed, and the name of the person at the page.
 async function asked(text, what) {
   const digest = hex(await sha256(utf8(text)));
-  if (digest !== panel.dataset.digest) throw new Error(`The ${what} is not the one that this page shows.`);
+  if (digest !== panel.dataset.digest) throw new Error(put(SAID.not_shown, { what }));
   const payload = unb64u(text.split(".")[1]);
   const shown = JSON.parse(new TextDecoder().decode(payload));
   const approver = document.querySelector("#approver").value.trim();
@@ -79,7 +81,7 @@ async function asserted(parts, approver) {
   const credential = await navigator.credentials.get({ publicKey });
   const made = credential.response;
   const owner = made.userHandle ? new TextDecoder().decode(made.userHandle) : approver;
-  if (owner !== approver) throw new Error(`That passkey is ${owner}'s, and you said that you are ${approver}.`);
+  if (owner !== approver) throw new Error(put(SAID.another, { owner, approver }));
   return {
     credential: b64u(credential.rawId),
     authenticator: b64u(made.authenticatorData),
@@ -89,8 +91,9 @@ async function asserted(parts, approver) {
 }
 
 async function vote(answer) {
-  if (answer === "approve" && !approvable) throw new Error("this page does not show what was signed.");
-  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.ask, "ask");
+  if (answer === "approve" && !approvable) throw new Error(SAID.not_signed);
+  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.ask, SAID.ask);
+  if (at >= shown.expires_at) throw new Error(SAID.ended);
   const said = {
     ask_id: shown.ask_id,
     nonce: shown.nonce,
@@ -104,16 +107,16 @@ async function vote(answer) {
   };
   const parts = [utf8('ztpm-passkey-vote/1\n{"ask":'), payload, utf8(`,"vote":${canonical(said)}}`)];
   const { state } = await post(panel.dataset.post, { vote: said, assertion: await asserted(parts, approver) });
-  tell(`Your answer counts. The ask is ${state}.`);
+  tell(put(SAID.counts, { state }));
 }
 
 async function clear() {
-  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.latch, "latch");
+  const { digest, payload, shown, approver, at, not_after } = await asked(panel.dataset.latch, SAID.latch);
   const { latch_id, audience, robot, cause } = shown;
   const said = { latch_id, latch_digest: digest, audience, robot, cause, approver, not_after, at };
   const parts = [utf8(`ztpm-passkey-clearing/1\n{"clearing":${canonical(said)},"latch":`), payload, utf8("}")];
   const { state } = await post(panel.dataset.post, { clearing: said, assertion: await asserted(parts, approver) });
-  tell(state === "waits" ? "Signed; another person must clear it, too." : "Cleared.");
+  tell(state === "waits" ? SAID.another_clears : SAID.cleared);
 }
 
 function act(work) {
@@ -122,10 +125,10 @@ function act(work) {
     busy = true;
     for (const button of panel.querySelectorAll("button")) button.disabled = true;
     try {
-      tell("Waiting for your passkey.");
+      tell(SAID.waits);
       await work();
     } catch (error) {
-      tell(error.name === "NotAllowedError" ? "Nothing was signed: no passkey answered." : `Nothing counts: ${error.message}`);
+      tell(error.name === "NotAllowedError" ? SAID.nothing_signed : put(SAID.nothing_counts, { why: error.message }));
       for (const button of panel.querySelectorAll("button")) button.disabled = button.id === "approve" && !approvable;
       busy = false;
     }
@@ -135,7 +138,7 @@ function act(work) {
 if (panel === null) {
   // an ask that is over, or a host without passkeys: the page only shows
 } else if (!("credentials" in navigator) || !("PublicKeyCredential" in window)) {
-  tell("This browser has no passkeys here. Answer with your operator key, as below.");
+  tell(SAID.no_passkeys);
 } else if (panel.dataset.passkey === "enrol") {
   document.querySelector("#enrol").addEventListener("click", act(enrol));
 } else {
