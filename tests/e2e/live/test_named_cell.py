@@ -1,4 +1,4 @@
-"""A whole cell whose provider has a name: on its pages, by passkey, people answer for its arm, and take it back."""
+"""A whole cell whose provider has a name, so that people answer for its arm by passkey."""
 
 import json
 import time
