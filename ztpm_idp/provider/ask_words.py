@@ -60,7 +60,8 @@ def _of_contributor(first: Mapping[str, Any]) -> str:
         "mm": str(first["clearance_um"] // UM_PER_MM),
         "speed": f"{hundredths // CM_PER_M}.{hundredths % CM_PER_M:02d}",
     }
-    return str(WORDS["kinds"].get(first["kind"], WORDS["other"])).format(**told)
+    kinds = WORDS["kinds"] if first["clearance_um"] > 0 else WORDS["kinds"] | WORDS["meets"]
+    return str(kinds.get(first["kind"], WORDS["other"])).format(**told)
 
 
 def _link(name: str) -> str:

@@ -38,7 +38,8 @@ function sentenceOf(ask) {
   const named = { operation: ask.operation, name: ask.object };
   if (!ask.contributors.length) return filled(ASK_WORDS[ask.perception === "none" ? "act" : "alone"], named);
   const first = ask.contributors[0], hundredths = Math.ceil(first.speed_um_s / 10_000);
-  return put(ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
+  const met = first.clearance_um > 0 ? undefined : ASK_WORDS.meets[first.kind];
+  return put(met ?? ASK_WORDS.kinds[first.kind] ?? ASK_WORDS.other, {
     kind: short(first.kind),
     link: linkWord(first.link),
     object: objectWord(first),
