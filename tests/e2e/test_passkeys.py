@@ -28,6 +28,7 @@ from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 from tests.ursim.cell import HOME, let_go, until
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.routes.test_latches import taken as told_latch
+from tests.ztpm_idp.provider.test_ask_page import SENTENCES
 from tests.ztpm_idp.world import AUDIENCE
 from ursim.ports.launch import SimulatedController
 
@@ -443,3 +444,14 @@ def test_a_latch_is_cleared_by_passkey(cell, page):
     shown = latch.open(text, {keys.public_raw(cell.world.private[PEP])}, DEFAULT)
     counted = count([carried], shown, text, Snapshot(cell), at=time.time(), caps=DEFAULT)
     assert (counted.approvers, counted.rejected) == (("carol",), {})
+
+
+@pytest.mark.clause("PSK-8")
+def test_the_script_says_of_every_contributor_what_the_provider_says(cell, page):
+    ask_id, _ = asked(cell)
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    for sentence, first in SENTENCES.items():
+        shown_ask = ask.claims(cell.ask(contributors=(ask.Contributor(*first[:3], 2_640, *first[3:], "camera-1"),)))
+        assert page.evaluate("ask => sentenceOf(ask)", shown_ask) == sentence
+    cell.world.people["alice"].deny(ask_id)
