@@ -54,8 +54,8 @@ def told(line: bytes) -> EntryWords:
     Args:
         line: of the ledger.
     """
-    body = _body(line)
-    decision, stated = _object(body.get("decision")), _claims(body.get("ask"))
+    body = body_of(line)
+    decision, stated = _object(body.get("decision")), claims_of(body.get("ask"))
     asked = _object(body.get("request"))
     findings = decision.get("findings")
     codes = [
@@ -160,7 +160,7 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
         lines: of the ledger, in order.
         policies: of this provider; a decision of exactly this set is explained policy by policy.
     """
-    bodies = [_body(line) for line in lines]
+    bodies = [body_of(line) for line in lines]
     decided = [body for body in bodies if isinstance(body.get("decision"), dict)]
     first = decided[0] if decided else {}
     asked, evidence = _object(first.get("request")), _object(first.get("evidence"))
@@ -184,7 +184,7 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
             if not isinstance(reading, dict | list) and reading != _NOT_COLLECTED
         ),
         readings=tuple(
-            (name, _pretty(reading)) for name, reading in collected.items() if isinstance(reading, dict | list)
+            (name, pretty(reading)) for name, reading in collected.items() if isinstance(reading, dict | list)
         ),
         decisions=tuple(_decided(body, policies) for body in decided),
         outcome=outcomes[-1] if outcomes else "",
@@ -204,7 +204,7 @@ def _decided(body: Mapping[str, Any], policies: PolicySet) -> Decided:
         index="" if said.get("index_milli") is None else str(said["index_milli"]),
         obligations=tuple(map(str, said.get("obligations") or ())),
         findings=tuple(
-            (str(each.get("primitive", "")), str(each.get("reason", "")), _pretty(each.get("detail", {})))
+            (str(each.get("primitive", "")), str(each.get("reason", "")), pretty(each.get("detail", {})))
             for each in map(_object, findings if isinstance(findings, list) else [])
         ),
         judged=() if explained is None else tuple(_judged(explained)),
@@ -253,19 +253,21 @@ def _value(stated: list[Any]) -> tuple[str, str, str]:
     return str(name), str(value), exact
 
 
-def _pretty(value: object) -> str:
+def pretty(value: object) -> str:
+    """The value as JSON text, of at most as many characters as a page shows."""
     text = json.dumps(value, indent=2, ensure_ascii=True)
     return text if len(text) <= _JSON_CHARACTERS else text[:_JSON_CHARACTERS] + " …"
 
 
-def _body(line: bytes) -> dict[str, Any]:
+def body_of(line: bytes) -> dict[str, Any]:
     """Body of an entry, or of the record of an enforcement point in it."""
     body = _object(_object(json.loads(line)).get("body"))
     record = body.get("record")
     return _object(record.get("body")) if isinstance(record, dict) else body
 
 
-def _claims(text: object) -> dict[str, Any]:
+def claims_of(text: object) -> dict[str, Any]:
+    """Claims of a signed statement in an entry, whose signature was checked when it was taken, or none."""
     if not isinstance(text, str):
         return {}
     try:

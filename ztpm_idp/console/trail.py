@@ -14,7 +14,7 @@ from fastapi.responses import PlainTextResponse, Response, StreamingResponse
 from capabilities.keys.keys import b64u
 from capabilities.log import tree_head
 from capabilities.values.units import INT_LIMIT
-from ztpm_idp.console import journey
+from ztpm_idp.console import journey, pictures
 from ztpm_idp.console.pages import page
 from ztpm_idp.console.viewing import Viewer, auditor_of
 from ztpm_idp.domain.audit import KEY_CHARACTERS, AuditRow
@@ -30,6 +30,8 @@ from ztpm_idp.store.audit import Search
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator, Mapping
+
+    from ztpm_idp.provider.provider import Provider
 
 router = APIRouter()
 ROWS: Final = 50
@@ -242,8 +244,7 @@ async def show_entry(request: Request, number: str) -> Response:
         number=proof.index + 1,
         row=rows[0][0] if rows else None,
         pretty=json.dumps(json.loads(line), indent=2, ensure_ascii=True),
-        origin=tree_head.origin_of(provider.settings.issuer),
-        keys=" ".join(sorted(map(b64u, provider.rules.trust.ledger))),
+        **_log_of(provider),
     )
 
 
@@ -265,6 +266,12 @@ async def read_proof(request: Request, number: str) -> Response:
         return viewer
     _, proof = await _proven(request, number)
     return PlainTextResponse(proof.text, headers=NO_STORE)
+
+
+def _log_of(provider: Provider) -> dict[str, str]:
+    """The log's origin and keys, with which a browser checks a proof."""
+    keys = sorted(map(b64u, provider.rules.trust.ledger))
+    return {"origin": tree_head.origin_of(provider.settings.issuer), "keys": " ".join(keys)}
 
 
 async def _proven(request: Request, number: str) -> tuple[bytes, tree_head.EntryProof]:
@@ -296,7 +303,20 @@ async def show_request(request: Request, request_id: str) -> Response:
     if way.token_id:
         of_token = await _about(request, Search(token=way.token_id, most=RELATED))
         made = [line for line in of_token if line.row.kind in journey.LENT]
-    return page(request, "request.html", viewer, active="trail", request_id=request_id, lines=lines, way=way, made=made)
+    raw = [line.raw for line in lines]
+    return page(
+        request,
+        "request.html",
+        viewer,
+        active="trail",
+        request_id=request_id,
+        lines=lines,
+        way=way,
+        made=made,
+        pictures=pictures.pictures_of(raw),
+        ends=pictures.ends_of(raw),
+        **_log_of(provider_of(request)),
+    )
 
 
 async def _about(request: Request, asked: Search) -> list[Line]:

@@ -7,12 +7,18 @@ import sys
 import time
 
 import pytest
+from capabilities.statements.people import picture as wire
+from msgspec import structs
+from pep.pit.files.scene_file import Situation
+from pep.pit.picture.shown_form import shown_text
 from tests import browsing
 from tests.browsing import CHROMIUM
+from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import SLOWER
 
+from pep.pit import assess
 from ztpm_idp.client import ClientError
 
 pytestmark = [
@@ -280,3 +286,122 @@ def test_a_proof_that_was_tampered_with_does_not_hold(cell, story, page, changed
     assert changes == [True]
     assert page.inner_text(".verdict").startswith("The proof does not hold"), changed
     assert page.locator("#proof li.fails").count() > 0
+
+
+HOSTILE = "<img src=x onerror=document.title='taken'>"
+
+
+@pytest.fixture(scope="module")
+def shown():
+    """A real picture of a motion near a person, among 500 more bodies, one with a hostile name."""
+    seen = Situation(CELL, with_person(0.55), 0.05, None, NOTHING)
+    found = assess(ROBOT, seen.scene, sweep(), CELL, perception_age_s=0.05, touch=NOTHING, seed=SEED)
+    drawn = wire.read(shown_text(ROBOT, seen, sweep(), found))
+    place = [(400_000 + 9_000 * k, 700_000 - 2_500 * k, 40_000 * (k % 20)) for k in range(500)]
+    more = (wire.ShownBody("rigid", HOSTILE if k == 0 else f"ball-{k}", place[k], radius_um=15_000) for k in range(500))
+    return wire.write(structs.replace(drawn, bodies=(*drawn.bodies, *more)))
+
+
+def asked(cell, text, **changes):
+    """The id of an ask about a motion, which the provider took with this picture."""
+    stated = {"picture_digest": wire.digest_of(text)} | changes
+    answer = cell.post(PEP, "/approvals", {"ask": cell.text(**stated), "picture": text})
+    assert answer.status_code == 201, answer.text
+    return answer.json()["ask_id"]
+
+
+def replayed(page, issuer, ask_id):
+    """What the page of that request says of its picture."""
+    page.goto(f"{issuer}/console/trail/requests/{ask_id}")
+    page.wait_for_function("() => document.querySelector('.pictured').dataset.result", timeout=20_000)
+    return page.inner_text(".pictured .verdict")
+
+
+@pytest.mark.clause("CON-8")
+def test_a_motion_is_replayed_from_its_record(cell, story, shown, page, axe):
+    issuer, ask_id = cell.world.issuer, asked(cell, shown)
+    page.faults.clear()
+    told = replayed(page, issuer, ask_id)
+    assert told.startswith("Checked in this browser before it was drawn"), told
+    number = page.locator(".pictured").get_attribute("data-number")
+    assert told.endswith(f"entry {number}.") and wire.digest_of(shown) in page.inner_text(".pictured")
+    assert "person-7, 0.25 m/s" in page.inner_text(".sentence")
+    slider = page.locator("[data-time]")
+    last = int(slider.get_attribute("max"))
+    assert last == len(wire.read(shown).postures) - 1 > 8
+    slider.focus()
+    page.keyboard.press("End")
+    assert slider.input_value() == str(last)
+    at_end = page.inner_text("[data-told]")
+    page.get_by_role("button", name="Play").focus()
+    page.keyboard.press("Enter")
+    page.wait_for_function("told => document.querySelector('[data-told]').textContent !== told", arg=at_end)
+    page.get_by_role("button", name="Pause").click()
+    assert page.title() != "taken" and page.locator(".pictured img").count() == 0
+    looked_at(page, "replay", axe)
+    assert page.faults == []
+
+
+@pytest.mark.clause("CON-8")
+@pytest.mark.parametrize(
+    ("changed", "says"),
+    [
+        ("picture", "not the one whose digest stands in the record"),
+        ("large", "larger than any picture"),
+        ("gone", "no longer kept"),
+        ("line", "the ask stands in the ledger does not hold"),
+        ("entry", "not the one whose digest stands in the record"),
+    ],
+)
+def test_nothing_unbound_is_drawn(cell, story, shown, page, changed, says):
+    """On the way to an honest page, at the provider, or by the page itself."""
+    issuer, ask_id = cell.world.issuer, asked(cell, shown)
+    changes = {
+        "picture": lambda text: text.replace('"name":"ball-1"', '"name":"ball-x"'),
+        "large": lambda text: text + " " * wire.PICTURE_BYTES,
+        "line": lambda text: text.replace('"agent":"mover"', '"agent":"mouer"', 1),
+    }
+    done = []
+
+    def other(route):
+        answer = route.fetch()
+        text = changes[changed](answer.text())
+        done.append(text != answer.text())
+        route.fulfill(response=answer, body=text)
+
+    def misled(route):
+        """The page names the entry of another ask, whose proof holds."""
+        answer = route.fetch()
+        own = page_number(cell, ask_id)
+        text = answer.text().replace(f"entries/{own}/", f"entries/{own - 1}/")
+        text = text.replace(f'data-number="{own}"', f'data-number="{own - 1}"')
+        done.append(text != answer.text())
+        route.fulfill(response=answer, body=text)
+
+    if changed == "gone":
+        cell.world.sql(f"UPDATE asks SET picture = '' WHERE ask_id = '{ask_id}'")
+    elif changed == "entry":
+        page.route("**/console/trail/requests/*", misled)
+    else:
+        page.route("**/console/trail/entries/*/line" if changed == "line" else "**/approvals/*/picture", other)
+    told = replayed(page, issuer, ask_id)
+    page.unroute_all()
+    assert done == ([] if changed == "gone" else [True])
+    assert told.startswith("Nothing is drawn") and says in told, told
+    assert page.locator(".pictured canvas").count() == 0
+    assert not page.locator(".pictured .controls").is_visible()
+
+
+def page_number(cell, ask_id):
+    return cell.world.sql(f"SELECT seq FROM ledger_index WHERE request = '{ask_id}'")[0][0]
+
+
+@pytest.mark.clause("CON-8")
+def test_a_record_without_a_picture_says_so(cell, story, page):
+    issuer, (_, _, done) = cell.world.issuer, story
+    page.goto(f"{issuer}/console/trail/requests/{done.request_id}")
+    assert "No picture stands in the record." in page.inner_text("main")
+    assert page.locator("script[src*=viewer]").count() == 0, "what draws is loaded only where there is a picture"
+    unpictured, _ = cell.taken()
+    page.goto(f"{issuer}/console/trail/requests/{unpictured}")
+    assert "The ask names no picture" in page.inner_text(".pictured")

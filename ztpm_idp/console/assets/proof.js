@@ -1,9 +1,8 @@
 "use strict";
 // Checks in this browser that an entry stands in the ledger: its hash, the path to the root (RFC 9162 section 2.1.3.2), and
 // the signature under the checkpoint with that root (C2SP signed-note). It believes the page for nothing but the keys.
+// `proven` is for another script of a page, too; the panel of an entry's page is filled where there is one.
 
-const panel = document.querySelector("#proof");
-const steps = panel.querySelector("ol");
 const raw64 = (text) => Uint8Array.from(atob(text), (letter) => letter.charCodeAt(0));
 const url64 = (text) => raw64(text.replaceAll("-", "+").replaceAll("_", "/"));
 const hex = (bytes) => [...bytes].map((byte) => byte.toString(16).padStart(2, "0")).join("");
@@ -19,10 +18,10 @@ async function sha256(...parts) {
   return new Uint8Array(await crypto.subtle.digest("SHA-256", whole));
 }
 
-function parsed(text) {
+function parsed(text, words) {
   const cut = text.indexOf("\n\n");
   const [form, ...lines] = text.slice(0, cut).split("\n");
-  if (form !== "c2sp.org/tlog-proof@v1" || !lines[0].startsWith("index ")) throw new Error(panel.dataset.malformed);
+  if (form !== "c2sp.org/tlog-proof@v1" || !lines[0].startsWith("index ")) throw new Error(words.malformed);
   const note = text.slice(cut + 2);
   const end = note.indexOf("\n\n");
   const signed = note.slice(0, end + 1);
@@ -62,9 +61,9 @@ async function led(leaf, { index, size, path }) {
   return last === 0n ? found : null;
 }
 
-async function signer({ origin, signed, signatures }) {
+async function signer({ origin, signed, signatures }, keys) {
   const text = new TextEncoder().encode(signed);
-  for (const spelled of panel.dataset.keys.split(" ")) {
+  for (const spelled of keys.split(" ")) {
     const key = url64(spelled);
     const hash = (await sha256(new TextEncoder().encode(`${origin}\n`), Uint8Array.of(1), key)).slice(0, 4);
     for (const [name, body] of signatures) {
@@ -77,42 +76,50 @@ async function signer({ origin, signed, signatures }) {
   return null;
 }
 
-function tell(text, holds) {
-  const step = document.createElement("li");
-  step.textContent = text;
-  step.className = holds ? "holds" : "fails";
-  steps.append(step);
-  return holds;
-}
-
 async function fetched(url, read) {
   const answer = await fetch(url, { credentials: "same-origin" });
   if (!answer.ok) throw new Error(`${answer.status}`);
   return read(answer);
 }
 
-async function check() {
-  steps.replaceChildren();
-  const words = panel.dataset;
-  try {
-    const line = new Uint8Array(await fetched(words.line, (answer) => answer.arrayBuffer()));
-    const proof = parsed(await fetched(words.proof, (answer) => answer.text()));
-    const leaf = await sha256(Uint8Array.of(0), line);
-    const root = await led(leaf, proof);
-    const stated = JSON.parse(new TextDecoder().decode(line)).seq;
-    const holds = [
-      tell(`${words.leaf} ${hex(leaf)}`, BigInt(stated) === proof.index + 1n && words.number === `${stated}`),
-      tell(`${words.root} ${hex(proof.root)} (${proof.size})`, root !== null && same(root, proof.root)),
-      tell(`${words.log} ${proof.origin}`, proof.origin === words.origin),
-    ];
-    const key = await signer(proof);
-    holds.push(tell(`${words.signed} ${key ?? ""}`, key !== null));
-    panel.dataset.result = holds.every(Boolean) ? "holds" : "fails";
-  } catch (error) {
-    tell(`${words.failed} ${error.message}`, false);
-    panel.dataset.result = "fails";
-  }
-  panel.querySelector(".verdict").textContent = words[panel.dataset.result === "holds" ? "holds" : "breaks"];
+// The entry's bytes, and the steps of the check, each with its word in `words` and whether it holds.
+// `words` has the URLs line and proof, the entry's number, and the log's origin and keys.
+async function proven(words) {
+  const line = new Uint8Array(await fetched(words.line, (answer) => answer.arrayBuffer()));
+  const proof = parsed(await fetched(words.proof, (answer) => answer.text()), words);
+  const leaf = await sha256(Uint8Array.of(0), line);
+  const root = await led(leaf, proof);
+  const stated = JSON.parse(new TextDecoder().decode(line)).seq;
+  const key = await signer(proof, words.keys);
+  const steps = [
+    ["leaf", hex(leaf), BigInt(stated) === proof.index + 1n && words.number === `${stated}`],
+    ["root", `${hex(proof.root)} (${proof.size})`, root !== null && same(root, proof.root)],
+    ["log", proof.origin, proof.origin === words.origin],
+    ["signed", key ?? "", key !== null],
+  ];
+  return { line, steps, holds: steps.every(([, , each]) => each) };
 }
 
-check();
+function tell(list, text, holds) {
+  const step = document.createElement("li");
+  step.textContent = text;
+  step.className = holds ? "holds" : "fails";
+  list.append(step);
+}
+
+async function check(panel) {
+  const words = panel.dataset, list = panel.querySelector("ol");
+  list.replaceChildren();
+  let holds = false;
+  try {
+    const found = await proven(words);
+    for (const [step, what, each] of found.steps) tell(list, `${words[step]} ${what}`, each);
+    holds = found.holds;
+  } catch (error) {
+    tell(list, `${words.failed} ${error.message}`, false);
+  }
+  panel.querySelector(".verdict").textContent = words[holds ? "holds" : "breaks"];
+  panel.dataset.result = holds ? "holds" : "fails";
+}
+
+if (document.querySelector("#proof")) check(document.querySelector("#proof"));
