@@ -1,4 +1,4 @@
-"""Browsers of tests: a provider that serves its pages at a name, Chromium with a passkey, and what every page holds."""
+"""Browsers of tests, the provider at a name that they visit, and the rules for every page."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def authenticator(page):
 
 
 def verified(page, *, person):
-    """Whether the authenticator verifies its person from now on."""
+    """Has the authenticator verify its person from now on, or not."""
     page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": person})
 
 
@@ -121,7 +121,7 @@ def rules():
 
 
 def picture(page, name, *, whole=True):
-    """Keeps a picture of the page, where somebody wants to look."""
+    """Keeps a picture of the page, for people who want to look."""
     if PICTURES:
         page.screenshot(path=str(Path(PICTURES) / f"{name}.png"), full_page=whole)
 

@@ -1,4 +1,4 @@
-"""A whole cell whose provider has a name: on its pages, by passkey, people answer for its arm, and take it back."""
+"""A whole cell with its provider at a name: people answer for the arm by passkey, and take it back."""
 
 import json
 import time
