@@ -1,4 +1,4 @@
-"""Browsers of tests: a provider at a name, Chromium with a passkey, and what every page holds."""
+"""Browsers of tests, the provider at a name that they visit, and the rules for every page."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def authenticator(page):
 
 
 def verified(page, *, person):
-    """The authenticator verifies its person from now on, or does not."""
+    """Has the authenticator verify its person from now on, or not."""
     page.authenticator.send("WebAuthn.setUserVerified", {"authenticatorId": page.id, "isUserVerified": person})
 
 

@@ -7,6 +7,7 @@ import re
 import socket
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import httpx2
 import pytest
@@ -16,8 +17,11 @@ from capabilities.values.scope import Tier
 from msgspec import structs
 from pep.people.clearings import count
 from pep.people.votes import Count, VerifiedVote, read_vote, tally
+from pep.pit.base.errors import SceneError
 from pep.pit.files.scene_file import Situation
 from pep.pit.picture.shown_form import shown_text
+from pep.pit.scene.adult_body import adult_at_distance
+from pep.pit.scene.scene import THINGS_LIMIT, Capsule, Thing
 from pep.request.authority import PresentedRequest
 from policies.evidence.model import Effect
 from tests import browsing
@@ -315,6 +319,32 @@ def test_a_telephone_with_a_wrong_clock_counts_down_right_and_signs_nothing_for_
     assert other.evaluate("window.signed") is None
     other.close()
     assert cell.told(ask_id).votes == ()
+
+
+@pytest.mark.clause("PSK-8", "STM-25")
+def test_a_scene_of_500_things_is_refused_and_the_most_crowded_one_is_drawn_and_answered(cell, page):
+    there = lambda k: (2.0 + k % 25 / 10, 2.0 + k // 25 / 10, 0.5)
+    things = tuple(
+        Thing(f"thing-{k}-{'x' * 200}", "rigid", Capsule(there(k), (*there(k)[:2], 0.8), 0.03), 0.01)
+        for k in range(500)
+    )
+    people = tuple(
+        replace(adult_at_distance(1.0 + k / 10, bearing_rad=k / 5), id=f"person-{k}-{'y' * 200}") for k in range(32)
+    )
+    held = lambda count: replace(SEEN, scene=replace(SEEN.scene, objects=things[:count], people=people))
+    with pytest.raises(SceneError) as caught:
+        shown_text(ROBOT, held(500), MOTION, FOUND)
+    assert caught.value.reason == "PERCEPTION_INVALID"
+    crowded = shown_text(ROBOT, held(THINGS_LIMIT), MOTION, FOUND)
+    drawn = wire.read(crowded)
+    assert len(crowded) <= wire.PICTURE_BYTES
+    assert drawn.omitted + len(drawn.bodies) == THINGS_LIMIT + sum(len(each.regions) for each in people)
+    ask_id, _ = asked(cell, shown=crowded, picture_digest=wire.digest_of(crowded))
+    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+    checked(page)
+    assert ("bodies are not drawn." in page.text_content("#margin")) is (drawn.omitted > 0)
+    browsing.narrow(page)
+    cell.world.people["alice"].deny(ask_id)
 
 
 @pytest.mark.clause("PSK-8")

@@ -1,4 +1,4 @@
-"""A whole cell whose provider has a name, so that people answer for its arm by passkey."""
+"""A whole cell with its provider at a name: people answer for the arm by passkey, and take it back."""
 
 import json
 import time

@@ -190,7 +190,7 @@ def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell,
 
     altered("&#34;planner&#34;", "&#34;mover&#34;")
     by_keyboard(page, "suspend-agent", "odd acts, größer")
-    assert page.inner_text("[data-member=agent]") == "mover"
+    page.wait_for_function("() => document.querySelector('[data-member=agent]')?.textContent === 'mover'")
     sign_by_keyboard(page)
     page.get_by_text("STATEMENT_UNTRUSTED", exact=True).wait_for()
     page.unroute(address)
