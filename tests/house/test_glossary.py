@@ -106,7 +106,7 @@ def test_docstrings_begin_with_the_thing_that_they_describe(folder: str) -> None
                 else:
                     wrong.append(f"{name}:{line}: {found}")
     assert seen > 300
-    assert wrong == []
+    assert not wrong, "\n".join(wrong)
     assert excepted == {name for name in APPROVED_TEXTS if name.startswith(f"{folder}/")}, "an exception of no use"
 
 
@@ -151,7 +151,7 @@ def test_no_identifier_has_a_refused_word() -> None:
                     else:
                         wrong.append(f"{name}:{line}: {identifier} has {word!r}; the word is {table[word]}")
     assert modules > 500
-    assert wrong == []
+    assert not wrong, "\n".join(wrong)
     assert excepted == EXCEPTIONS.keys(), "an exception that nothing needs"
 
 

@@ -311,7 +311,7 @@ def asked(cell, text, **changes):
 
 
 def replayed(page, issuer, ask_id):
-    """What the page of that request says of its picture."""
+    """Words of the page of that request about its picture."""
     page.goto(f"{issuer}/console/trail/requests/{ask_id}")
     page.wait_for_function("() => document.querySelector('.pictured').dataset.result", timeout=20_000)
     return page.inner_text(".pictured .verdict")
