@@ -75,7 +75,7 @@ def _ended(body: dict[str, Any]) -> Ended:
 
 def _pictured(line: bytes) -> Pictured | None:
     entry = json.loads(line)
-    asked = journey.claims_of(entry["body"].get("ask")) if entry.get("kind") == _KIND else {}
+    asked = journey.claims_of(journey.body_of(line).get("ask")) if entry.get("kind") == _KIND else {}
     if not asked.get("start_urad"):  # no arm would move
         return None
     digest = str(asked.get("picture_digest", ""))

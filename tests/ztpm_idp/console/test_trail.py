@@ -14,14 +14,17 @@ from pep.request.authority import Credentials
 from pep.request.call import Call
 from policies.decision import pdp
 from policies.evidence.evidence import Evidence, ToolReading
+from policies.evidence.model import ApprovalUse
+from tests.capabilities.statements.people.test_pictures import SHOWN
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.console.looking import AT, NAMED, Looking
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import SLOWER, World
-from ztpm_idp.console import history, journey, plot, trail
+from ztpm_idp.console import history, journey, pictures, plot, trail
 
 from capabilities.keys import keys
 from capabilities.log import tree_head
+from capabilities.statements.people import picture
 from pep.gate import records
 from ztpm_idp.client import Operator
 
@@ -149,6 +152,33 @@ def test_everything_found_is_exported_whole(told, iris):
     assert len(whole) == told.sql("SELECT max(seq) FROM ledger")[0][0] + 1
 
 
+@pytest.mark.clause("CON-8")
+def test_a_permitted_motion_has_the_picture_of_its_ask_and_its_measured_end(tmp_path):
+    with World(tmp_path, settings_changes={"issuer": NAMED}) as world:
+        cell, text = Cell(world), picture.write(SHOWN)
+        stated = cell.text(picture_digest=picture.digest_of(text))
+        ask_id = cell.post("cell-1", "/approvals", {"ask": stated, "picture": text}).json()["ask_id"]
+        journal = Journal(world, registered=True)
+        token = world.people["alice"].issue(world.agents["mover"], world.scope(), purpose="p").token
+        request, body = journal.decision(token)
+        body["approval"] = records.use_body(ApprovalUse(ask_id, 1))
+        digest = journal.record("decision", body)
+        ended = {"outcome": "stopped", "stopped_at_urad": [17, 4, 0, 0, 0, 0]}
+        journal.record("outcome", records.outcome(request, digest, "done", result=ended))
+        journal.ship()
+        alone = journal.acted(token)
+        journal.ship()
+
+        alice = Looking(world, "alice")
+        shown = alice.see(f"/trail/requests/{request.request_id}")
+        (number,) = [row["seq"] for row in world.rows("ledger_index") if row["kind"] == "ask-taken"]
+        assert f'data-ask="{ask_id}"' in shown and f'data-number="{number}"' in shown
+        assert picture.digest_of(text) in shown and "stopped_at_urad" in shown and "person-7" in shown
+        own = re.search(r'data-picture="([^"]*)"', shown)[1]
+        assert alice.get(own).text == text
+        assert 'class="pictured"' not in alice.see(f"/trail/requests/{alone.request_id}")
+
+
 @pytest.mark.clause("CON-6")
 def test_an_entrys_bytes_and_proof_are_those_that_anybody_checks(told, iris):
     line = iris.get(f"{AT}/trail/entries/3/line").content
@@ -205,4 +235,5 @@ def test_a_picture_escapes_its_words_and_has_no_style():
                                   b'{"body":{"record":{"body":{"decision":{"findings":5,"tier":"x"}}}}}'])  # fmt: skip
 def test_entries_of_any_shape_are_told(told, line):
     assert journey.told(line).tier is None
+    assert pictures.pictures_of([line]) == pictures.ends_of([line]) == ()
     assert journey.way_of([line], told.provider.rules.policies).outcome == ""
