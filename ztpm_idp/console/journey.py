@@ -6,7 +6,6 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
-from capabilities.keys import jws
 from capabilities.values.errors import CapabilityError
 from capabilities.values.units import DeclaredUnit, Unit, kind_of
 from policies.evidence import case_json
@@ -14,7 +13,7 @@ from policies.evidence.evidence import NOT_COLLECTED
 from policies.explain.explanation import explain
 from policies.words.errors import PolicyError
 from policies.words.reason_table import REASONS, Reason
-from ztpm_idp.domain.audit import STATEMENT_BYTES
+from ztpm_idp.domain.audit import claims_of, object_of
 from ztpm_idp.provider.ask_page import readable
 
 if TYPE_CHECKING:
@@ -55,17 +54,21 @@ def told(line: bytes) -> EntryWords:
         line: of the ledger.
     """
     body = body_of(line)
-    decision, stated = _object(body.get("decision")), claims_of(body.get("ask"))
-    asked = _object(body.get("request"))
+    decision, stated = object_of(body.get("decision")), claims_of(body.get("ask"))
+    asked = object_of(body.get("request"))
     findings = decision.get("findings")
     codes = [
         decision.get("reason"),
         body.get("reason"),
         body.get("code"),
-        *(_object(each).get("reason") for each in (findings if isinstance(findings, list) else [])),
+        *(object_of(each).get("reason") for each in (findings if isinstance(findings, list) else [])),
     ]
     tier = decision.get("tier", stated.get("tier"))
-    asks = (_object(body.get("ask")).get("ask_id"), _object(body.get("approval")).get("ask_id"), stated.get("ask_id"))
+    asks = (
+        object_of(body.get("ask")).get("ask_id"),
+        object_of(body.get("approval")).get("ask_id"),
+        stated.get("ask_id"),
+    )
     act = (asked.get("operation") or stated.get("operation"), asked.get("object") or stated.get("object"))
     named = [body.get(name) for name in ("kind", "id")] if isinstance(body.get("id"), str) else []
     return EntryWords(
@@ -163,10 +166,10 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
     bodies = [body_of(line) for line in lines]
     decided = [body for body in bodies if isinstance(body.get("decision"), dict)]
     first = decided[0] if decided else {}
-    asked, evidence = _object(first.get("request")), _object(first.get("evidence"))
-    chain = _object(evidence.get("chain"))
+    asked, evidence = object_of(first.get("request")), object_of(first.get("evidence"))
+    chain = object_of(evidence.get("chain"))
     listed = chain.get("hops")
-    hops = [_object(hop) for hop in listed] if isinstance(listed, list) else []
+    hops = [object_of(hop) for hop in listed] if isinstance(listed, list) else []
     outcomes = [str(body["outcome"]) for body in bodies if isinstance(body.get("outcome"), str)]
     collected = {name: each for name, each in evidence.items() if name not in {"type", "chain"} and each is not None}
     act = f"{asked.get('operation')} of {asked.get('object')}" if asked else told(lines[0]).operation
@@ -174,7 +177,7 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
         act=act,
         audience=str(asked.get("audience", "")),
         values=tuple(_value(value) for value in asked.get("values", ()) if isinstance(value, list)),
-        sponsor=str(_object(chain.get("sponsor")).get("subject", "")),
+        sponsor=str(object_of(chain.get("sponsor")).get("subject", "")),
         token_id=str(chain.get("token_id", "")),
         hops=tuple((str(hop.get("agent")), str(hop.get("hop_id"))) for hop in hops),
         missing=tuple(name for name, reading in collected.items() if reading == _NOT_COLLECTED),
@@ -192,7 +195,7 @@ def way_of(lines: Sequence[bytes], policies: PolicySet) -> Way:
 
 
 def _decided(body: Mapping[str, Any], policies: PolicySet) -> Decided:
-    said, explained = _object(body.get("decision")), _explained(body, policies)
+    said, explained = object_of(body.get("decision")), _explained(body, policies)
     reason = str(said.get("reason", ""))
     findings = said.get("findings")
     return Decided(
@@ -205,7 +208,7 @@ def _decided(body: Mapping[str, Any], policies: PolicySet) -> Decided:
         obligations=tuple(map(str, said.get("obligations") or ())),
         findings=tuple(
             (str(each.get("primitive", "")), str(each.get("reason", "")), pretty(each.get("detail", {})))
-            for each in map(_object, findings if isinstance(findings, list) else [])
+            for each in map(object_of, findings if isinstance(findings, list) else [])
         ),
         judged=() if explained is None else tuple(_judged(explained)),
         combined=() if explained is None else explained.combined,
@@ -215,7 +218,7 @@ def _decided(body: Mapping[str, Any], policies: PolicySet) -> Decided:
 
 def _explained(body: Mapping[str, Any], policies: PolicySet) -> Explanation | None:
     """The explanation of a recorded case, where this very set decided it and decides it so again."""
-    said = _object(body.get("decision"))
+    said = object_of(body.get("decision"))
     if said.get("policy_digest") != policies.digest:
         return None
     try:
@@ -261,20 +264,6 @@ def pretty(value: object) -> str:
 
 def body_of(line: bytes) -> dict[str, Any]:
     """Body of an entry, or of the record of an enforcement point in it."""
-    body = _object(_object(json.loads(line)).get("body"))
+    body = object_of(object_of(json.loads(line)).get("body"))
     record = body.get("record")
-    return _object(record.get("body")) if isinstance(record, dict) else body
-
-
-def claims_of(text: object) -> dict[str, Any]:
-    """Claims of a signed statement in an entry, whose signature was checked when it was taken, or none."""
-    if not isinstance(text, str):
-        return {}
-    try:
-        return _object(json.loads(jws.split(text, most_bytes=STATEMENT_BYTES).payload_raw))
-    except (CapabilityError, ValueError):
-        return {}
-
-
-def _object(value: object) -> dict[str, Any]:
-    return value if isinstance(value, dict) else {}
+    return object_of(record.get("body")) if isinstance(record, dict) else body

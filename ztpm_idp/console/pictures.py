@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.characters import shown
 from ztpm_idp.console import journey
+from ztpm_idp.domain.audit import claims_of
 from ztpm_idp.provider.ask_words import sentence_of_claims
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def _ended(body: dict[str, Any]) -> Ended:
 
 def _pictured(line: bytes) -> Pictured | None:
     entry = json.loads(line)
-    asked = journey.claims_of(journey.body_of(line).get("ask")) if entry.get("kind") == _KIND else {}
+    asked = claims_of(journey.body_of(line).get("ask")) if entry.get("kind") == _KIND else {}
     if not asked.get("start_urad"):  # no arm would move
         return None
     digest = str(asked.get("picture_digest", ""))

@@ -84,11 +84,11 @@ def row_of(line: bytes) -> AuditRow:
         kind = record["kind"] if record["kind"] in RECORD_KINDS else kind
         body = record["body"]
     asked = _asked(body.get("ask"))
-    request = _object(body.get("request"))
-    chain = _object(_object(body.get("evidence")).get("chain"))
+    request = object_of(body.get("request"))
+    chain = object_of(object_of(body.get("evidence")).get("chain"))
     listed = chain.get("hops")
-    hops = [_object(hop) for hop in listed] if isinstance(listed, list) else []
-    decided = _object(body.get("decision"))
+    hops = [object_of(hop) for hop in listed] if isinstance(listed, list) else []
+    decided = object_of(body.get("decision"))
     revoked = body.get("kind") if kind == "revoked" else None
     return AuditRow(
         seq=entry["seq"],
@@ -129,18 +129,22 @@ def row_of(line: bytes) -> AuditRow:
 
 
 def _asked(text: object) -> Mapping[str, Any]:
-    """Claims of a signed ask, which was verified when it was taken in; nothing for anything else."""
-    if isinstance(text, dict):  # of a decision: the id and end of the ask that it opened
-        return text
+    """Claims of an ask that was verified when it was taken in; of a decision, the id and end of the ask it opened."""
+    return text if isinstance(text, dict) else claims_of(text)
+
+
+def claims_of(text: object) -> dict[str, Any]:
+    """Claims of a signed statement, which was verified when it was taken in; none of anything else."""
     if not isinstance(text, str):
         return {}
     try:
-        return _object(json.loads(jws.split(text, most_bytes=STATEMENT_BYTES).payload_raw))
+        return object_of(json.loads(jws.split(text, most_bytes=STATEMENT_BYTES).payload_raw))
     except (CapabilityError, ValueError):
         return {}
 
 
-def _object(value: object) -> dict[str, Any]:
+def object_of(value: object) -> dict[str, Any]:
+    """The value, if it is an object; else an empty one."""
     return value if isinstance(value, dict) else {}
 
 
