@@ -127,7 +127,7 @@ UNCHANGING = {
     "POST /oauth/introspect", "POST /oauth/token", "POST /oauth/revoke", "POST /restoring/resume", "POST /login/passkey",
     "POST /login/providers/{name}", "POST /passkeys/enrolments", "POST /passkeys/enrolments/{enrolment_id}/credential",
     "POST /approvals/{ask_id}/passkey-votes", "POST /changes/passkey", "POST /login/devices/poll",
-    "POST /latches/{latch_id}/passkey-clearings",
+    "POST /latches/{latch_id}/passkey-clearings", "POST /console/revocations", "POST /console/acts",
 }  # fmt: skip
 """Routes whose request in the scene comes to no commit: they read, or are refused there."""
 
