@@ -129,7 +129,7 @@ def row_of(line: bytes) -> AuditRow:
 
 
 def _asked(text: object) -> Mapping[str, Any]:
-    """Claims of an ask that was verified when it was taken in; of a decision, the id and end of the ask it opened."""
+    """Claims of a signed ask; of a decision, the id and end of the ask that it opened."""
     return text if isinstance(text, dict) else claims_of(text)
 
 
