@@ -78,7 +78,7 @@ class LiveFeed:
         self._clock = clock
         self._wall_ms = wall_ms
         self._newest: dict[str, bytes] = {}
-        self._values: dict[str, Any] = {}
+        self._values: dict[str, Any] = {}  # of which the newest were made: cheaper to compare than to write
         self._boxes: set[Mailbox] = set()
         self._loop: asyncio.AbstractEventLoop | None = None
         self._looked_at = threading.Event()
@@ -172,6 +172,8 @@ class LiveFeed:
         said = json.dumps(value, allow_nan=False, separators=(",", ":"))
         text = f"event: {event or kind}\ndata: {said}\n\n".encode()
         with self._lock:
+            if not self._boxes:  # the last viewer has left meanwhile
+                return
             self._newest[kind], self._values[kind] = text, value
             boxes, loop = tuple(self._boxes), self._loop
         if loop is not None and not loop.is_closed():

@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import random
-import shutil
 import signal
 import statistics
 import sys
@@ -24,9 +23,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import httpx2
-from playwright.sync_api import sync_playwright
+from tests import browsing
+from tests.e2e.live.test_live_page import DRAWS, across
 from tests.e2e.test_up import Caller, Running, until
-from ztpm.stage.stage import LEFT, RIGHT
 
 PAINT_MS, WEIGHT_BYTES, PICTURES_S, SERVER_PERCENT = 300, 1_000_000, 30, 5
 """Bars of the figures."""
@@ -53,12 +52,6 @@ TURN = """(ms) => new Promise((done) => {
   };
   requestAnimationFrame(turn);
 })"""
-
-
-def across(running: Running) -> tuple[float, ...]:
-    """The far end of the arm's sweep."""
-    at = running.status()["robot"]["q_rad"][0]
-    return RIGHT if abs(at - LEFT[0]) < abs(at - RIGHT[0]) else LEFT
 
 
 def scene(objects: int, *, near: bool = False, seed: int = 1) -> str:
@@ -149,15 +142,10 @@ def measured(loads: int, objects: int, viewers: int) -> dict[str, float]:
             put = Path(running.told["data"]) / "cell" / "scene.json"
             put.write_text(scene(0, near=True))
             caller = Caller(running)
-            until(lambda: caller.move(across(running)).decision == "DEFER", "a person is asked", ASKED_S)
+            until(lambda: caller.move(across(running)[1]).decision == "DEFER", "a person is asked", ASKED_S)
             ask = until(lambda: running.status()["asks"], "the question is open")[0]["ask_id"]
             link = caller.alice.login_link()
-            with sync_playwright() as started:
-                browser = started.chromium.launch(
-                    executable_path=shutil.which("chromium"),
-                    args=["--no-sandbox", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-                )
-                page = browser.new_context(viewport={"width": 1280, "height": 900}).new_page()
+            with browsing.browser_page(args=DRAWS) as page:
                 page.add_init_script(COUNT)
                 page.goto(link)
                 page.get_by_role("button", name="Log in as alice").click()
@@ -179,7 +167,6 @@ def measured(loads: int, objects: int, viewers: int) -> dict[str, float]:
                 told("pictures_beside_per_s", page.evaluate(TURN, TURN_S * 1000), "beside the cell on the same cores")
                 with paused(running):
                     told("pictures_per_s", page.evaluate(TURN, TURN_S * 1000), f"of {objects} objects, turned by hand")
-                browser.close()
         finally:
             running.end()
     return found

@@ -11,7 +11,7 @@ import httpx2
 import pytest
 from tests import browsing
 from tests.browsing import CHROMIUM, looked_at
-from tests.e2e.test_up import Caller, Running, until
+from tests.e2e.test_up import Running, until
 from ztpm.stage.stage import LEFT, RIGHT
 
 from ztpm.base.layout import Layout
@@ -30,11 +30,6 @@ def cell(tmp_path_factory):
     running = Running(tmp_path_factory.mktemp("live") / "cell")
     yield running
     running.end()
-
-
-@pytest.fixture(scope="module")
-def caller(cell):
-    return Caller(cell)
 
 
 @pytest.fixture(scope="module")
@@ -80,12 +75,12 @@ CALLS = ThreadPoolExecutor(1)
 """A browser has this thread's event loop; calls have their own."""
 
 
-def call_of(caller, to, decision):
-    """Answer with this decision to a move that is asked for until it comes: a loaded machine refuses some."""
+def call_of(caller, to, *decisions, **how):
+    """Answer with one of these decisions to a move, asked for until it comes: a loaded machine refuses some."""
 
     def ask():
         deadline = time.monotonic() + 60
-        while (answer := caller.move(to)).decision != decision:
+        while (answer := caller.move(to, **how)).decision not in decisions:
             assert time.monotonic() < deadline, answer
         return answer
 

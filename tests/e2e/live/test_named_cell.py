@@ -2,13 +2,13 @@
 
 import json
 import time
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
 from tests import browsing
 from tests.browsing import CHROMIUM
-from tests.e2e.test_up import PASSPHRASE, Caller, Running, until
+from tests.e2e.live.test_live_page import CALLS, call_of
+from tests.e2e.test_up import PASSPHRASE, Running, until
 from ztpm.stage.stage import LEFT, RIGHT
 from ztpm_idp.client import Operator
 
@@ -19,8 +19,6 @@ pytestmark = [
     pytest.mark.timeout(300),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
-CALLS = ThreadPoolExecutor(1)
-"""A browser has this thread's event loop; calls have their own."""
 SLOWLY_RAD_S = 0.35
 """Speed at which an approved motion near a person hurts nobody."""
 CONFIRMED_S = 10.0
@@ -32,11 +30,6 @@ def cell(tmp_path_factory):
     running = Running(tmp_path_factory.mktemp("named") / "cell", "--localhost")
     yield running
     running.end()
-
-
-@pytest.fixture(scope="module")
-def caller(cell):
-    return Caller(cell)
 
 
 @pytest.fixture(scope="module")
@@ -60,19 +53,6 @@ def stands(cell):
     return status and not status["robot"]["moving"] and status
 
 
-def answer(caller, to, *decisions):
-    """Answer with one of these decisions to a move, which a loaded machine may refuse some times before."""
-
-    def ask():
-        deadline = time.monotonic() + 60
-        while (said := caller.move(to, SLOWLY_RAD_S)).decision not in decisions:
-            assert time.monotonic() < deadline, said
-            assert time.monotonic() < deadline, said
-        return said
-
-    return CALLS.submit(ask)
-
-
 def seen(cell, *people):
     scene = Path(cell.told["data"]) / "cell" / "scene.json"
     scene.write_text(json.dumps({"people": list(people)}))
@@ -84,7 +64,7 @@ def test_a_question_of_a_whole_cell_answered_on_its_page_moves_the_arm_once(cell
     seen(cell, {"id": "p1", "x_m": -0.62, "y_m": -0.3})
     begun = place(cell)
     to = RIGHT
-    asked = answer(caller, to, "DEFER").result(60)
+    asked = call_of(caller, to, "DEFER", speed=SLOWLY_RAD_S).result(60)
     assert abs(place(cell) - begun) < 1e-3
     page.goto(f"{cell.told['issuer']}/approvals/{asked.content['approval_id']}/page")
     page.wait_for_function("() => !document.querySelector('#approve').disabled", timeout=20_000)
@@ -93,10 +73,10 @@ def test_a_question_of_a_whole_cell_answered_on_its_page_moves_the_arm_once(cell
     page.keyboard.press("Enter")
     page.wait_for_function("() => document.querySelector('#told').textContent.includes('The ask is granted')")
     assert abs(place(cell) - begun) < 1e-3, "an answer moves nothing by itself"
-    assert answer(caller, to, "PERMIT").result(60).content["outcome"] == "reached"
+    assert call_of(caller, to, "PERMIT", speed=SLOWLY_RAD_S).result(60).content["outcome"] == "reached"
     assert abs(place(cell) - to[0]) < 2e-3
     # the answer is used: another motion there is another question
-    assert answer(caller, LEFT, "PERMIT", "DEFER").result(60).decision == "DEFER"
+    assert call_of(caller, LEFT, "PERMIT", "DEFER", speed=SLOWLY_RAD_S).result(60).decision == "DEFER"
     assert page.faults == []
 
 
@@ -114,7 +94,7 @@ def test_a_token_taken_back_in_the_tree_stops_the_moving_arm_and_is_in_the_trail
     page.keyboard.type("it has moved enough")
     begun = place(cell)
     to = RIGHT if begun < 0 else LEFT
-    asked = answer(caller, to, "PERMIT")
+    asked = call_of(caller, to, "PERMIT", speed=SLOWLY_RAD_S)
     until(lambda: abs(place(cell) - begun) > 0.05, "it moves")
     word_s = time.monotonic()
     page.keyboard.press("Enter")

@@ -26,7 +26,7 @@ window.ztpmViewer = (() => {
   const GRID_M = 0.25;
   const LATE_MS = 33; // a frame that comes later than this is one of fewer than 30 in a second
   const REST_MS = 400;
-  const NAMES = 12; // bodies whose names stand in the picture; of more, the nearest to the arm and all people
+  const NAMES = 12; // bodies whose names stand in the picture: people first, then what decides, then the nearest to the arm
 
   const SOFTWARE = /swiftshader|llvmpipe|softpipe|software/i; // names of what draws without a graphics processor
 
@@ -384,7 +384,7 @@ window.ztpmViewer = (() => {
       const late = state.late = performance.now() - state.asked;
       [state.still, state.resting] = [state.resting, false];
       if (state.still) return 1;
-      // By halves of what is left and seldom: another size is another buffer.
+      // By quarters, and seldom: another size is another buffer.
       state.debt = clamp(state.debt + (late > LATE_MS ? 1 : -0.1), -3, 3);
       if (state.debt === 3 && state.sharp > 0.5) [state.sharp, state.debt] = [state.sharp - 0.25, 0];
       else if (state.debt === -3 && state.sharp < 1) [state.sharp, state.debt] = [state.sharp + 0.25, 0];
