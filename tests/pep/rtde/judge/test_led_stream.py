@@ -23,7 +23,7 @@ ZERO = (0.0,) * 6
 HELD = (0.01, 0.01, 0.01, 0.1, 0.1, 0.1)
 Z_ALONE = (False, False, True, False, False, False)
 AT = JointState(ZERO, ZERO, 7, 1)
-pytestmark = pytest.mark.clause("LSD-20")
+pytestmark = [pytest.mark.real_time, pytest.mark.clause("LSD-20")]  # as its siblings
 
 
 def force(newton=-10.0, speed=0.01, frame=ZERO, selection=Z_ALONE, kind=2):
