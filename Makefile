@@ -80,7 +80,8 @@ cells:  ## all that is tried of leased programs, latches and real cells on whole
 rtde-campaign:  ## a hostile program, deaths and revocations at the robot's ports: 20,000 sequences, 200 of each death, 10,000 clears; goes on where it was ended
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
 
-boundary:  ## evidence changed at each await point, 300 changed definitions, requests that two readers read differently, 60 security cases, at the boundary of tools; the figures last
+boundary:  ## the gateway before servers that nobody changed; evidence changed at each await point, 300 changed definitions, requests that two readers read differently, 60 security cases; the figures last
+	$(RUN) pytest -q --campaign tests/e2e/test_tool_gateway.py
 	$(RUN) python -m tests.pep.mcp.campaign
 
 tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoint; how many were found last

@@ -244,6 +244,7 @@ def test_servers_that_nobody_changed(front):
     assert (heard["authorization"], "dpop" in heard["headers"]) == ("Bearer the gateway's own", False)
 
 
+@pytest.mark.campaign
 def test_a_changed_definition_is_not_called_until_it_is_approved_again(front):
     agent = front.agent("changer")
     token = front.lend(agent, grant(front.rows["write_note"]))
@@ -298,6 +299,7 @@ def bridged(front, agent, token):
     )
 
 
+@pytest.mark.campaign
 def test_a_deferral_is_told_in_the_form_that_its_client_knows_also_over_a_bridge(front):
     agent = front.agent("former")
     token = front.lend(agent, grant(front.rows["write_note"]), ceiling=Tier.HIGH_CONSEQUENCE)
@@ -454,6 +456,7 @@ def test_prompts_resources_and_instructions_as_they_were_reviewed(front):
     lock.write_bytes(kept)
 
 
+@pytest.mark.campaign
 def test_a_client_that_knows_only_stdio(front):
     agent = front.agent("desk")
     token = front.lend(agent, grant(front.rows["write_note"], stars=Range(0, 3)), grant(front.rows["slow_work"]))
@@ -579,6 +582,7 @@ def test_a_stock_oauth_client_finds_its_way_and_calls(front):
     assert inspector(*call, "stars=4")["_meta"][DECISION_META]["reason"] == "LIMIT_EXCEEDED_BY_REQUEST"
 
 
+@pytest.mark.campaign
 def test_a_server_that_goes_and_comes_back(front):
     """Last of all: a server that the others use is gone afterwards."""
     front.stop()

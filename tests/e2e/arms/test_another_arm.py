@@ -42,6 +42,7 @@ def said(host, words):
         return lines.readline().strip()
 
 
+@pytest.mark.campaign
 def test_a_program_moves_the_ur5e_within_its_own_physics(house):
     """A permitted move is done, a refused one is not; the tool is where the UR5e's kinematics have it."""
     eyes = StateRecorder(house.cell.addresses.host)

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 from tests.e2e.arms.namespaces import ROBOT, cable, on
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180)]
+pytestmark = [pytest.mark.e2e, pytest.mark.campaign, pytest.mark.timeout(180)]
+# the suite has the parts: tests/ztpm/cell/test_robot_setup.py
 
 PAGE = (Path(__file__).parents[3] / "docs/deployment.md").read_text("utf-8")
 COMMANDS, SENSOR_LINES = 15, 5
@@ -114,7 +115,6 @@ def test_the_hour_is_the_pages_commands(tmp_path):
     assert 'issuer = "https://' in (tmp_path / "cell/gateway/gateway.toml").read_text()
 
 
-@pytest.mark.campaign  # a second cell: what a part has in it, tests/ztpm/cell/test_robot_setup.py says
 def test_each_machine_serves_with_its_part_alone(tmp_path):
     """Provider, gateway and tool server, each from a directory of its own; one command enrols each."""
     (tmp_path / "camera-1.txt").write_text("0.6 m above the table; measured by carol\n")

@@ -19,7 +19,9 @@ from ztpm.stage.scene import front, person
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import LEFT, until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(180), pytest.mark.clause("LSD-18", "LSD-19", "LSD-20")]
+pytestmark = [
+    pytest.mark.e2e, pytest.mark.campaign, pytest.mark.timeout(180), pytest.mark.clause("LSD-18", "LSD-19", "LSD-20"),
+]  # fmt: skip
 
 MM_S, NEWTON, MS, MM = 1_000, 1_000, 1, 1_000
 TABLE_M = -0.01
@@ -156,7 +158,6 @@ def test_a_tool_presses_on_the_table_as_hard_as_asked_and_no_faster_than_granted
     house.robot("no_surface")
 
 
-@pytest.mark.campaign
 def test_a_force_above_the_grant_is_refused_with_what_would_be_permitted_and_asks_nobody(house, eyes):
     with approving(house) as asked, led(house, """
         pressed(-60.0)
@@ -189,7 +190,6 @@ waits(lambda: False, 60.0)
 """
 
 
-@pytest.mark.campaign
 def test_a_revoked_token_stops_it(house, eyes):
     placed(house, eyes, 0.2)
     name = house.agent_to_revoke()
@@ -200,7 +200,6 @@ def test_a_revoked_token_stops_it(house, eyes):
         until(lambda: house.endings()[-1:] == ["authority"], "the end on record")
 
 
-@pytest.mark.campaign
 def test_a_killed_program_leaves_a_standing_arm(house, eyes):
     placed(house, eyes, 0.2)
     with approving(house), led(house, "import os\nsay(os.getpid())\n" + GOES) as run:
@@ -210,7 +209,6 @@ def test_a_killed_program_leaves_a_standing_arm(house, eyes):
         assert stands(eyes) < 1.0
 
 
-@pytest.mark.campaign
 def test_a_person_who_comes_near_stops_it(house, eyes):
     placed(house, eyes, 0.2)
     with approving(house), led(house, GOES) as run:

@@ -8,7 +8,7 @@ from tests.e2e.test_gateway import House, Run, until
 from ztpm.stage.stage import LEFT
 from ztpm.stage.samples import StateRecorder
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120)]
+pytestmark = [pytest.mark.e2e, pytest.mark.campaign, pytest.mark.timeout(120)]
 
 
 @pytest.fixture(scope="module")
@@ -43,7 +43,6 @@ def said(house, text):
 
 
 @pytest.mark.clause("LSD-14")
-@pytest.mark.campaign
 def test_a_pose_is_reached_by_joints_and_joint_angles_by_a_line(house, eyes):
     lines, errors = said(house, """
         pose = receive.getActualTCPPose()
@@ -59,7 +58,6 @@ def test_a_pose_is_reached_by_joints_and_joint_angles_by_a_line(house, eyes):
 
 
 @pytest.mark.clause("LSD-15")
-@pytest.mark.campaign
 def test_a_stream_of_poses_is_followed(house, eyes):
     lines, errors = said(house, """
         import math
@@ -78,7 +76,6 @@ def test_a_stream_of_poses_is_followed(house, eyes):
 
 
 @pytest.mark.clause("LSD-16")
-@pytest.mark.campaign
 def test_a_path_of_joint_moves_and_lines_with_blends_is_followed_to_its_end_and_back(house, eyes):
     lines, errors = said(house, """
         from rtde_control import Path, PathEntry
@@ -118,7 +115,6 @@ def test_a_tool_goes_until_it_touches_something(house, eyes):
 
 
 @pytest.mark.clause("LSD-17")
-@pytest.mark.campaign
 def test_without_a_contact_it_is_stopped_where_it_was_assessed_to(house, eyes):
     lines, errors = said(house, """
         begin = receive.getActualTCPPose()[1]
