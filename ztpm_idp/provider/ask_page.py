@@ -66,6 +66,8 @@ SCRIPTS: Final = {
     "ask.js": (_FOLDER / "ask.js").read_text("utf-8"),
 }
 """Further scripts of the page of an ask: what it says, and what it checks and draws."""
+LIST_SCRIPT: Final = (_FOLDER / "open_asks.js").read_text("utf-8")
+"""Script of the page of all open asks."""
 APPROVAL_S: Final = 120
 """Seconds for which an approval on a page holds, once (DESIGN section 6)."""
 RELOAD_S: Final = 10
@@ -181,6 +183,11 @@ def script_of(issuer: str) -> str:
     return f"{issuer}/passkeys/passkey.js"
 
 
+def list_script_of(issuer: str) -> str:
+    """URL of the script of the page of all open asks."""
+    return f"{issuer}/approvals/assets/open_asks.js"
+
+
 def look_of(issuer: str) -> str:
     """URL of the style that all pages have in common."""
     return f"{issuer}/approvals/assets/console.css"
@@ -190,6 +197,12 @@ def scripted(issuer: str) -> dict[str, str]:
     """Headers of a page with passkeys: beside its style, the one script, and requests to its own host."""
     policy = f"{HEADERS['Content-Security-Policy']}; script-src {script_of(issuer)}; connect-src 'self'"
     return HEADERS | {"Content-Security-Policy": policy}
+
+
+def list_headers(issuer: str) -> dict[str, str]:
+    """Headers of the page of all open asks: its one script, requests to its host, no hold of another window."""
+    policy = f"{HEADERS['Content-Security-Policy']}; script-src {list_script_of(issuer)}; connect-src 'self'"
+    return HEADERS | {"Content-Security-Policy": policy, "Cross-Origin-Opener-Policy": "same-origin"}
 
 
 def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, object]) -> str:

@@ -42,6 +42,7 @@ _SHARED = resources.files("ztpm_idp.console") / "assets"
 _ASSETS = {
     **{name: ((_SHARED / name).read_text("utf-8"), "text/javascript") for name in ask_page.DRAWING},
     **{name: (text, "text/javascript") for name, text in ask_page.SCRIPTS.items()},
+    "open_asks.js": (ask_page.LIST_SCRIPT, "text/javascript"),
     "console.css": ((_SHARED / "console.css").read_text("utf-8"), "text/css"),
 }
 """Files of the pages of asks, passkeys and latches."""

@@ -1,28 +1,17 @@
-"""The page of open questions in headless Chromium tells of each new one, and of its own end."""
+"""The page of open questions in headless Chromium tells of each new one, of its age and its end."""
 
 from __future__ import annotations
 
-import asyncio
-import os
-import shutil
-import socket
-import time
-from pathlib import Path
-
 import pytest
-import uvicorn
+from tests.browsing import CHROMIUM, TELEPHONE, browser_page, looked_at, rules, served
 from tests.ztpm_idp.asks import AGENT, Cell
-from tests.ztpm_idp.world import World
 from ztpm_idp.routes.pages import open_asks
 
-CHROMIUM = shutil.which("chromium")
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.clause("PSH-5"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
-PICTURES = os.environ.get("ZTPM_PICTURES")
-"""A folder for screenshots, for people who want to look."""
 KEPT = """() => {
   const Real = window.Notification;
   window.told = [];
@@ -31,6 +20,7 @@ KEPT = """() => {
   };
 }"""
 """Notes what the page hands to the browser, which still gets it."""
+WAIT_MS = 20_000
 
 
 @pytest.fixture(scope="module")
@@ -38,46 +28,28 @@ def often():
     """The page looks ten times a second: what it does then does not depend on how often."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(open_asks, "EVERY_S", 0.1)
+        patch.setattr(open_asks, "OLD_S", 2)
         yield
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory, often):  # noqa: ARG001
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    changes = {"issuer": f"http://localhost:{port}/ztpm", "port": port}
-    with World(tmp_path_factory.mktemp("browser"), clock=time.time, settings_changes=changes) as world:
-        config = uvicorn.Config(world.app, host="127.0.0.1", port=port, lifespan="off", log_level="error")
-        server = uvicorn.Server(config)
-        served = asyncio.run_coroutine_threadsafe(server.serve(), world.loop)
-        for _ in range(500):
-            if server.started:
-                break
-            time.sleep(0.01)
+    with served(tmp_path_factory.mktemp("browser")) as world:
         yield Cell(world)
-        server.should_exit = True
-        served.result(20)
 
 
 @pytest.fixture(scope="module")
 def page(cell):
-    playwright = pytest.importorskip("playwright.sync_api")
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
-        context = browser.new_context(viewport={"width": 390, "height": 844})
-        context.grant_permissions(["notifications"], origin=cell.world.issuer.removesuffix("/ztpm"))
-        context.add_init_script(f"({KEPT})()")
-        opened = context.new_page()
-        opened.faults = []
-        opened.on("pageerror", lambda error: opened.faults.append(str(error)))
+    with browser_page(viewport=TELEPHONE) as opened:
+        opened.context.grant_permissions(["notifications"], origin=cell.world.issuer.removesuffix("/ztpm"))
+        opened.context.add_init_script(f"({KEPT})()")
         yield opened
-        browser.close()
 
 
-def picture(page, name):
-    if PICTURES:
-        page.screenshot(path=Path(PICTURES) / f"{name}.png", full_page=True)
+def grey(page):
+    """Colour of the ink and of the first link, which are otherwise told apart."""
+    style = "each => getComputedStyle(each).color"
+    return page.locator("#told").evaluate(style) == page.locator("#open a").first.evaluate(style)
 
 
 def test_a_person_who_is_logged_in_is_told_of_each_new_question_once_and_of_no_name(cell, page):
@@ -94,20 +66,32 @@ def test_a_person_who_is_logged_in_is_told_of_each_new_question_once_and_of_no_n
     page.wait_for_function("() => document.querySelector('#notify').getAttribute('aria-pressed') === 'true'")
     assert page.evaluate("window.told") == []  # what is there already is on the page
     new, _ = cell.taken()
-    page.wait_for_function("() => window.told.length === 1", timeout=20_000)
+    page.wait_for_function("() => window.told.length === 1", timeout=WAIT_MS)
     (told,) = page.evaluate("window.told")
     assert (told["title"], told["tag"]) == ("A question waits: tier 3", new)
     assert not any(word in str(told) for word in ("alice", "carol", AGENT, "person-7"))
     assert [item.get_attribute("data-ask") for item in page.locator("#open li").all()] == [seen, new]
-    for width in (390, 768, 1280):
-        page.set_viewport_size({"width": width, "height": 844})
-        assert page.evaluate("document.documentElement.scrollWidth") <= width
-        picture(page, f"open-asks-{width}")
+    assert [tier.inner_text() for tier in page.locator("#open .tier").all()] == ["Tier 3", "Tier 3"]
+    looked_at(page, "open-asks", rules())
+    # Without a word of the provider the page says so with the time of the last one, and is grey until the next.
+    assert page.locator("#alert").is_hidden()
+    assert not grey(page)
+    page.context.set_offline(True)
+    page.wait_for_selector("#alert", timeout=WAIT_MS)
+    last = page.locator("#told").inner_text().removeprefix("As of ").removesuffix(".")
+    assert f"since {last}" in page.locator("#alert").inner_text()
+    assert grey(page)
+    looked_at(page, "open-asks-old", rules())
+    page.context.set_offline(False)
+    page.wait_for_selector("#alert", state="hidden", timeout=WAIT_MS)
+    assert not grey(page)
+    assert page.locator("#told").inner_text() != f"As of {last}."
     # The session ends: the page says so, and tells of nothing more.
+    assert [each for each in page.faults if "ERR_INTERNET_DISCONNECTED" not in each] == []
     cell.world.end("carol")
-    page.wait_for_function("() => document.querySelector('#told').textContent.includes('logged out')", timeout=20_000)
+    page.wait_for_function("() => document.querySelector('#alert').textContent.includes('logged out')", timeout=WAIT_MS)
+    assert grey(page)
     assert [each["title"] for each in page.evaluate("window.told")] == [
         "A question waits: tier 3",
         "You are logged out",
     ]
-    assert page.faults == []

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+import json
 from typing import TYPE_CHECKING, Final
 
 from fastapi import APIRouter, Request
@@ -12,9 +12,10 @@ from capabilities.statements.people import ask as ask_statement
 from capabilities.values.characters import shown
 from ztpm_idp.domain.asking.asks import AskState
 from ztpm_idp.domain.codes import IdpCode
-from ztpm_idp.login import pages, session
+from ztpm_idp.login import session
 from ztpm_idp.login.session import NO_STORE
-from ztpm_idp.provider.ask_page import TIERS, time_of
+from ztpm_idp.provider import ask_page
+from ztpm_idp.provider.ask_page import TEXTS, TIERS, time_of
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import prefix_of, provider_of
 
@@ -25,9 +26,11 @@ router = APIRouter()
 """For browsers, and so not in the description of the API."""
 EVERY_S: Final = 5
 """Ours: seconds between two looks of an open page."""
+OLD_S: Final = 12
+"""Ours: seconds without a word after which the page says that it is old: two looks, and a little."""
 FRESH_S: Final = 43_200
 """Greatest age of the login: a session lives no longer anyway."""
-_SCRIPT: Final = (Path(pages.__file__).parent / "templates" / "open_asks.js").read_text("utf-8")
+_SAID: Final = json.dumps(TEXTS["open_asks_script"])
 
 
 @router.get("/approvals/page", response_class=HTMLResponse, include_in_schema=False)
@@ -37,15 +40,21 @@ async def show_open_asks(request: Request) -> Response:
     prefix = prefix_of(provider)
     if found is None:
         return session.to_login(request, back_to=f"{prefix}/approvals/page", fresh_s=FRESH_S)
-    return pages.page(
-        "open_asks.html",
-        script=_SCRIPT,
+    issuer = provider.settings.issuer
+    page = ask_page.PAGES.get_template("open_asks.html").render(
+        style=ask_page.STYLE,
+        look=ask_page.look_of(issuer),
+        script=ask_page.list_script_of(issuer),
+        said=_SAID,
         prefix=prefix,
         person=found.person.id,
         every_s=EVERY_S,
+        old_s=OLD_S,
+        reload_s=ask_page.RELOAD_S,
         shown_at=time_of(provider.now_ms() // 1_000),
         open=await _open(provider),
     )
+    return HTMLResponse(page, headers=NO_STORE | ask_page.list_headers(issuer))
 
 
 @router.get("/approvals/page/open", include_in_schema=False)
@@ -73,9 +82,12 @@ async def _open(provider: Provider) -> list[dict[str, object]]:
     for ask_id in ids:
         text, key = signed[ask_id]
         ask = ask_statement.open(text, {key}, provider.rules.caps)
-        words = (
-            f"Tier {int(ask.tier)}, {TIERS[ask.tier]}: {ask.agent} asks for {ask.object} {ask.operation}, "
-            f"until {time_of(ask.expires_at)}"
+        words = TEXTS["open_asks"]["asks_for"].format(
+            agent=ask.agent,
+            operation=ask.operation,
+            object=ask.object,
+            tier=TIERS[ask.tier],
+            until=time_of(ask.expires_at),
         )
         rows.append(
             {

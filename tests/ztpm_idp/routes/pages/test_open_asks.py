@@ -7,6 +7,7 @@ from tests.ztpm_idp.asks import AGENT, Cell
 from tests.ztpm_idp.login.browser import Browser
 from tests.ztpm_idp.world import ISSUER
 from ztpm_idp.login import session
+from ztpm_idp.provider import ask_page
 
 pytestmark = pytest.mark.clause("PSH-5")
 PAGE, LIST = "/ztpm/approvals/page", "/ztpm/approvals/page/open"
@@ -72,11 +73,14 @@ def test_the_list_does_not_prolong_a_session_and_the_page_does(cell, browser):
         assert browser.get(PAGE).status_code == 200
 
 
-def test_the_page_has_one_script_and_nothing_from_elsewhere(browser):
+def test_the_page_has_one_script_of_its_own_file_and_nothing_from_elsewhere(browser):
     page = browser.get(PAGE)
     policy = page.headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "unsafe" not in policy
-    assert "http" not in policy
-    assert page.text.count("<script>") == 1
+    assert f"script-src {ISSUER}/approvals/assets/open_asks.js;" in policy
+    assert page.text.count("<script") == 1
+    script = browser.get("/ztpm/approvals/assets/open_asks.js")
+    assert (script.status_code, script.text) == (200, ask_page.LIST_SCRIPT)
+    assert page.text.count(ISSUER) == policy.count("http") + 1  # the script, and the look that all pages have
     assert page.headers["cache-control"] == browser.get(LIST).headers["cache-control"] == "no-store"
