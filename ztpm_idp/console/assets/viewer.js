@@ -3,7 +3,7 @@
 // elements are their names. One function for every page:
 //
 //     const view = ztpmViewer.show(element, picture);
-//     ztpmViewer.controls(page, view);                  // slider, buttons and rows that are there
+//     ztpmViewer.controls(page, view);                  // slider, buttons and rows that are there; `.begin()` plays
 //     view.live({ ends, bodies });                      // an arm that is measured, beside the drawn motion
 //
 // `picture` is a document of `pep.pit.picture.picture.to_plain`; lengths are metres in the robot's base frame, z up.
@@ -26,6 +26,8 @@ window.ztpmViewer = (() => {
   const GRID_M = 0.25;
   const LATE_MS = 33; // a frame that comes later than this is one of fewer than 30 in a second
   const REST_MS = 400;
+  const STEP_MS = 60; // between two postures of a motion that is played
+  const HOLD_MS = 2_000; // for so long it holds where the motion decides, and at its start
   const NAMES = 12; // bodies whose names stand in the picture: people first, then what decides, then the nearest to the arm
 
   const SOFTWARE = /swiftshader|llvmpipe|softpipe|software/i; // names of what draws without a graphics processor
@@ -429,6 +431,7 @@ window.ztpmViewer = (() => {
       get row() { return state.row; },
       get picture() { return shown; },
       moved: null,
+      turned: null, // what a hand that is laid on the picture ends
       go,
       // Another picture; the view stays where it was turned to.
       replace(next) {
@@ -482,19 +485,23 @@ window.ztpmViewer = (() => {
       redraw,
     };
 
-    element.addEventListener("pointerdown", (event) => element.setPointerCapture(event.pointerId));
+    element.addEventListener("pointerdown", (event) => { element.setPointerCapture(event.pointerId); view.turned?.(); });
     element.addEventListener("pointermove", (event) => { if (event.buttons & 1) turn(event.movementX * 0.008, event.movementY * 0.008); });
     element.addEventListener("wheel", (event) => {
       if (!event.ctrlKey && page.activeElement !== element) return; // the page scrolls past a picture that nobody has taken
       event.preventDefault();
       zoom(Math.exp(-event.deltaY * 0.001));
     }, { passive: false });
+    element.setAttribute("aria-keyshortcuts", "ArrowLeft ArrowRight ArrowUp ArrowDown + -");
+    label("", "keys").textContent = "Arrows turn, + and \u2212 zoom";
     element.addEventListener("keydown", (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey) return; // the browser's own, such as its zoom
       const step = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, 0.1], ArrowDown: [0, -0.1] }[event.key];
       if (step) turn(...step);
       else if (event.key === "+" || event.key === "=") zoom(1.2);
       else if (event.key === "-") zoom(1 / 1.2);
       else return;
+      view.turned?.();
       event.preventDefault();
     });
     state.azimuth = azimuth(picture.witnesses ? picture : { witnesses: [] });
@@ -508,8 +515,36 @@ window.ztpmViewer = (() => {
   function controls(root, view) {
     const one = (name) => root.querySelector(`[data-${name}]`);
     const slider = one("time"), told = one("told"), play = one("play"), ghosts = one("swept");
-    let playing = null;
-    const stop = () => { clearInterval(playing); playing = null; if (play) play.textContent = "Play"; };
+    const begins = play?.textContent;
+    let playing = null, at = 0, last = 0;
+    const stop = () => { clearTimeout(playing); playing = null; if (play) play.textContent = begins; };
+    const hold = (row) => {
+      view.go(row);
+      at = view.picture.postures[row].t;
+      playing = setTimeout(() => { last = performance.now(); step(); }, HOLD_MS);
+    };
+    // As fast as the motion would be, again and again; it holds where it decides.
+    const step = () => {
+      const times = view.picture.postures.map((each) => each.t), decides = view.picture.witnesses[0]?.posture ?? 0;
+      const before = at, now = performance.now();
+      at += (now - last) / 1_000;
+      last = now;
+      if (before < times[decides] && at >= times[decides]) hold(decides);
+      else if (before >= times[times.length - 1]) hold(0);
+      else {
+        view.go(times.findLastIndex((t) => t <= at));
+        playing = setTimeout(step, STEP_MS);
+      }
+    };
+    // Plays on from the posture that is shown, which it holds first where `held`; a hand that turns the picture ends it.
+    const begin = (held = false) => {
+      stop();
+      if (view.size < 2) return;
+      if (play) play.textContent = "Pause";
+      [at, last] = [view.picture.postures[view.row].t, performance.now()];
+      if (held) hold(view.row);
+      else step();
+    };
     view.moved = (words, row) => {
       if (told) told.textContent = words;
       if (slider) { slider.value = String(row); slider.setAttribute("aria-valuetext", words); }
@@ -519,11 +554,8 @@ window.ztpmViewer = (() => {
       slider.addEventListener("input", () => { stop(); view.go(Number(slider.value)); });
     }
     ghosts?.addEventListener("change", () => view.swept(ghosts.checked));
-    play?.addEventListener("click", () => {
-      if (playing) { stop(); return; }
-      play.textContent = "Pause";
-      playing = setInterval(() => view.go((view.row + 1) % Math.max(1, view.size)), 60);
-    });
+    play?.addEventListener("click", () => (playing ? stop() : begin()));
+    view.turned = stop;
     for (const button of root.querySelectorAll("[data-view]")) button.addEventListener("click", () => view.look(button.dataset.view));
     for (const button of root.querySelectorAll("[data-row]")) {
       const found = view.picture.witnesses.find((w) => w.row === Number(button.dataset.row));
@@ -531,6 +563,7 @@ window.ztpmViewer = (() => {
       button.addEventListener("click", () => { stop(); view.go(found.posture); });
     }
     view.go(view.row);
+    return { begin };
   }
 
   return { show, controls, COLOURS };

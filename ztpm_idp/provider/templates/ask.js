@@ -4,8 +4,6 @@
 
 const question = document.querySelector("#question");
 const POLL_MS = 3_000;
-const STEP_MS = 60;
-const HOLD_MS = 2_000;
 const NAME_LIMIT = 40;
 const alerted = document.querySelector("#alert");
 
@@ -77,38 +75,10 @@ async function draw(ask) {
   await new Promise((painted) => requestAnimationFrame(() => setTimeout(painted)));
   const view = ztpmViewer.show(document.querySelector("#view"), shownPicture.drawable(shown, sentenceOf(ask)));
   if (view === null) throw new Error("no WebGL");
-  ztpmViewer.controls(document.querySelector("#picture"), view);
+  const controls = ztpmViewer.controls(document.querySelector("#picture"), view);
   document.querySelector("#controls").hidden = view.size < 2;
-  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) play(view);
+  if (!matchMedia("(prefers-reduced-motion: reduce)").matches) controls.begin(true);
   document.querySelector("#margin").textContent = shownPicture.told(shown);
-}
-
-// Plays the motion as fast as it would be, and holds where it decides, until a hand is laid on it.
-function play(view) {
-  const room = document.querySelector("#picture"), times = view.picture.postures.map((each) => each.t);
-  const decides = view.picture.witnesses[0]?.posture ?? 0, end = times[times.length - 1];
-  let timer = null, at = times[decides], last = 0;
-  const hold = (row) => {
-    view.go(row);
-    timer = setTimeout(() => { last = performance.now(); step(); }, HOLD_MS);
-  };
-  const step = () => {
-    const before = at, now = performance.now();
-    at += (now - last) / 1_000;
-    last = now;
-    if (before < times[decides] && at >= times[decides]) {
-      at = times[decides];
-      hold(decides);
-    } else if (before >= end) {
-      at = 0;
-      hold(0);
-    } else {
-      view.go(times.findLastIndex((t) => t <= at));
-      timer = setTimeout(step, STEP_MS);
-    }
-  };
-  for (const touched of ["pointerdown", "keydown"]) room.addEventListener(touched, () => clearTimeout(timer), { once: true, capture: true });
-  if (view.size > 1) hold(decides);
 }
 
 function countDown(ask) {
@@ -122,7 +92,7 @@ function countDown(ask) {
       clearInterval(ticking);
     }
   };
-  const ticking = setInterval(tick, 1_000);
+  ticking = setInterval(tick, 1_000);
   tick();
 }
 
@@ -134,7 +104,7 @@ async function watch() {
     const { state, votes } = await answer.json();
     if (lost) alerted.hidden = true;
     lost = false;
-    if (!busy && (state !== "open" || votes !== Number(question.dataset.votes))) location.reload();
+    if (!busy && (state !== stands || votes !== Number(question.dataset.votes))) location.reload();
   } catch {
     lost = true;
     warn(SAID.lost);
@@ -142,6 +112,18 @@ async function watch() {
 }
 
 let lost = false;
+let stands = "open", ticking, polling;
+
+// This person's own answer counts: the page says how the ask stands, and hears of others' answers as before.
+function counted(state) {
+  stands = state;
+  question.dataset.votes = String(Number(question.dataset.votes) + 1);
+  if (state === "open") return;
+  clearInterval(ticking);
+  clearInterval(polling);
+  document.querySelector("#left").hidden = true;
+  document.querySelector("#state").textContent = put(SAID.stands, { state });
+}
 
 // Without a script nobody can answer here, so that there is nothing to press.
 document.querySelector(".answer")?.removeAttribute("hidden");
@@ -150,7 +132,7 @@ checked()
     allow(question.dataset.open === "yes");
     if (question.dataset.open === "yes") {
       countDown(ask);
-      setInterval(watch, POLL_MS);
+      polling = setInterval(watch, POLL_MS);
     }
   })
   .catch((error) => {

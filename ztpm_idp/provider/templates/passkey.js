@@ -12,7 +12,8 @@ const b64u = (bytes) =>
 const hex = (bytes) => [...new Uint8Array(bytes)].map((byte) => byte.toString(16).padStart(2, "0")).join("");
 const sha256 = (bytes) => crypto.subtle.digest("SHA-256", bytes);
 const started = performance.now();
-let busy = false;
+let busy = false; // an answer is being made
+let done = false; // it counts
 let approvable = false;
 
 function tell(text) {
@@ -23,8 +24,16 @@ function tell(text) {
 function allow(may) {
   approvable = may;
   const approve = document.querySelector("#approve");
-  if (approve && !busy) approve.disabled = !may;
+  if (approve) approve.disabled = !may;
 }
+
+// Buttons that do nothing for now keep the focus, so that a keyboard finds them again.
+function pressable(may) {
+  for (const button of panel.querySelectorAll("button")) button.setAttribute("aria-disabled", String(!may));
+}
+
+// The provider may have taken what was sent, or not.
+class Unanswered extends Error {}
 
 function unb64u(text) {
   const plain = atob(text.replaceAll("-", "+").replaceAll("_", "/"));
@@ -38,13 +47,18 @@ function canonical(object) {
 }
 
 async function post(url, body) {
-  const answer = await fetch(url, {
-    method: "POST",
-    headers: { "Content-Type": "application/json" },
-    body: JSON.stringify(body),
-    credentials: "omit",
-  });
-  const said = await answer.json();
+  let answer, said;
+  try {
+    answer = await fetch(url, {
+      method: "POST",
+      headers: { "Content-Type": "application/json" },
+      body: JSON.stringify(body),
+      credentials: "omit",
+    });
+    said = await answer.json();
+  } catch {
+    throw new Unanswered(SAID.no_answer);
+  }
   if (!answer.ok) throw new Error(`${said.title} ${said.detail ?? ""} (${said.code})`);
   return said;
 }
@@ -108,6 +122,7 @@ async function vote(answer) {
   const parts = [utf8('ztpm-passkey-vote/1\n{"ask":'), payload, utf8(`,"vote":${canonical(said)}}`)];
   const { state } = await post(panel.dataset.post, { vote: said, assertion: await asserted(parts, approver) });
   tell(put(SAID.counts, { state }));
+  counted(state);
 }
 
 async function clear() {
@@ -121,17 +136,19 @@ async function clear() {
 
 function act(work) {
   return async () => {
-    if (busy) return;
+    if (busy || done) return;
     busy = true;
-    for (const button of panel.querySelectorAll("button")) button.disabled = true;
+    pressable(false);
     try {
       tell(SAID.waits);
       await work();
+      done = true;
     } catch (error) {
-      tell(error.name === "NotAllowedError" ? SAID.nothing_signed : put(SAID.nothing_counts, { why: error.message }));
-      for (const button of panel.querySelectorAll("button")) button.disabled = button.id === "approve" && !approvable;
-      busy = false;
+      if (error.name === "NotAllowedError") tell(SAID.nothing_signed);
+      else tell(error instanceof Unanswered ? error.message : put(SAID.nothing_counts, { why: error.message }));
+      pressable(true);
     }
+    busy = false;
   };
 }
 

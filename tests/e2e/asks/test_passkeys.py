@@ -18,7 +18,6 @@ from msgspec import structs
 from pep.people.clearings import count
 from pep.people.votes import Count, VerifiedVote, read_vote, tally
 from pep.pit.base.errors import SceneError
-from pep.pit.files.scene_file import Situation
 from pep.pit.picture.shown_form import shown_text
 from pep.pit.scene.adult_body import adult_at_distance
 from pep.pit.scene.scene import THINGS_LIMIT, Capsule, Thing
@@ -28,9 +27,10 @@ from tests import browsing
 from tests.browsing import CHROMIUM, looked_at, picture
 from tests.pep import kit
 from tests.pep.people.test_approvals import People
-from tests.pep.pit.scenes import CELL, NOTHING, ROBOT, SEED, sweep, with_person
+from tests.e2e.asks.pictured import FOUND, MOTION, SEEN, SHOWN, answered, asked, checked
+from tests.pep.pit.scenes import ROBOT
 from tests.ursim.cell import HOME, let_go, until
-from tests.ztpm_idp.asks import PEP, Cell
+from tests.ztpm_idp.asks import PEP
 from tests.ztpm_idp.routes.test_latches import taken as told_latch
 from tests.ztpm_idp.provider.test_ask_page import SENTENCES
 from tests.ztpm_idp.world import AUDIENCE
@@ -40,7 +40,6 @@ from capabilities.keys import keys
 from capabilities.statements import registry
 from capabilities.statements.people import ask, latch, passkey_vote
 from capabilities.statements.people import picture as wire
-from pep.pit import assess
 
 pytestmark = [
     pytest.mark.e2e,
@@ -48,23 +47,6 @@ pytestmark = [
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]
 SCRIPTS_PORT = 30_002
-
-
-@pytest.fixture(scope="module")
-def cell(tmp_path_factory):
-    with browsing.served(tmp_path_factory.mktemp("browser")) as world:
-        yield Cell(world)
-
-
-@pytest.fixture(scope="module")
-def page():
-    with browsing.browser_page(viewport=browsing.TELEPHONE, reduced_motion="reduce") as opened:
-        yield browsing.authenticator(opened)
-
-
-@pytest.fixture(scope="module")
-def axe():
-    return browsing.rules()
 
 
 class Snapshot:
@@ -79,36 +61,6 @@ class Snapshot:
 
     def passkeys(self):
         return {entry.key: entry.id for entry in self.read.passkeys}
-
-
-MOTION = sweep()
-SEEN = Situation(CELL, with_person(0.55), 0.05, None, NOTHING)
-FOUND = assess(ROBOT, SEEN.scene, MOTION, CELL, perception_age_s=0.05, touch=NOTHING, seed=SEED)
-SHOWN = shown_text(ROBOT, SEEN, MOTION, FOUND)
-"""The picture of a real motion near a person, as physics assessed it."""
-
-
-def asked(cell, *, shown=SHOWN, **changes):
-    """The id and text of an ask about that motion, which the provider took with its picture."""
-    reading = FOUND.reading()
-    stated = {
-        "contributors": tuple(
-            ask.Contributor(c.kind, c.link, c.object, c.index_milli, c.clearance_um, c.speed_um_s, c.source)
-            for c in reading.contributions
-        ),
-        "index_milli": reading.index_milli,
-        "start_urad": reading.start_urad,
-        "picture_digest": wire.digest_of(SHOWN),
-    }
-    text = cell.text(**(stated | changes))
-    answer = cell.post(PEP, "/approvals", {"ask": text, "picture": shown})
-    assert answer.status_code == 201, answer.text
-    return answer.json()["ask_id"], text
-
-
-def checked(page):
-    """Waits until the script has found the page to show what was signed, and has drawn the picture."""
-    page.wait_for_function("() => !document.querySelector('#approve').disabled", timeout=20_000)
 
 
 ACT = {
@@ -128,12 +80,6 @@ LONG = {"object": "x" * 256, "operation": "m" * 256, "contributors": (FIRST,)}
 
 def opened(cell, text):
     return ask.open(text, {keys.public_raw(cell.world.private[PEP])}, DEFAULT)
-
-
-def answered(page, told):
-    page.wait_for_function(
-        "text => document.querySelector('#told').textContent.includes(text)", arg=told, timeout=15_000
-    )
 
 
 def test_a_passkey_is_made_and_answers_an_ask(cell, page):
@@ -245,80 +191,6 @@ def test_nobody_can_approve_where_the_page_was_tampered_with(cell, page, what):
     assert page.is_disabled("#approve")
     page.unroute(pattern)
     cell.world.people["alice"].deny(ask_id)
-
-
-@pytest.mark.clause("PSK-8")
-def test_a_connection_that_is_lost_and_an_ask_that_ends_are_told(cell, page):
-    ask_id, _ = asked(cell)
-    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
-    checked(page)
-    page.route("**/state", lambda route: route.abort())
-    page.wait_for_function("() => !document.querySelector('#alert').hidden", timeout=15_000)
-    assert "No connection" in page.text_content("#alert")
-    page.unroute("**/state")
-    cell.world.people["alice"].deny(ask_id)
-    page.wait_for_selector("text=State: denied", timeout=15_000)
-    assert page.query_selector("#approve") is None
-
-
-def shown(cell, page, ask_id):
-    page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
-    checked(page)
-    page.fill("#approver", "carol")
-
-
-@pytest.mark.clause("PSK-8")
-def test_a_telephone_without_a_network_says_that_nothing_counts_and_answers_when_it_is_back(cell, page):
-    """After the first test, in which carol has made her passkey."""
-    ask_id, _ = asked(cell)
-    shown(cell, page, ask_id)
-    page.context.set_offline(True)
-    try:
-        page.click("#approve")
-        answered(page, "Nothing counts")
-        assert cell.told(ask_id).votes == ()
-    finally:
-        page.context.set_offline(False)
-    page.click("#approve")
-    answered(page, "The ask is granted")
-    assert len(cell.told(ask_id).votes) == 1
-
-
-@pytest.mark.clause("PSK-8")
-def test_who_answers_second_is_told_that_it_does_not_count(cell, page):
-    """After the first test, in which carol has made her passkey."""
-    ask_id, _ = asked(cell)
-    page.route("**/state", lambda route: route.abort())  # the page does not hear of the first answer
-    shown(cell, page, ask_id)
-    cell.world.people["alice"].deny(ask_id)
-    page.click("#approve")
-    answered(page, "Nothing counts")
-    page.unroute("**/state")
-    assert "ASK_ANSWERED" in page.text_content("#told")
-    assert (cell.told(ask_id).state, len(cell.told(ask_id).votes)) == ("denied", 1)
-
-
-@pytest.mark.clause("PSK-8")
-@pytest.mark.parametrize("wrong_h", [-72, 72])
-def test_a_telephone_with_a_wrong_clock_counts_down_right_and_signs_nothing_for_an_ask_that_is_over(
-    cell, page, wrong_h
-):
-    ask_id, _ = asked(cell, expires_at=cell.now + 5)
-    other = page.context.new_page()
-    other.add_init_script(f"const now = Date.now.bind(Date); Date.now = () => now() + {wrong_h * 3_600_000};")
-    other.add_init_script(
-        "navigator.credentials.get = () => { window.signed = true; return Promise.reject(new Error()); };"
-    )
-    other.route("**/state", lambda route: route.abort())
-    shown(cell, other, ask_id)
-    assert re.fullmatch(r"0:0[0-5] left\.", other.text_content("#left"))
-    other.wait_for_function("() => document.querySelector('#left').textContent === 'Over.'", timeout=15_000)
-    assert other.is_disabled("#approve")
-    other.click("#deny")
-    answered(other, "this ask is over")
-    assert other.evaluate("window.signed") is None
-    other.close()
-    assert cell.told(ask_id).votes == ()
 
 
 @pytest.mark.clause("PSK-8", "STM-25")
