@@ -81,7 +81,7 @@ rtde-campaign:  ## a hostile program, deaths and revocations at the robot's port
 	$(RUN) python -m tests.pep.rtde.campaign --ledger .rtde-campaign
 
 boundary:  ## the gateway before servers that nobody changed; evidence changed at each await point, 300 changed definitions, requests that two readers read differently, 60 security cases; the figures last
-	$(RUN) pytest -q --campaign tests/e2e/test_tool_gateway.py
+	$(RUN) pytest -q --campaign tests/e2e/test_tool_gateway.py tests/e2e/test_stdio.py tests/e2e/test_clients.py
 	$(RUN) python -m tests.pep.mcp.campaign
 
 tampering:  ## 10,000 changed copies of a ledger before the holder of a checkpoint; how many were found last

@@ -189,7 +189,10 @@ async def inspector(cell, acts):
 CLIENTS = (sdk, bridge, fast, pydantic, typescript, inspector)
 
 
-@pytest.mark.parametrize("client", CLIENTS, ids=[each.__name__ for each in CLIENTS])
+@pytest.mark.parametrize(
+    "client",
+    [pytest.param(each, id=each.__name__, marks=pytest.mark.campaign if each is inspector else ()) for each in CLIENTS],
+)
 def test_a_client_is_shown_what_it_is_lent_moves_the_arm_and_is_told_why_not(cell, client):
     angle = round(0.55 - 0.05 * CLIENTS.index(client), 2)
     until_s, reached = time.monotonic() + LONGEST_S, False

@@ -69,8 +69,7 @@ CASES = [
 ]
 ALWAYS = frozenset(
     {
-        "idp_lends_more", "pep_takes_any_key", "pep_is_blind_to_people", "pep_takes_one_for_two",
-        "pep_does_not_watch_the_world", "pep_does_not_watch_authority", "gateway_is_open",
+        "idp_lends_more", "pep_takes_any_key", "pep_is_blind_to_people", "pep_does_not_watch_authority", "gateway_is_open",
     }
 )  # fmt: skip
 """Of the provider; of authority, physics, policy and watch at the tools; of the gateway."""

@@ -196,7 +196,11 @@ def plant_of(provider, tmp_path_factory):
     return cache(lambda kind: Plant(provider, kind, tmp_path_factory.mktemp(kind)))
 
 
-@pytest.fixture(scope="module", params=KINDS)
+SERVED = [pytest.param(kind, marks=pytest.mark.campaign if kind == "lowlevel" else ()) for kind in KINDS]
+"""Kinds of servers; an `MCPServer` has a low-level one in it."""
+
+
+@pytest.fixture(scope="module", params=SERVED)
 def plant(request, plant_of):
     if request.param == "fastmcp":
         pytest.importorskip("fastmcp.server", reason="the extra `fastmcp` is not installed")

@@ -246,6 +246,7 @@ def test_the_recorded_form_has_the_digest_of_its_evidence():
     assert len(decision.evidence_digest) == 64
 
 
+@pytest.mark.campaign
 def test_the_command_prints_one_object_with_every_measured_row():
     for name in bench.OTHERS:
         needs(name)

@@ -10,6 +10,7 @@ import subprocess
 import sys
 import tomllib
 from enum import StrEnum
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -23,7 +24,6 @@ from ztpm.cli import app
 
 TOP = Path(__file__).parents[3]
 PACKAGES = ("capabilities", "policies", "pep", "ursim", "ztpm_idp", "ztpm", "evaluation")
-SOURCES = {path: ast.parse(path.read_text()) for package in PACKAGES for path in sorted((TOP / package).rglob("*.py"))}
 LEAVES = {leaf.words: leaf.command for leaf in leaves(app)}
 ENDING = {"fail": 0, "fail_at": 2, "UpError": 0, "LeaseError": 0, "ReplayError": 0, "DraftError": 0, "ClientError": 0,
           "StoreNotOpenedError": 0, "unavailable": None, "PitError": 0}  # fmt: skip
@@ -34,10 +34,17 @@ None where only a keyword has it.
 KEYWORD = "code"
 
 
+@cache
+def sources():
+    """Tree of each source by its path; read by the worker that has these tests alone."""
+    paths = (path for package in PACKAGES for path in sorted((TOP / package).rglob("*.py")))
+    return {path: ast.parse(path.read_text()) for path in paths}
+
+
 def codes_of_enums():
     """Members of every enumeration of reasons, found by its name."""
     found = {}
-    for path, tree in SOURCES.items():
+    for path, tree in sources().items():
         for node in tree.body:
             if isinstance(node, ast.ClassDef) and node.name.endswith(("Fault", "Code", "Reason")):
                 module = importlib.import_module(".".join(path.relative_to(TOP).with_suffix("").parts))
@@ -50,7 +57,7 @@ def codes_of_enums():
 def codes_of_calls():
     """Codes that are written out where a command or process ends."""
     found = set()
-    for tree in SOURCES.values():
+    for tree in sources().values():
         for node in ast.walk(tree):
             name = getattr(getattr(node, "func", None), "id", None)
             if name not in ENDING:
@@ -76,7 +83,7 @@ def test_every_code_is_explained():
 def test_every_explained_code_is_answered_and_stands_once():
     tables = tomllib.loads((TOP / "ztpm/codes/codes.toml").read_text())
     rows = [code for table in tables.values() for code in table]
-    written = "\n".join(path.read_text() for path in SOURCES)
+    written = "\n".join(path.read_text() for path in sources())
     assert len(rows) == len(set(rows))
     assert [code for code in rows if f'"{code}"' not in written and f'"{code}: ' not in written] == []
 
