@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import secrets
+from concurrent.futures import ThreadPoolExecutor
+from threading import Barrier
 
 import httpx2
 from tests.unread import unread
@@ -18,6 +20,14 @@ from capabilities.statements.people import answers, ask, opening, vote
 from ztpm_idp.client import ProofAuth
 
 PEP, AGENT, SENSOR = "cell-1", "mover", "camera"
+AT_ONCE = {
+    (1, "approve", "approve"): {("granted", "ASK_ANSWERED"), ("ASK_ANSWERED", "granted")},
+    (1, "approve", "deny"): {("granted", "denied"), ("ASK_ANSWERED", "denied")},
+    (1, "deny", "deny"): {("denied", "ASK_ANSWERED"), ("ASK_ANSWERED", "denied")},
+    (2, "approve", "approve"): {("open", "granted"), ("granted", "open")},
+    (2, "approve", "deny"): {("open", "denied"), ("ASK_ANSWERED", "denied")},
+}
+"""Words that two people may be given who answer at one instant, by people needed and answers."""
 
 
 class Cell:
@@ -111,6 +121,19 @@ class Cell:
             at=self.now,
         )
         return unread(vote, structs.replace(stated, **changes), self.world.private[key or approver])
+
+    def together(self, ask_id: str, text: str, answers: dict[str, str]) -> tuple[str, ...]:
+        """State or code that each of these people is given, whose signed answers come at one instant."""
+        signed = {who: self.vote(text, who, answer=answer) for who, answer in answers.items()}
+        start = Barrier(len(signed))
+
+        def cast(who: str) -> str:
+            start.wait(10)
+            said = self.post(who, f"/approvals/{ask_id}/votes", {"vote": signed[who]}).json()
+            return said.get("state") or said["code"]
+
+        with ThreadPoolExecutor(len(signed)) as pool:
+            return tuple(pool.map(cast, signed))
 
     def opening(self, opener: str = "carol", *, key: str | None = None, **changes) -> str:
         stated = opening.Opening(

@@ -255,6 +255,7 @@ def render(
         ask=ask,
         digest=asked.ask.digest,
         state=TEXTS["states"][state.value],
+        stands=state.value,
         is_open=state is AskState.OPEN,
         reload_s=RELOAD_S,
         left=_left(ask, at_ms) if state is AskState.OPEN else "",

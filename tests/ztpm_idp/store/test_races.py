@@ -12,7 +12,7 @@ from contextlib import contextmanager
 import pytest
 import sqlalchemy as sa
 from capabilities.keys import keys
-from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.asks import AT_ONCE, Cell
 from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.world import ISSUER, LOWER, MEASUREMENT, SLOWER, Bridge, World
 from ztpm_idp.domain import registry
@@ -242,6 +242,21 @@ def test_a_person_votes_once(workers, cell):
     first, second = world.people["carol"], workers.second("carol")
     found = workers.one_after_the_other(VoteCast, lambda: first.approve(ask_id), lambda: second.approve(ask_id))
     assert found == ("done", "VOTED_BEFORE")
+
+
+@pytest.mark.parametrize(("approvers", "one", "other"), AT_ONCE)
+def test_an_answer_waits_for_the_one_that_another_worker_takes(workers, cell, approvers, one, other):
+    world = workers.world
+    world.clock.at_s += 700  # the asks before are over
+    ask_id, _ = cell.taken(approvers=approvers)
+    first = lambda: getattr(world.people["alice"], one)(ask_id)
+    second = lambda: getattr(workers.second("carol"), other)(ask_id)
+    found = workers.one_after_the_other(VoteCast, first, second)
+    told = cell.told(ask_id)
+    assert told.state == ("denied" if "deny" in (one, other) else "granted")
+    counted = approvers == 2 or (one, other) == ("approve", "deny")
+    assert found == ("done", "done" if counted else "ASK_ANSWERED")
+    assert len(told.votes) == 1 + counted
 
 
 def test_records_are_taken_once_and_count_once(workers, lent, cell):

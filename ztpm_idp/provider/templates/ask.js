@@ -4,6 +4,7 @@
 
 const question = document.querySelector("#question");
 const POLL_MS = 3_000;
+const CHANGES = ["open", "granted"]; // states after which there is another
 const NAME_LIMIT = 40;
 const alerted = document.querySelector("#alert");
 
@@ -96,8 +97,10 @@ function countDown(ask) {
   tick();
 }
 
-// The page is loaded again when the ask stands otherwise than it says; a connection that is lost is told.
+// The page is loaded again when the ask stands otherwise than it says, as a granted one that is denied does; a
+// connection that is lost is told.
 async function watch() {
+  if (!CHANGES.includes(stands)) return;
   try {
     const answer = await fetch(question.dataset.state, { credentials: "omit", cache: "no-store" });
     if (!answer.ok) throw new Error(String(answer.status));
@@ -112,7 +115,7 @@ async function watch() {
 }
 
 let lost = false;
-let stands = "open", ticking, polling;
+let stands = question.dataset.stands, ticking;
 
 // This person's own answer counts: the page says how the ask stands, and hears of others' answers as before.
 function counted(state) {
@@ -120,7 +123,6 @@ function counted(state) {
   question.dataset.votes = String(Number(question.dataset.votes) + 1);
   if (state === "open") return;
   clearInterval(ticking);
-  clearInterval(polling);
   document.querySelector("#left").hidden = true;
   document.querySelector("#state").textContent = put(SAID.stands, { state });
 }
@@ -129,11 +131,9 @@ function counted(state) {
 document.querySelector(".answer")?.removeAttribute("hidden");
 checked()
   .then((ask) => {
-    allow(question.dataset.open === "yes");
-    if (question.dataset.open === "yes") {
-      countDown(ask);
-      polling = setInterval(watch, POLL_MS);
-    }
+    allow(stands === "open");
+    if (stands === "open") countDown(ask);
+    setInterval(watch, POLL_MS);
   })
   .catch((error) => {
     allow(false);
