@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from capabilities.keys import keys
 from capabilities.values import form, strict_json, text
+from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import FaultCode, StatementError
 from capabilities.values.form import converted, upto, whole, within
 from capabilities.values.units import INT_LIMIT
@@ -55,11 +56,13 @@ def _canonical(value: object) -> bytes:
 
 if TYPE_CHECKING:
     Body = bytes
+    Sentence = str
     Url = str
     PublicKey = bytes
     Sha256 = bytes
 else:
     Body = converted(bytes, _canonical)
+    Sentence = converted(str, lambda value: text.prose(value, most_bytes=DEFAULT.purpose_bytes))
     Url = converted(str, lambda value: text.url(value, most_bytes=TEXT_BYTES))
     PublicKey = converted(bytes, lambda value: keys.check_raw(keys.unb64u(form.read(str, value))))
     Sha256 = converted(bytes, lambda value: bytes.fromhex(form.read(HexDigest, value)))

@@ -50,12 +50,14 @@ class LatchedStop:
         reason: its code, or "".
         tier: of the act that was stopped; None where that is not known.
         request_id: of that act, or "".
+        person: whose signed word was on it, so that it latches under any policies; or "".
     """
 
     cause: LatchCause
     reason: str = ""
     tier: Tier | None = None
     request_id: str = ""
+    person: str = ""
 
 
 class Latches:
@@ -123,16 +125,18 @@ class Latches:
         """Latches the robot after that stop, at once; false where it does not latch.
 
         The latch is on disk and on record with the next `keep`. A further stop is part of the same until people were
-        told of it, and may raise its tier; from then on it is a latch of its own in place of the other, which no
-        earlier clearing fits.
+        told of it, and may raise its tier or name a person; from then on it is a latch of its own in place of the
+        other, which no earlier clearing fits.
         """
         with self._lock:
             before, tier = self._found, Tier.SAFETY_CRITICAL if stop.tier is None else stop.tier
-            if not (stop.cause in self._causes or stop.cause is LatchCause.UNREADABLE):
+            if not (stop.cause in self._causes or stop.person or stop.cause is LatchCause.UNREADABLE):
                 return False
             if before is not None and not before.text:
-                if tier > before.latch.tier:  # more was stopped than was known: it is kept anew
-                    more = structs.replace(before.latch, tier=tier, approvers=approvers_after(tier))
+                tier, person = max(tier, before.latch.tier), before.latch.person or stop.person
+                if (tier, person) != (before.latch.tier, before.latch.person):
+                    # more was stopped than was known, or by somebody known: it is kept anew
+                    more = structs.replace(before.latch, tier=tier, approvers=approvers_after(tier), person=person)
                     self._found, self._unkept = InForce(more), True
                 return False
             self._latch(stop, tier if before is None else max(tier, before.latch.tier))
@@ -152,6 +156,7 @@ class Latches:
             request_id=stop.request_id,
             at=int(self._clock.wall_s()),
             no_retreat=str(Reason.EVIDENCE_MISSING),  # until it is worked out
+            person=stop.person,
         )
         self._found, self._unkept = InForce(latch), True
 
@@ -308,6 +313,6 @@ class Latches:
         found = self._found
         if found is None:
             return {"latched": False}
-        kept = ("latch_id", "cause", "reason", "tier", "approvers", "at")
+        kept = ("latch_id", "cause", "reason", "tier", "approvers", "at", "person")
         members = statement.claims(found.latch)
-        return {"latched": True, **{name: members[name] for name in kept}}
+        return {"latched": True, **{name: members[name] for name in kept if name in members}}

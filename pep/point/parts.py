@@ -38,8 +38,8 @@ FIRST_VIEW_S: Final = 30.0
 """Longest wait for the first verified view before it listens anyway, denying everything until it comes."""
 TRUST_MARK: Final = "trust.json"
 """Name of the mark of the newest trust bundle, in the state directory."""
-ACCEPTED: Final = frozenset({"decision", "ticket"})
-"""Kinds of records that name a proof which had an effect."""
+ACCEPTED: Final = frozenset({"decision", "stop", "ticket"})
+"""Kinds of records that name a proof, or a person's word on a stop, which had an effect."""
 
 
 class EnforcementInputs(TypedDict):

@@ -117,6 +117,12 @@ ROWS: Final = (
     ),
     CommandRow("approvals", PEOPLE, "ztpm.cli.provider.approvals:app", "Questions to people, and their answers."),
     CommandRow(
+        "stop",
+        PEOPLE,
+        "ztpm.cli.provider.latch:stop",
+        "Stop the arm at once, without a key; with --as nothing moves it until people clear it.",
+    ),
+    CommandRow(
         "latch", PEOPLE, "ztpm.cli.provider.latch:app", "Robots that were stopped, and wait for people to clear them."
     ),
     CommandRow(

@@ -35,6 +35,7 @@ EXAMPLES: Final = {
     "approvals envelopes": "--as bob",
     "approvals revoke": "0123456789abcdef0123456789abcdef --reason 'enough' --as bob",
     "approvals close": "0123456789abcdef0123456789abcdef --reason 'done' --as bob",
+    "stop": "--as bob --reason 'a glove lies in its way'",
     "latch list": "--as bob",
     "latch show": "0123456789abcdef0123456789abcdef --as bob",
     "latch clear": "0123456789abcdef0123456789abcdef --as bob",

@@ -24,6 +24,8 @@ INTERRUPTED: Final = 130
 """Exit status after Ctrl-C, as shells have it."""
 AS_JSON: Final = ContextVar("AS_JSON", default=False)
 """True where the command line asks for JSON; read from its words, so that it holds for wrong ones, too."""
+DONE: Final[ContextVar[Mapping[str, object] | None]] = ContextVar("DONE", default=None)
+"""Acts before a failure, told to machines beside it: an arm that was stopped stays stopped."""
 
 WIDE: Final = 160
 """Columns where the output's width is unknown: piped text must not be cut to fit a screen."""
@@ -64,7 +66,8 @@ def fail(code: str, sentence: str, *, status: int | None = None, more: Mapping[s
     """
     step = step_of(code)
     if AS_JSON.get():
-        say_json({"ok": False, "code": code, "detail": sentence, **({"next": step} if step else {}), **(more or {})})
+        told = {"ok": False, "code": code, "detail": sentence, **({"next": step} if step else {})}
+        say_json({**told, **(DONE.get() or {}), **(more or {})})
     else:
         end = "\n" if "\n" in sentence else " " if sentence.endswith((".", "?", "!")) else ". "
         typer.echo(f"{code}: {sentence}{end}{step}" if step else f"{code}: {sentence}", err=True)

@@ -14,7 +14,7 @@ from typer.core import TyperGroup
 from ztpm.cli.command_rows import ROWS
 from ztpm.cli.later_commands import LaterCommands, installed
 from ztpm.cli.light_help import load_help
-from ztpm.cli.output import AS_JSON, INTERRUPTED, fail
+from ztpm.cli.output import AS_JSON, DONE, INTERRUPTED, fail
 from ztpm.cli.plain_values import read_plainly
 from ztpm.codes.unavailable import UnavailableError, unavailable
 
@@ -63,6 +63,7 @@ class CommandLine(TyperGroup):
         # A program's own options follow `--`.
         own = set(takewhile(lambda word: word != "--", words))
         AS_JSON.set("--json" in own)
+        DONE.set(None)
         if own & HELP:
             load_help()
         read_plainly()

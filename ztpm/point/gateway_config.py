@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from pep.base.errors import ConfigError, PepFault
+from ztpm.base.stop_call import stop_url
 from ztpm.point.cell_config import CellConfig, check_port, check_url, is_loopback, read_text
 
 if TYPE_CHECKING:
@@ -41,6 +42,8 @@ class GatewayConfig(CellConfig):
         CellConfig.check(self)  # a class with slots is another one than `super()` knows
         check_url("url", self.url)
         check_url("calls_url", self.calls_url)
+        if urlsplit(stop_url(self.url)).path in {urlsplit(self.url).path, urlsplit(self.calls_url).path}:
+            raise ConfigError(PepFault.CONFIG_INVALID, "url, calls_url: neither is at `stop`, the address of a stop")
         if urlsplit(self.url).scheme == "http" and not is_loopback(self.host):
             raise ConfigError(PepFault.CONFIG_INVALID, "host: plain HTTP on loopback only")
         check_port("carriage_port", self.carriage_port)

@@ -52,6 +52,7 @@ from pep.world.tool_poses import ToolPoses
 from policies.primitives.tools import RUNNING
 from ztpm.base.path_router import PathRouter
 from ztpm.base.processes import STOP
+from ztpm.base.stop_call import stop_url
 from ztpm.codes.unavailable import unavailable
 from ztpm.edge.places import Bounds
 from ztpm.point.arm_tools import tool_motions, tools_app_of
@@ -59,11 +60,12 @@ from ztpm.point.enforcement_point import main_of
 from ztpm.point.gateway_config import GatewayConfig, read_gateway_config
 from ztpm.point.lease_listener import LeaseListener
 from ztpm.point.live_report import LiveReport
-from ztpm.point.page_stop import PageStop
+from ztpm.point.open_stop import OpenStop
 from ztpm.point.robot import PortStopper, confirm_kinematics, found_holding, readiness
 from ztpm.point.robot_latch import RobotLatch
 from ztpm.point.robot_point import RobotPoint, opened_cell
 from ztpm.point.simulator_check import recognise
+from ztpm.point.stop_door import StopDoor
 
 if TYPE_CHECKING:
     from collections.abc import Awaitable, Callable, Coroutine, Mapping
@@ -206,8 +208,13 @@ class GatewayServer(RobotPoint):
             audience=config.audience,
             clock=self.clock,
         )
-        self.page_stop = PageStop(
-            leases=self.leases, tools=self.tools, latching=self.latch.latching, gate=self.gate, end=self._end
+        self.open_stop = OpenStop(
+            leases=self.leases,
+            tools=self.tools,
+            latching=self.latch.latching,
+            words=self.latch.words,
+            gate=self.gate,
+            end=self._end,
         )
         self.carriages = LeasePort(self.leases, self.ports, clock=self.clock, begun=self.gate.looked, ended=self._ended)
         self.arrivals = LeaseListener(self.carriages)
@@ -238,7 +245,8 @@ class GatewayServer(RobotPoint):
             clock=self.clock,
             caps=CAPS,
         )
-        self.app = PathRouter(calls, {urlsplit(config.url).path: door})
+        stop = StopDoor(self.open_stop)
+        self.app = PathRouter(calls, {urlsplit(stop_url(config.url)).path: stop, urlsplit(config.url).path: door})
         self._lease_ms = policies.parameters.lease_motion_ms
         self._ending: tuple[Lease, LeaseEnding] | None = None  # of a lease that is ended here, as its program is told
         self._tasks: list[asyncio.Task[object]] = []
@@ -256,7 +264,7 @@ class GatewayServer(RobotPoint):
     @property
     def answers(self) -> Mapping[str, Callable[[], Awaitable[dict[str, object]]]]:
         """Likewise, with the cell as it is now, and the stop of its page."""
-        return {**super().answers, **LiveReport(self, lambda: self.motions.under_way).answers, STOP: self.page_stop}
+        return {**super().answers, **LiveReport(self, lambda: self.motions.under_way).answers, STOP: self.open_stop}
 
     async def report(self) -> dict[str, object]:
         """Report on robot and its latch, perception and revocation view."""
@@ -303,7 +311,7 @@ class GatewayServer(RobotPoint):
 
     async def close(self) -> None:
         """Ends the connections to the robot."""
-        await self.page_stop.close()
+        await self.open_stop.close()
         await self.tools.close()
         self.motions.close()
         self.latch.latching.close()

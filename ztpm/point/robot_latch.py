@@ -10,6 +10,7 @@ from pep.base.operations import ROBOT
 from pep.people.ask_composer import Asker
 from pep.people.latch_file import LATCH_FILE, LatchFile
 from pep.people.latches import Latches
+from pep.people.stop_words import StopPlace, StopWords
 from pep.provider.latch_client import LatchClient
 from pep.rtde.judge.latching import Latching, interrupted
 
@@ -69,6 +70,13 @@ class RobotLatch:
             audience=config.audience,
             clock=point.clock,
             failed=lambda error: point.incidents.tell("latch", error),
+        )
+        self.words = StopWords(
+            StopPlace(config.issuer, config.audience, ROBOT, point.started_s),
+            people=point.follower,
+            replay=point.replay,
+            clock=point.clock,
+            caps=CAPS,
         )
         self._client = LatchClient(self.latches, point.asking, clock=point.clock, incident=point.feed_incident)
         point.asking.heard.append(self.latching.heard)

@@ -85,6 +85,12 @@ def render(picture: Snapshot) -> str:
         tag("h2", words["arm"], class_="unseen"),
         tag("div", id="view", class_="view", tabindex="0", role="img", aria_label=words["view"]),
         tag("p", tag("output", id="told", class_="dim")),
+        tag(
+            "details",
+            tag("summary", words["stays"]),
+            tag("p", words["stays_told"]),
+            tag("pre", f"ztpm stop --data {picture.data} --as NAME"),
+        ),
         tag("noscript", words["view_bare"]),
     )
     side = tag(
@@ -233,6 +239,8 @@ def _latch(latch: dict[str, Any] | None) -> tuple[Markup, ...]:
         return ()
     words = TEXTS["robot"]
     said = words["latched"].format(cause=latch["cause"], reason=latch["reason"]).rstrip()
+    if latch.get("person"):
+        said += words["by_person"].format(person=latch["person"])
     command = f"ztpm latch clear {latch['latch_id']} --as NAME"
     return tag(
         "p", tag("span", said, class_="bad"), words["two_clear" if latch["approvers"] > 1 else "one_clears"]

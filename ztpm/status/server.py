@@ -99,7 +99,7 @@ def status_app(
     async def asset(request: Request) -> Response:
         name = request.path_params["name"]
         if name not in ASSETS:
-            return PlainTextResponse("NOT_FOUND\n", 404, headers=HEADERS)
+            return _refused("NOT_FOUND", 404)
         content = await run_in_threadpool((ASSETS[name] / name).read_bytes)
         return Response(content, media_type=KINDS[name.rpartition(".")[2]], headers=HEADERS)
 
@@ -124,6 +124,11 @@ def status_app(
         Route("/{name}", asset),
     ]
     return _OwnersOnly(Starlette(routes=routes), netloc=f"{host}:{port}", owners=owners)
+
+
+def _refused(code: str, status: int) -> Response:
+    """Refusal of a request, with its code as a line of text."""
+    return PlainTextResponse(f"{code}\n", status, headers=HEADERS)
 
 
 async def _asks_to_stop(request: Request) -> bool:
@@ -158,11 +163,11 @@ class _OwnersOnly:
 
     def _refusal(self, scope: Scope) -> Response | None:
         if [value for name, value in scope["headers"] if name == b"host"] != [self._netloc]:
-            return PlainTextResponse("WRONG_HOST\n", 421, headers=HEADERS)
+            return _refused("WRONG_HOST", 421)
         near, far = scope.get("server"), scope.get("client")
         owner = owner_of(tuple(near), tuple(far)) if near and far else None
         if owner not in self._owners:
-            return PlainTextResponse("NOT_YOURS\n", 403, headers=HEADERS)
+            return _refused("NOT_YOURS", 403)
         return None
 
 

@@ -42,6 +42,7 @@ RECORD_KINDS: Final = frozenset(
         "lease",
         "lease-ended",
         "lease-renewed",
+        "stop",
         "stream",
         "stream-values",
         "ticket",

@@ -39,7 +39,7 @@ class LatchCause(StrEnum):
     ROBOT_FAILED = "robot-failed"
     """The arm did not do what was permitted: it stood, was silent or took too long."""
     ASKED = "asked"
-    """The arm was stopped on the cell's page, which asks nobody for a name."""
+    """It was asked for, without a name or with the signed word of a known person ([STM-26])."""
     INTERRUPTED = "interrupted"
     """The enforcement point ended while an act was under way."""
     UNREADABLE = "unreadable"
@@ -90,6 +90,7 @@ class Latch(Form, frozen=True):
         at: seconds since the epoch.
         retreat: the way out that the physics proposes, one or none.
         no_retreat: the code of why there is none; "" beside one.
+        person: the person whose signed word was on the stop, or "".
     """
 
     latch_id: Id
@@ -105,6 +106,7 @@ class Latch(Form, frozen=True):
     at: Whole
     retreat: Annotated[tuple[Retreat, ...], Meta(min_length=1, max_length=1)] = ()
     no_retreat: Name = ""
+    person: NameOrEmpty = ""
 
 
 def sign(latch: Latch, key: PrivateKey) -> str:

@@ -9,10 +9,8 @@ from typing import TYPE_CHECKING, Final
 
 from capabilities.keys import jws
 from capabilities.statements import statement_form
-from capabilities.statements.claims import AgentId, Id, Name, Thumbprint, Url, Whole, lasting, read
+from capabilities.statements.claims import AgentId, Id, Name, Sentence, Thumbprint, Url, Whole, lasting, read
 from capabilities.values import strict_json
-from capabilities.values import text as texts
-from capabilities.values.caps import DEFAULT
 from capabilities.values.form import Form, converted, plain
 from capabilities.values.scope import Scope
 from capabilities.values.scope_json import scope_from_json, scope_to_json
@@ -28,10 +26,8 @@ LIFETIME_S: Final = 604_800
 """Longest life of a mandate from its signature: a week, after which a person looks at it again."""
 
 if TYPE_CHECKING:
-    _Sentence = str
     _Scope = Scope
 else:
-    _Sentence = converted(str, lambda value: texts.prose(value, most_bytes=DEFAULT.purpose_bytes))
     _Scope = converted(Scope, scope_from_json)
 
 
@@ -53,7 +49,7 @@ class Mandate(Form, frozen=True):
     sponsor: Name
     agent: AgentId
     agent_key: Thumbprint
-    purpose: _Sentence
+    purpose: Sentence
     scope: _Scope
     at: Whole
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import asyncio
 import secrets
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Final, Protocol
 
 from capabilities.statements.people.latch import LatchCause, Retreat
@@ -44,6 +45,8 @@ STANDS_MS: Final = 10_000
 WAY_MS: Final = 5_000
 """Longest time for working out a way: then the best that was found is told."""
 MILLI: Final = 1_000
+WORD_MS: Final = 60_000
+"""Time for which a person's word also means the act that an earlier stop has ended: the signature comes later."""
 LOST: Final = frozenset({LeaseEnding.LEFT, LeaseEnding.CUT, LeaseEnding.SILENT, LeaseEnding.MALFORMED})
 """Endings of a lease by which its program is gone; in the midst of a motion that is a loss."""
 _OF_OUTCOME: Final = {
@@ -173,6 +176,7 @@ class Latching:
         self._failed = failed
         self._unsafe = False
         self._since_ms: tuple[str, int] = "", 0
+        self._asked: tuple[LatchedStop, int] | None = None  # newest asked stop of a moving arm, and when
         self._worker = ThreadPoolExecutor(1, "latch")
 
     # ---- what latches
@@ -181,7 +185,7 @@ class Latching:
         """See `pep.rtde.motion.motions.MotionEnded`; a latch is on disk when this returns, or told as not kept."""
         state = self._newest().state
         self._stopped(stop_of(end, permit, late=late, safety_mode=None if state is None else state.safety_mode))
-        await self._keep()
+        await self.keep()
 
     def lease_ended(self, ending: LeaseEnding) -> None:
         """Latches where a lease ends in the midst of a motion, and not by its owner.
@@ -192,11 +196,20 @@ class Latching:
         if moving is not None:
             self._stopped(lost_with(ending, moving))
 
-    def asked(self) -> None:
-        """Latches where the policies name a stop on the cell's page, whose caller nobody knows ([LIV-2])."""
-        moving = self._under_way()
-        tier, act = (Tier.NO_EFFECT, "") if moving is None else (tier_of(moving), moving.request_id)
-        self._stopped(LatchedStop(LatchCause.ASKED, "", tier, act))
+    def asked(self, person: str = "") -> None:
+        """Latches after a stop that was asked for: always by a known person's word, else where the policies say so.
+
+        Args:
+            person: whose signed word on it counts ([STM-26]), or "" ([LIV-2]).
+        """
+        now_ms, moving = self._clock.monotonic_ms(), self._under_way()
+        stop = LatchedStop(LatchCause.ASKED, "", Tier.NO_EFFECT, "", person)
+        if moving is not None:
+            stop = replace(stop, tier=tier_of(moving), request_id=moving.request_id)
+            self._asked = stop, now_ms
+        elif person and self._asked is not None and now_ms - self._asked[1] <= WORD_MS:
+            stop = replace(self._asked[0], person=person)
+        self._stopped(stop)
 
     def look(self) -> None:
         """Latches where the controller has stopped for safety since the last look."""
@@ -218,7 +231,7 @@ class Latching:
         """Keeps the latch and works out its way. Runs until it is cancelled."""
         while True:
             self.look()
-            await self._keep()
+            await self.keep()
             found = self.latches.in_force
             if found is not None and not found.text:
                 try:
@@ -227,13 +240,13 @@ class Latching:
                     self._failed(error)
             await asyncio.sleep(LOOK_S)
 
-    async def _keep(self) -> None:
-        if not self.latches.unkept:
-            return
-        try:
-            await asyncio.get_running_loop().run_in_executor(self._worker, self.latches.keep)
-        except (OSError, PepError) as error:
-            self._failed(error)  # latched all the same; the next look tries again
+    async def keep(self) -> None:
+        """The latch is on disk and on record; a failure is told, and the next look tries again."""
+        if self.latches.unkept:
+            try:
+                await asyncio.to_thread(self.latches.keep)
+            except (OSError, PepError) as error:
+                self._failed(error)  # latched all the same
 
     async def _propose(self, latch_id: str, request_id: str) -> None:
         now_ms = self._clock.monotonic_ms()

@@ -48,7 +48,7 @@ class LeaseEnding(StrEnum):
     AUTHORITY = "authority"
     """The token no longer holds, or its validity cannot be told."""
     STOPPED = "stopped"
-    """The arm was stopped on the cell's page."""
+    """The arm was stopped on the cell's page, or at the gateway's own address."""
     GATEWAY = "gateway"
     """The gateway ends."""
 

@@ -43,7 +43,7 @@ from capabilities.statements import (
     ticket,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, vote
+from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, stop, vote
 from capabilities.statements import (
     trust as trust_bundle,
 )
@@ -172,6 +172,7 @@ LATCHED = latch.Latch(
     retreat=(latch.Retreat((latch.Turn(1, -200_000),), (0, -200_000, 0, 0, 0, 0), 100_000, Tier.CONSEQUENTIAL, 1_900),),
 )
 CLEARED = clearing.Clearing("1a" * 16, HEX, CELL, "ur3e", latch.LatchCause.WATCH, "carol", NOW + 120, NOW)
+SAID_STOP = stop.Stop("1c" * 16, ISSUER, CELL, "ur3e", "carol", "a glove lies in its way", NOW + 30, NOW)
 STANDING = answers.Answers(
     ISSUER, CELL, "n" * 22, NOW * 1_000, (answers.AnsweredAsk("0a" * 16, "granted", ("vote",)),), ("opening",)
 )
@@ -331,6 +332,7 @@ KINDS = {
     envelope: ENVELOPED,
     latch: LATCHED,
     clearing: CLEARED,
+    stop: SAID_STOP,
     answers: STANDING,
     cell: SURVEY,
     manifest: LISTED,
@@ -599,6 +601,23 @@ def test_what_no_statement_can_hold_is_not_signed(value):
 def test_a_word_on_conduct_is_consistent(change):
     text = statement_form.sign("conduct", {**claims_of(conduct), **change}, SIGNER)
     assert code_of(conduct, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-26")
+@pytest.mark.parametrize("change", [{"not_after": NOW}, {"not_after": NOW + 31}, {"at": NOW + 30}, {"at": NOW - 1}])
+def test_a_word_on_a_stop_counts_for_half_a_minute_at_most(change):
+    text = statement_form.sign("stop", {**claims_of(stop), **change}, SIGNER)
+    assert code_of(stop, text) is FaultCode.STATEMENT_MALFORMED
+
+
+@pytest.mark.clause("STM-26")
+def test_the_longest_word_on_a_stop_fits_what_is_read_of_one_and_a_longer_text_is_refused():
+    url = "https://" + "a" * 240 + ".example"
+    longest = structs.replace(SAID_STOP, issuer=url, audience=url, robot="r" * 256, person="p" * 256, reason='"' * 512)
+    assert stop.open(stop.sign(longest, SIGNER), TRUSTED, DEFAULT) == longest
+    assert code_of(stop, "A" * (stop.STOP_BYTES + 1)) is FaultCode.STATEMENT_MALFORMED
+    said = statement_form.sign("stop", {**claims_of(stop), "reason": "r" * stop.STOP_BYTES}, SIGNER)
+    assert code_of(stop, said) is FaultCode.STATEMENT_MALFORMED
 
 
 @pytest.mark.clause("STM-5")

@@ -7,11 +7,12 @@ import sys
 
 import pytest
 from tests.e2e.test_gateway import House, Run
+from ztpm.base.stop_call import StopAddress, ask_gateway
 from ztpm.cell.cell import PASSPHRASE_VARIABLE
 from ztpm.stage.samples import StateRecorder
 from ztpm.stage.stage import until
 
-pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120), pytest.mark.clause("LSD-21", "LSD-22", "LSD-23")]
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(120), pytest.mark.clause("LIV-7", "LSD-21", "LSD-22", "LSD-23")]
 
 POLICY = """
 name = "latching"
@@ -99,12 +100,43 @@ def test_a_lost_program_latches_the_robot_until_a_person_clears_it(house):
     assert max(abs(a - b) for a, b in zip(eyes.now().q_rad, here, strict=True)) < 1e-3, "clearing moves nothing"
 
     assert moved(house)[0] == ["True"]
+    stopped_by_a_known_person(house, eyes)
     until(
-        lambda: {"latched", "latch-retreat", "latch-cleared"} <= set(kinds(house)),
+        lambda: {"latched", "latch-retreat", "latch-cleared", "stop"} <= set(kinds(house)),
         "the records in the provider's ledger",
     )
-    assert len(house.journal("latched")) == 1
+    assert len(house.journal("latched")) == 2
     eyes.close()
+
+
+def stopped_by_a_known_person(house, eyes):
+    """Stop of a moving arm with a known person's word: it stays stopped, though the policies name no such cause."""
+    place = StopAddress.of(house.cell.layout.gateway_config)
+    said = ask_gateway(place, timeout_s=5)
+    assert (said["person"], said["latch"]) == ("", {"latched": False})
+    assert moved(house)[0] == ["True"], "an anonymous stop latches nothing"
+
+    with Run(house, "say('here')\ncontrol.moveJ([q[0] + 1.2, *q[1:]], 0.2, 1.0)") as run:
+        assert run.line() == "here"
+        until(lambda: not eyes.now().still, "a motion")
+        status, told = ztpm(house, "stop", "--reason", "a glove lies in its way")
+    assert (status, told["by"], told["person"], told["lease"]) == (0, "gateway", "bob", "")
+    until(lambda: eyes.now().still, "standstill")
+    (word,), latched = house.journal("stop"), house.journal("latched")[-1]
+    assert (latched["cause"], latched["person"], latched["tier"]) == ("asked", "bob", 1)
+    assert latched["request_id"], "of the motion that the stop before the word has ended"
+    assert (word["person"], word["reason"], word["latch_id"]) == ("bob", "a glove lies in its way", latched["latch_id"])
+    assert ask_gateway(place, word["word"], timeout_s=5)["fault"] == "STOP_USED"
+    house.cell.gateway.kill()
+    house.cell.end("gateway")
+    house.cell.start_gateway()
+    assert ask_gateway(place, word["word"], timeout_s=5)["fault"] in {"STOP_USED", "STOP_OUT_OF_TIME"}
+    assert "ROBOT_LATCHED" in moved(house, f"control.moveJ({SMALL}")[1]
+
+    until(lambda: ztpm(house, "latch", "show", latched["latch_id"])[1].get("person") == "bob", "a latch told to people")
+    assert ztpm(house, "latch", "clear", latched["latch_id"], "--yes", who="carol")[1]["state"] == "released"
+    until(lambda: len(house.journal("latch-cleared")) == 2, "a clearing on record")
+    assert moved(house)[0] == ["True"]
 
 
 def kinds(house):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+from dataclasses import replace
 
 import pytest
 from capabilities.statements.people.clearing import Clearing
@@ -170,6 +171,34 @@ def test_a_further_stop_raises_the_tier_of_a_latch_that_nobody_was_told_of(cell)
     assert (latch.latch_id, latch.tier, latch.approvers) == (latch_id, Tier.SAFETY_CRITICAL, 2)
     (cell.path / "latch.json").unlink()
     assert cell.restarted().in_force.latch == latch
+
+
+@pytest.mark.clause("LIV-7", "LSD-21")
+def test_a_known_persons_word_latches_what_no_policy_names_and_names_the_person_over_every_restart(cell):
+    cell.latches = cell.made(causes=frozenset())
+    assert not cell.latches.stopped(LatchedStop(LatchCause.ASKED, tier=Tier.NO_EFFECT))
+    latch = cell.fallen(LatchedStop(LatchCause.ASKED, tier=Tier.NO_EFFECT, person="bob")).latch
+    assert (latch.cause, latch.person, latch.approvers) == (LatchCause.ASKED, "bob", 1)
+    assert cell.latches.summary()["person"] == "bob"
+    assert cell.restarted(causes=frozenset()).in_force.latch == latch
+    (cell.path / "latch.json").unlink()
+    assert cell.restarted(causes=frozenset()).in_force.latch.person == "bob"
+    cell.latches.propose(WAY)
+    assert cell.accept(cell.clearing("bob")), "who stopped it may clear it, as any approver may"
+
+
+@pytest.mark.clause("LIV-7", "LSD-21")
+def test_a_persons_word_on_a_latch_that_nobody_was_told_of_names_the_person_and_keeps_its_cause(cell):
+    cell.latches.stopped(WATCH)
+    cell.latches.keep()
+    asked = LatchedStop(LatchCause.ASKED, tier=Tier.NO_EFFECT, person="bob")
+    assert not cell.latches.stopped(asked)
+    assert cell.latches.unkept
+    cell.latches.keep()
+    assert not cell.latches.stopped(replace(asked, person="carol")), "the first word counts"
+    cell.latches.keep()
+    latch = cell.restarted().in_force.latch
+    assert (latch.cause, latch.tier, latch.person) == (LatchCause.WATCH, Tier.HIGH_CONSEQUENCE, "bob")
 
 
 # --- crash points

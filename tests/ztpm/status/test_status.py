@@ -95,7 +95,16 @@ def test_a_latch_is_on_the_page_with_the_way_to_clear_it():
             f"ztpm latch clear {'1a' * 16}",
         ):
             assert shown in page
-    assert "latch" not in render(replace(PICTURE, robot=PICTURE.robot | {"latch": {"latched": False}}))
+    named = render(replace(PICTURE, robot=PICTURE.robot | {"latch": latch | {"cause": "asked", "person": EVIL}}))
+    assert "latched after asked IMPACT_ROSE; stopped by &lt;script&gt;" in named
+    clear = render(replace(PICTURE, robot=PICTURE.robot | {"latch": {"latched": False}}))
+    assert "latched after" not in clear and "ztpm latch clear" not in clear
+
+
+@pytest.mark.clause("LIV-2", "LIV-7")
+def test_the_page_says_how_a_known_person_stops_it_so_that_it_stays_stopped():
+    assert "ztpm stop --data /cell --as NAME" in render(PICTURE)
+    assert "ztpm stop --data &lt;script&gt;" in render(replace(PICTURE, data=EVIL))
 
 
 def test_which_kinematics_count_is_on_the_page():

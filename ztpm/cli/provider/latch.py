@@ -1,24 +1,38 @@
-"""`ztpm latch`: robots that a stop has latched, the way out that the physics proposes, and their clearing by people.
+"""`ztpm stop`, and `ztpm latch`: robots that a stop has latched, the proposed way out, and their clearing by people.
 
-Exit status: 0 done, 1 failure, 2 usage, 3 refused by the identity provider, 4 cleared and still waiting for another
-person.
+Exit status: 0 done, 1 failure, 2 usage, 3 refused (a stop has begun all the same), 4 cleared and still waiting for
+another person.
 """
 
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Annotated, Final
+import secrets
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 import typer
 from rich.table import Table
 from rich.text import Text
 
-from capabilities.statements.claims import ID
-from ztpm.cli.output import DEFER, console, fail, instant, plain, say_json
-from ztpm.cli.provider.person import Json, Signer, refusals, signed
+from ztpm.cli.output import DEFER, DONE, console, fail, fail_at, instant, plain, say_json
+from ztpm.cli.provider.person import (
+    KEY_VARIABLE,
+    CellDirectory,
+    Json,
+    Signer,
+    known_name,
+    layout_of,
+    open_key,
+    refusals,
+    signed,
+)
 
 if TYPE_CHECKING:
     from capabilities.statements.people.latch import Latch, Retreat
+    from ztpm.base.layout import Layout
+    from ztpm.base.stop_call import StopAddress
     from ztpm_idp.client.latches import ShownLatch
 
 app = typer.Typer(no_args_is_help=True, help="Robots that were stopped, and wait for people to clear them.")
@@ -99,7 +113,89 @@ def clear(
     raise typer.Exit(DEFER if waiting else 0)
 
 
+def stop(
+    *,
+    directory: CellDirectory = None,
+    person: Annotated[
+        str, typer.Option("--as", help="Whose key signs that the robot waits for people afterwards.", envvar="ZTPM_AS")
+    ] = "",
+    key: Annotated[
+        Path | None, typer.Option("--key", help="The key's file, where the cell has none.", envvar=KEY_VARIABLE)
+    ] = None,
+    reason: Annotated[str, typer.Option("--reason", help="Why, in the signed word and the ledger.")] = "",
+    as_json: Json = False,
+) -> None:
+    """Stop the arm at once, without a key; with --as nothing moves it until people clear it.
+
+    The arm is being stopped before a passphrase is asked for.
+    """
+    from ztpm.base.stop_call import DASHBOARD, StopAddress, stop_arm
+    from ztpm.status.texts import TEXTS
+
+    layout, words = layout_of(directory), TEXTS["stop"]
+    try:
+        address = StopAddress.of(layout.gateway_config)
+    except OSError as error:
+        fail_at(layout.gateway_config, error, "UNREADABLE")
+    except ValueError as error:
+        fail("CONFIG_INVALID", f"{layout.gateway_config}: {error}")
+    done = stop_arm(address)
+    if done is None:
+        fail("STOP_FAILED", str(words["nobody"]))
+    DONE.set({"stopped": True, "by": done["by"]})
+    if not as_json:
+        lease = words["lease"].format(lease=plain(done["lease"])) if done["lease"] else ""
+        typer.echo(f"{words['dashboard' if done['by'] == DASHBOARD else 'begun']}{lease}")
+    if person:
+        done = _latched_by(person, key, reason, layout, address)
+    if as_json:
+        say_json({"ok": True, **{name: done[name] for name in ("stopped", "by", "lease", "person", "latch")}})
+    elif done["person"]:
+        clears = f"ztpm latch clear {done['latch']['latch_id']} --data {layout.root} --as NAME"
+        typer.echo(f"The robot is latched by {plain(done['person'])}. Once somebody has looked at the cell: {clears}")
+    elif (done["latch"] or {}).get("latched"):
+        typer.echo("The robot is latched; `ztpm latch list` shows by what.")
+    else:
+        typer.echo("Nothing is latched: who may move it moves it again. `ztpm stop --as NAME` latches it.")
+
+
+def _latched_by(person: str, key: Path | None, reason: str, layout: Layout, address: StopAddress) -> dict[str, Any]:
+    """The gateway's answer to this person's word on the stop, which has begun; the command ends where it fails."""
+    from capabilities.statements.people import stop as stops
+    from capabilities.values.errors import StatementError
+    from pep.base.operations import ROBOT
+    from ztpm.base.stop_call import WORD_S, ask_gateway
+
+    known_name(person)
+    path = key or layout.operator_key(person)
+    if not path.exists():
+        fail("OPERATOR_UNKNOWN", f"{path} is missing")
+    own, at = open_key(path), int(time.time())
+    made = stops.Stop(
+        stop_id=secrets.token_hex(16),
+        issuer=address.issuer,
+        audience=address.audience,
+        robot=ROBOT,
+        person=person,
+        reason=reason,
+        not_after=at + stops.LIFETIME_S,
+        at=at,
+    )
+    try:
+        word = stops.sign(made, own)
+    except StatementError as error:
+        fail("USAGE", f"--reason: {error.detail}")
+    said = ask_gateway(address, word, timeout_s=WORD_S)
+    if said is None:
+        fail("GATEWAY_UNREACHABLE", f"nothing answers at {address.url}, so nothing is latched")
+    if said["fault"]:
+        fail(str(said["fault"]), f"the word of {person} latches nothing; that of an approver does, signed just now")
+    return said
+
+
 def _check_id(given: str) -> None:
+    from capabilities.statements.claims import ID
+
     if not ID.fullmatch(given):
         fail("ID_MALFORMED", "an id is 32 hex digits")
 
@@ -125,6 +221,7 @@ def _show(found: ShownLatch) -> None:
         "latch": latch.latch_id,
         "robot": f"{latch.robot} of {latch.audience}",
         "cause": f"{latch.cause} {latch.reason}".strip(),
+        **({"stopped by": latch.person} if latch.person else {}),
         "tier": f"{int(latch.tier)} of the act that was stopped",
         "request": latch.request_id or "none",
         "since": instant(latch.at),

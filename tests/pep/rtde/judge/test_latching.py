@@ -284,6 +284,33 @@ def test_a_stop_whose_caller_nobody_knows_latches_where_the_policies_name_it_and
     assert (latch.cause, latch.tier, latch.request_id) == (LatchCause.ASKED, Tier.NO_EFFECT, "")
 
 
+@pytest.mark.clause("LIV-7", "LSD-21")
+@pytest.mark.parametrize("later_ms", [None, 60_000, 60_001])
+def test_a_known_persons_word_latches_with_the_act_that_it_or_a_stop_just_before_it_has_ended(robot, later_ms):
+    """The signature comes after the stop, and the latch is of the act that was stopped."""
+    robot.causes = frozenset()
+    robot.latching.close()
+    robot.latching = robot.made(robot.journal)
+
+    def stopped():
+        robot.latching.asked("bob" if later_ms is None else "")
+        robot.scene.arm.stopped_ms = robot.scene.clock.mono
+        robot.scene.arm.halt()
+
+    robot.moved(stopped)
+    if later_ms is not None:
+        assert robot.latches.latch_id is None, "nobody is known yet"
+        robot.latching._asked = robot.latching._asked[0], robot.scene.clock.monotonic_ms()
+        robot.scene.clock.advance(later_ms)
+        robot.latching.asked("bob")
+    latch = robot.latches.in_force.latch
+    stopped_act = (Tier.CONSEQUENTIAL, "ab" * 16) if later_ms != 60_001 else (Tier.NO_EFFECT, "")
+    assert (latch.cause, latch.person, (latch.tier, latch.request_id)) == (LatchCause.ASKED, "bob", stopped_act)
+    assert robot.counts == 1
+    asyncio.run(robot.latching.keep())
+    assert robot.kinds() == [LATCHED]
+
+
 def test_a_program_that_leaves_a_standing_arm_latches_nothing(robot):
     robot.latching.lease_ended(LeaseEnding.LEFT)
     assert robot.latches.latch_id is None
