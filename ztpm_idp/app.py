@@ -33,6 +33,7 @@ from ztpm_idp.provider.heartbeat import Heartbeat
 from ztpm_idp.provider.metrics import Metrics
 from ztpm_idp.provider.metrics_access import MetricsAccess, by_settings
 from ztpm_idp.provider.observing import Observing
+from ztpm_idp.provider.picture_keeping import keep_pictures
 from ztpm_idp.provider.problems import RESPONSES, Problem, answer
 from ztpm_idp.provider.provider import Provider
 from ztpm_idp.provider.rates import Rates
@@ -202,7 +203,7 @@ def create_app(
                 for each in login_providers
             }
             watched = (each.run() for each in watch(app.state.provider))
-            own = app.state.ledger_follower.run(), app.state.pushing.run()
+            own = app.state.ledger_follower.run(), app.state.pushing.run(), keep_pictures(app.state.provider)
             async with _beside(*own, *watched), store.listening(app.state.provider.hinted):
                 yield
         finally:

@@ -57,6 +57,21 @@ class Lifetimes(BaseModel):
     nonce_s: Annotated[int, Field(ge=1, le=DEFAULT.nonce_age_s)] = DEFAULT.nonce_age_s
 
 
+class PictureSettings(BaseModel):
+    """Time and room for which pictures of motions are kept; their digests stay on record for ever.
+
+    Attributes:
+        days: after which a picture is forgotten.
+        megabytes: room for all, deflated; beyond it the oldest are forgotten, but none of the last hour, within which
+            people answer.
+    """
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True)
+
+    days: Annotated[int, Field(ge=1, le=36_500)] = 30
+    megabytes: Annotated[int, Field(ge=16, le=16_777_216)] = 2_048
+
+
 class Stated(BaseModel):
     """Address of the identity provider and the way it keeps its state, all but its keys.
 
@@ -79,6 +94,7 @@ class Stated(BaseModel):
             of them are approved unread.
         allowances: how much of each thing one sponsor may have.
         rates: requests of one caller, or from one address, that are taken in a minute.
+        pictures: how long pictures of motions are kept, and how much room they have.
     """
 
     model_config = ConfigDict(strict=True, extra="forbid", frozen=True, hide_input_in_errors=True)
@@ -101,6 +117,7 @@ class Stated(BaseModel):
     webhooks: list[WebhookSettings] = []
     rates: RateSettings = RateSettings()
     allowances: EveryAllowance = EveryAllowance()
+    pictures: PictureSettings = PictureSettings()
 
     @model_validator(mode="after")
     def _safe(self) -> Self:

@@ -128,7 +128,7 @@ class FileJournal:
         Args:
             kind: "advice", "decision", "outcome", "refusal", "ask", "ask-answered", "ask-refused", "ask-expired",
                 "incident", "latched", "latch-retreat", "latch-cleared", "lease", "lease-ended",
-                "lease-renewed", "stop", "stream", "stream-values" or "ticket".
+                "lease-renewed", "picture", "stop", "stream", "stream-values" or "ticket".
             body: plain JSON values, finite numbers.
 
         Raises:

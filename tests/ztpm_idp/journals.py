@@ -6,6 +6,7 @@ import hashlib
 import secrets
 
 import rfc8785
+from capabilities.statements.people import picture
 from capabilities.statements.revocation import RevocationView
 from capabilities.token.verify import token_from_text, verify
 from capabilities.values.caps import DEFAULT
@@ -93,6 +94,12 @@ class Journal:
         request, body = self.decision(token, effect, reason, **changes)
         self.record("decision", body, at_s=at_s)
         return request
+
+    def pictured(self, request: Request, text: str, **changes) -> str:
+        """A record that names the picture of a request's motion; its digest."""
+        digest = picture.digest_of(text)
+        self.record("picture", {"request_id": request.request_id, "digest": digest} | changes)
+        return digest
 
     def ship(self, made: list | None = None) -> int:
         """Ships the records that were not shipped yet, or these, into the ledger."""

@@ -122,13 +122,14 @@ LATEST_COLUMNS = (
     ("peps", "suspended_ms"),
     ("sensors", "suspended_ms"),
     ("tools", "suspended_ms"),
-    ("asks", "picture"),
+    ("asks", "picture_digest"),
     ("changes", "by_passkey"),
 )
 """Columns that no database of an earlier release has."""
 
 
 LATEST_TABLES = (
+    "pictures",
     "pushes",
     "enrolments",
     "envelopes",

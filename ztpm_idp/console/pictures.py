@@ -1,15 +1,15 @@
-"""Pictures of a request's motion, as its questions to people named them, and its end on record. Pure."""
+"""Pictures of a request's motion, as questions to people and records name them, and its end on record. Pure."""
 
 from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from itertools import islice
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.characters import shown
 from ztpm_idp.console import journey
-from ztpm_idp.domain.audit import claims_of
+from ztpm_idp.domain.audit import claims_of, object_of
+from ztpm_idp.domain.pictures import DIGEST
 from ztpm_idp.provider.ask_words import sentence_of_claims
 
 if TYPE_CHECKING:
@@ -17,29 +17,29 @@ if TYPE_CHECKING:
 
 MOST: Final = 8
 """Most pictures of one page: a browser keeps no more than sixteen at once."""
-_KIND: Final = "ask-taken"
-"""Kind of the entry that has a signed ask."""
 _ENDED: Final = ("reason", "detail", "result", "watch")
 """Members of an outcome's record that say how a motion ended, as reported and measured."""
 
 
 @dataclass(frozen=True, slots=True)
 class Pictured:
-    """One question about a motion, with the digest of the picture that people were shown.
+    """One entry that names the picture of a motion, or says that there is none.
 
     Attributes:
-        number: of the ledger's entry that has the ask.
+        number: of the ledger's entry.
         at_ms: of that entry.
-        ask_id: of the ask.
-        sentence: on what would happen.
-        digest: SHA-256 (hex) of the picture's text; "" where the ask names none.
+        subject: id of the ask, or of the request.
+        sentence: on what an ask would have done; "" of a decision's record, whose page says it.
+        digest: SHA-256 (hex) of the picture's text; "" where there is none.
+        reason: code by which a record says that there is none; "" of an ask.
     """
 
     number: int
     at_ms: int
-    ask_id: str
+    subject: str
     sentence: str
     digest: str
+    reason: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,12 +51,12 @@ class Ended:
 
 
 def pictures_of(lines: Iterable[bytes]) -> tuple[Pictured, ...]:
-    """The questions about motions among these entries, in their order, at most `MOST` ([CON-8]).
+    """The entries about pictures of motions among these, in their order ([CON-8], [CON-9]).
 
     Args:
         lines: of the ledger.
     """
-    return tuple(islice((each for each in map(_pictured, lines) if each is not None), MOST))
+    return tuple(each for each in map(_pictured, lines) if each is not None)
 
 
 def ends_of(lines: Iterable[bytes]) -> tuple[Ended, ...]:
@@ -75,9 +75,17 @@ def _ended(body: dict[str, Any]) -> Ended:
 
 
 def _pictured(line: bytes) -> Pictured | None:
-    entry = json.loads(line)
-    asked = claims_of(journey.body_of(line).get("ask")) if entry.get("kind") == _KIND else {}
-    if not asked.get("start_urad"):  # no arm would move
-        return None
-    digest = str(asked.get("picture_digest", ""))
-    return Pictured(entry["seq"], entry["at_ms"], str(asked.get("ask_id")), shown(sentence_of_claims(asked)), digest)
+    entry, body = object_of(json.loads(line)), journey.body_of(line)
+    match entry:
+        case {"kind": "ask-taken", "seq": int(number), "at_ms": int(at_ms)}:
+            asked = claims_of(body.get("ask"))
+            if not asked.get("start_urad"):  # no arm would move
+                return None
+            digest, sentence = str(asked.get("picture_digest", "")), sentence_of_claims(asked)
+            return Pictured(number, at_ms, str(asked.get("ask_id")), shown(sentence), digest)
+        case {"kind": "pep-record", "seq": int(number), "at_ms": int(at_ms), "body": {"record": {"kind": "picture"}}}:
+            named = DIGEST.fullmatch(str(body.get("digest")))
+            reason = shown(str(body.get("reason", "?")))
+            return Pictured(number, at_ms, str(body.get("request_id")), "", named[0] if named else "", reason)
+        case _:
+            return None

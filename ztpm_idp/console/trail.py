@@ -26,6 +26,7 @@ from ztpm_idp.provider.feed import ledger_export
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.audit import follower_of
 from ztpm_idp.routes.caller import provider_of, since_of
+from ztpm_idp.routes.ledger import picture_of
 from ztpm_idp.store.audit import Search
 
 if TYPE_CHECKING:
@@ -268,6 +269,15 @@ async def read_proof(request: Request, number: str) -> Response:
     return PlainTextResponse(proof.text, headers=NO_STORE)
 
 
+@router.get("/console/trail/pictures/{digest}", include_in_schema=False)
+async def read_picture(request: Request, digest: str) -> Response:
+    """The picture with this SHA-256 (hex), byte for byte; the browser compares it with the record."""
+    viewer = await auditor_of(request)
+    if not isinstance(viewer, Viewer):
+        return viewer
+    return await picture_of(request, digest)
+
+
 def _log_of(provider: Provider) -> dict[str, str]:
     """The log's origin and keys, with which a browser checks a proof."""
     keys = sorted(map(b64u, provider.rules.trust.ledger))
@@ -304,6 +314,7 @@ async def show_request(request: Request, request_id: str) -> Response:
         of_token = await _about(request, Search(token=way.token_id, most=RELATED))
         made = [line for line in of_token if line.row.kind in journey.LENT]
     raw = [line.raw for line in lines]
+    named = pictures.pictures_of(raw)
     return page(
         request,
         "request.html",
@@ -313,7 +324,8 @@ async def show_request(request: Request, request_id: str) -> Response:
         lines=lines,
         way=way,
         made=made,
-        pictures=pictures.pictures_of(raw),
+        pictures=named[: pictures.MOST],
+        more=named[pictures.MOST :],
         ends=pictures.ends_of(raw),
         **_log_of(provider_of(request)),
     )

@@ -271,6 +271,14 @@ class TakeRecords:
 
 
 @dataclass(frozen=True, slots=True)
+class TakePicture:
+    """An enforcement point brings the text of a picture that a record of a journal names."""
+
+    by: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class TakeAsk:
     """An enforcement point asks people.
 
@@ -440,6 +448,7 @@ Command = (
     | Delegate
     | Revoke
     | TakeRecords
+    | TakePicture
     | TakeAsk
     | CastVote
     | OpenTier4

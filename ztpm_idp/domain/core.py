@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, assert_never
 
-from ztpm_idp.domain import ledger, people, refusals, registry, restoring, revocation
+from ztpm_idp.domain import ledger, people, pictures, refusals, registry, restoring, revocation
 from ztpm_idp.domain.asking import approvals, envelopes, latches
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.commands import (
@@ -40,6 +40,7 @@ from ztpm_idp.domain.commands import (
     TakeBack,
     TakeLatch,
     TakeMark,
+    TakePicture,
     TakeRecords,
     VouchAgent,
 )
@@ -157,6 +158,8 @@ def _decided(rules: Rules, state: State, command: Command, at_ms: int) -> Outcom
             return revocation.revoke(state, command)
         case TakeRecords():
             return ledger.take_records(rules, state, command, at_ms)
+        case TakePicture():
+            return pictures.take_picture(state, command)
         case TakeAsk():
             return approvals.take_ask(rules, state, command, at_ms)
         case CastVote():

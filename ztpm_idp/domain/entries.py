@@ -37,6 +37,8 @@ from ztpm_idp.domain.events import (
     PartyRegistered,
     PermitConcluded,
     PermitOpened,
+    PictureNamed,
+    PictureTaken,
     PointHeard,
     RecordTaken,
     RefusalCounted,
@@ -121,6 +123,8 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
         case TrustStated(agent=agent, permille=permille):
             return "trust-stated", {"agent": agent, "permille": permille}
         case NonceGiven() | NonceConsumed() | PermitOpened() | PermitConcluded() | ConductObserved() | RefusalCounted():
+            return None
+        case PictureNamed() | PictureTaken():  # the record is the entry
             return None
         case AgentSuspended(agent=agent, reason=reason):
             return "agent-suspended", {"agent": agent, "reason": reason}

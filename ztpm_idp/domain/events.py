@@ -237,6 +237,21 @@ class RecordTaken:
 
 
 @dataclass(frozen=True, slots=True)
+class PictureNamed:
+    """A record of a journal names the picture with this SHA-256 (hex)."""
+
+    digest: str
+
+
+@dataclass(frozen=True, slots=True)
+class PictureTaken:
+    """The text of a picture that a record names has come, with its SHA-256 (hex)."""
+
+    digest: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
 class PermitOpened:
     """An enforcement point recorded a PERMIT, in its record `seq`; `report` is as if nothing were ever sent."""
 
@@ -442,6 +457,8 @@ Event = (
     | RefusalsSpent
     | Revoked
     | RecordTaken
+    | PictureNamed
+    | PictureTaken
     | PermitOpened
     | PermitConcluded
     | ConductObserved

@@ -15,9 +15,11 @@ from ztpm_idp.domain import conduct
 from ztpm_idp.domain.codes import IdpCode, Refusal
 from ztpm_idp.domain.events import RecordTaken
 from ztpm_idp.domain.parties import RegisteredPep, Standing
+from ztpm_idp.domain.pictures import named_by
 
 if TYPE_CHECKING:
     from ztpm_idp.domain.commands import TakeRecords
+    from ztpm_idp.domain.events import PictureNamed
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.rules import Rules
     from ztpm_idp.domain.state import State
@@ -30,6 +32,7 @@ RECORD_KINDS: Final = frozenset(
         "advice",
         "decision",
         "outcome",
+        "picture",
         "refusal",
         "ask",
         "ask-answered",
@@ -90,6 +93,7 @@ def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -
     if journal is None:  # the store loads it whenever it is wanted
         raise AssertionError
     seq, head, taken = journal.seq, journal.head, list[RecordTaken]()
+    pictures: list[PictureNamed] = []
     digests = dict(journal.digests)
     for record in command.records:
         if (wrong := _malformed(record)) is not None:
@@ -106,9 +110,10 @@ def take_records(rules: Rules, state: State, command: TakeRecords, at_ms: int) -
         if record["prev"] != head:
             return Refusal(IdpCode.RECORD_CHAIN_BROKEN, f"record {this} does not follow the one before")
         taken.append(RecordTaken(command.by, this, digest, record))
+        pictures += named_by(record)
         seq, head = this, digest
         digests[this] = digest
-    return (*taken, *conduct.reported(rules, state, pep, taken, at_ms))
+    return (*taken, *pictures, *conduct.reported(rules, state, pep, taken, at_ms))
 
 
 def _malformed(record: dict[str, object]) -> Refusal | None:

@@ -25,6 +25,7 @@ from ztpm_idp.domain.commands import (
     Revoke,
     SignMandate,
     TakeAsk,
+    TakePicture,
     TakeRecords,
 )
 from ztpm_idp.domain.events import (
@@ -41,6 +42,8 @@ from ztpm_idp.domain.events import (
     PartyRegistered,
     PermitConcluded,
     PermitOpened,
+    PictureNamed,
+    PictureTaken,
     RecordTaken,
     RefusalCounted,
     RefusalsSpent,
@@ -140,6 +143,8 @@ def locks_of(command: Command, wanted: Wanted) -> Locks:
         case TakeRecords(by=by):
             # The agents that the records are about are known, and locked, once its open PERMITs are.
             return Locks(frozenset({WHOLE, REGISTRY, REVOCATIONS}), frozenset({Lock(Part.JOURNAL, by)}))
+        case TakePicture():
+            alone = set()
         case TakeAsk(by=by) | CastVote(by=by) | OpenTier4(by=by) | CloseOpening(by=by):
             alone = {ASKS, party(by)}
         case Revoke(kind=RevocationKind.TOKEN | RevocationKind.HOP | RevocationKind.MANDATE | RevocationKind.AUDIENCE):
@@ -185,7 +190,7 @@ def changed_by(event: Event) -> frozenset[Lock] | None:
         case Revoked(kind=kind, party=ended):
             people = ended is not None or kind in {RevocationKind.KEY, RevocationKind.SPONSOR, RevocationKind.AGENT}
             return frozenset({REVOCATIONS, REGISTRY} if people else {REVOCATIONS})
-        case AccessMade():
+        case AccessMade() | PictureNamed() | PictureTaken():
             return frozenset()  # a row of its own
         case PushFailed():
             return frozenset()  # an entry of the ledger

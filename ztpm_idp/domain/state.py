@@ -184,6 +184,8 @@ class Wanted:
     thumbprint: str | None = None
     tool: tuple[str, str] | None = None
     """A tool, by audience and name."""
+    picture: str | None = None
+    """A picture, by its digest."""
     journal: str | None = None
     journal_seqs: frozenset[int] = frozenset()
     revocation: tuple[str, str] | None = None
@@ -301,6 +303,7 @@ class State:
             wanted or will change, by the wanted key, and from the wanted person.
         oauth: the wanted records of OAuth.
         tool: `ACTIVE` or `SUSPENDED`, as the wanted tool stands; None when it is not registered.
+        picture: text of the wanted one; "" while it is only named, None where it is not named, or no longer kept.
         sessions: of the wanted person, those that may last, oldest first.
         session: the wanted one.
         offer: the wanted login link.
@@ -349,6 +352,7 @@ class State:
     mandates: tuple[MandateRecord, ...] = ()
     oauth: OAuthState = NOTHING
     tool: Standing | None = None
+    picture: str | None = None
     sessions: tuple[Session, ...] = ()
     session: Session | None = None
     offer: Offer | None = None

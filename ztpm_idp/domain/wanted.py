@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, assert_never
 
 from capabilities.statements import mark
+from capabilities.statements.people.picture import digest_of
 from capabilities.values.caps import DEFAULT
 from capabilities.values.errors import CapabilityError
 from ztpm_idp.domain.asking.asks import stated
@@ -43,6 +44,7 @@ from ztpm_idp.domain.commands import (
     TakeBack,
     TakeLatch,
     TakeMark,
+    TakePicture,
     TakeRecords,
     VouchAgent,
 )
@@ -132,6 +134,8 @@ def wanted(command: Command) -> Wanted:
             seqs = frozenset(seq for r in records if isinstance(seq := r.get("seq"), int) and not isinstance(seq, bool))
             about = concerned(records)
             return Wanted(parties=frozenset({by}), journal=by, journal_seqs=seqs, concerned=about)
+        case TakePicture(by=by, text=text):
+            return Wanted(parties=frozenset({by}), picture=digest_of(text))
         case TakeAsk(by=by, text=text):
             says = stated(text, DEFAULT)
             return Wanted(

@@ -70,6 +70,8 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.RECORD_FORKED: (409, "Another record has this number."),
     IdpCode.RECORD_CHAIN_BROKEN: (409, "The record does not follow the one before."),
     IdpCode.RECORD_OF_ANOTHER: (403, "The record is another enforcement point's."),
+    IdpCode.PICTURE_UNKNOWN: (404, "No picture with this digest is named by a record, or none is kept any more."),
+    IdpCode.PICTURE_AWAITED: (404, "A record names the picture, and it has not come."),
     # asking people
     IdpCode.ASK_UNKNOWN: (404, "There is no such ask."),
     IdpCode.ASK_DIFFERS: (409, "Another ask has this id."),

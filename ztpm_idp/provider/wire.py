@@ -402,6 +402,12 @@ class RecordsBody(Body):
     records: Annotated[list[Json], Field(min_length=1, max_length=1_000)]
 
 
+class PictureBody(Body):
+    """The text of a picture that a record names."""
+
+    picture: PictureText
+
+
 class AskBody(Body):
     """An enforcement point's signed ask, with the text of the picture that it names, or "" where it names none."""
 

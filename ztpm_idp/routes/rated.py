@@ -102,6 +102,7 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("GET", "/console/trail/entries/{number}"): _SHOWN,
     ("GET", "/console/trail/entries/{number}/line"): _SHOWN,
     ("GET", "/console/trail/entries/{number}/proof"): _SHOWN,
+    ("GET", "/console/trail/pictures/{digest}"): _SHOWN,
     ("GET", "/console/trail/requests/{request_id}"): _SHOWN,
     ("GET", "/console/people"): _SHOWN,
     ("GET", "/console/agents"): _SHOWN,

@@ -7,10 +7,12 @@ from typing import TYPE_CHECKING, Any, Final, assert_never
 
 import sqlalchemy as sa
 
+from capabilities.statements.people.picture import digest_of
 from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, OpeningRecord, VoteRecord
 from ztpm_idp.domain.events import AskTaken, OpeningClosed, OpeningMade, VoteCast
 from ztpm_idp.domain.parties import PersonRole, Standing
 from ztpm_idp.store import schema as t
+from ztpm_idp.store.pictures.pictures import Pictures
 
 if TYPE_CHECKING:
     from sqlalchemy.ext.asyncio import AsyncConnection
@@ -40,6 +42,7 @@ class Approvals:
 
     def __init__(self, connection: AsyncConnection) -> None:
         self._connection = connection
+        self._pictures = Pictures(connection)
 
     async def asked(self, ask_id: str | None) -> Asked | None:
         """The ask with its votes, when there is one."""
@@ -56,9 +59,9 @@ class Approvals:
         return {ask_id: (text, bytes(key)) for ask_id, text, key in found}
 
     async def picture(self, ask_id: str) -> str:
-        """The text of the picture that the ask names; "" where it names none, or there is no such ask."""
-        found = await self._connection.execute(sa.select(t.asks.c.picture).where(t.asks.c.ask_id == ask_id))
-        return found.scalar_one_or_none() or ""
+        """The text of the picture that the ask names; "" where it names none, or none is kept any more."""
+        found = await self._connection.execute(sa.select(t.asks.c.picture_digest).where(t.asks.c.ask_id == ask_id))
+        return await self._pictures.text(found.scalar_one_or_none()) or ""
 
     async def not_long_over(self, *, since_s: int, audience: str | None = None) -> list[Asked]:
         """Asks that end, or have a vote that ends, at `since_s` or later, oldest first.
@@ -117,7 +120,10 @@ class Approvals:
         match event:
             case AskTaken(ask=ask, text=text, picture=picture):
                 values = {column.name: getattr(ask, column.name) for column in _ASK}
-                statement: Any = sa.insert(t.asks).values(**values, text=text, taken_ms=at_ms, picture=picture)
+                digest = digest_of(picture) if picture else ""
+                if digest:
+                    await self._pictures.keep(digest, picture, at_ms=at_ms)
+                statement: Any = sa.insert(t.asks).values(**values, text=text, taken_ms=at_ms, picture_digest=digest)
             case VoteCast(ask_id=ask_id, place=place, vote=vote):
                 statement = sa.insert(t.votes).values(
                     ask_id=ask_id,

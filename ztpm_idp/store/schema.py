@@ -257,7 +257,7 @@ asks = sa.Table(
     sa.Column("taken_ms", sa.BigInteger, nullable=False),
     sa.Column("text", sa.Text, nullable=False),
     sa.Column("trace_id", sa.String(32), nullable=False, server_default=""),
-    sa.Column("picture", sa.Text, nullable=False, server_default=""),
+    sa.Column("picture_digest", sa.String(64), nullable=False, server_default=""),
 )
 
 votes = sa.Table(

@@ -34,6 +34,8 @@ from ztpm_idp.domain.events import (
     PartyRegistered,
     PermitConcluded,
     PermitOpened,
+    PictureNamed,
+    PictureTaken,
     PointHeard,
     RecordTaken,
     RefusalCounted,
@@ -242,6 +244,10 @@ class Transaction(View):
                 )  # fmt: skip
             case PermitOpened() | PermitConcluded() | AgentRestored():
                 await self.conduct.write(event)
+            case PictureNamed(digest=digest):
+                await self.pictures.name(digest, at_ms=at_ms)
+            case PictureTaken(digest=digest, text=text):
+                await self.pictures.keep(digest, text, at_ms=at_ms)
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case LatchTaken() | ClearingSigned():

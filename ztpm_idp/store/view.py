@@ -37,6 +37,7 @@ from ztpm_idp.store.login.enrolments import Enrolments
 from ztpm_idp.store.login.sessions import Sessions
 from ztpm_idp.store.oauth.access import OAuth
 from ztpm_idp.store.people import People
+from ztpm_idp.store.pictures.pictures import Pictures
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.push.pushes import Pushes
 from ztpm_idp.store.restoring import Restoring
@@ -71,6 +72,7 @@ class View:
         self.oauth = OAuth(connection)
         self.people = People(connection)
         self.points = Points(connection)
+        self.pictures = Pictures(connection)
         self.pushes = Pushes(connection)
         self.revocations = Revocations(connection, self._counting)
         self.restoring = Restoring(connection, self._counting, self.revocations)
@@ -153,6 +155,7 @@ class View:
             ),
             oauth=await self.oauth.state(wanted.oauth),
             tool=await self.upkeep.tool(wanted.tool),
+            picture=await self.pictures.text(wanted.picture),
             sessions=await self.sessions.sessions_of(wanted.sessions_of),
             session=await self.sessions.session(wanted.session),
             offer=await self.sessions.offer(wanted.offer),

@@ -58,6 +58,7 @@ def story(cell):
     for reason in ("LIMIT_EXCEEDED_BY_REQUEST", "NOT_GRANTED"):
         journal.refused(hop.token, reason=reason, tier=3)
     journal.ship()
+    cell.journal = journal
     return first, hop, done
 
 
@@ -349,7 +350,7 @@ def test_a_motion_is_replayed_from_its_record(cell, story, shown, page, axe):
         ("picture", "not the one whose digest stands in the record"),
         ("large", "larger than any picture"),
         ("gone", "no longer kept"),
-        ("line", "the ask stands in the ledger does not hold"),
+        ("line", "the record stands in the ledger does not hold"),
         ("entry", "not the one whose digest stands in the record"),
     ],
 )
@@ -379,17 +380,47 @@ def test_nothing_unbound_is_drawn(cell, story, shown, page, changed, says):
         route.fulfill(response=answer, body=text)
 
     if changed == "gone":
-        cell.world.sql(f"UPDATE asks SET picture = '' WHERE ask_id = '{ask_id}'")
+        cell.world.sql(f"DELETE FROM pictures WHERE digest = '{wire.digest_of(shown)}'")
     elif changed == "entry":
         page.route("**/console/trail/requests/*", misled)
     else:
-        page.route("**/console/trail/entries/*/line" if changed == "line" else "**/approvals/*/picture", other)
+        page.route("**/console/trail/entries/*/line" if changed == "line" else "**/console/trail/pictures/*", other)
     told = replayed(page, issuer, ask_id)
     page.unroute_all()
     assert done == ([] if changed == "gone" else [True])
     assert told.startswith("Nothing is drawn") and says in told, told
     assert page.locator(".pictured canvas").count() == 0
     assert not page.locator(".pictured .controls").is_visible()
+
+
+@pytest.mark.clause("CON-9")
+@pytest.mark.parametrize("changed", ["nothing", "picture", "request", "awaited"])
+def test_a_motion_that_nobody_was_asked_about_is_drawn_from_its_own_record(cell, story, shown, page, changed):
+    """Or not at all: where its picture is another one, the record is about another request, or nothing came yet."""
+    world, (_, hop, _), journal = cell.world, story, cell.journal
+    text = wire.write(structs.replace(wire.read(shown), omitted=1 + len(journal.made)))
+    request, other = journal.acted(hop.token), journal.acted(hop.token)
+    journal.pictured(request, text)
+    journal.ship()
+    if changed != "awaited":
+        assert cell.post(PEP, "/ledger/pictures", {"picture": text}).status_code == 201
+
+    def misled(route):
+        """The page of another request names this one's record, whose proof holds."""
+        answer = route.fetch()
+        route.fulfill(response=answer, body=answer.text().replace(request.request_id, other.request_id))
+
+    if changed == "picture":
+        page.route("**/console/trail/pictures/*", lambda route: route.fulfill(body=shown))
+    elif changed == "request":
+        page.route("**/console/trail/requests/*", misled)
+    told = replayed(page, world.issuer, request.request_id)
+    page.unroute_all()
+    says = {"nothing": "Checked in this browser", "awaited": "Nothing is drawn yet"}.get(
+        changed, "not the one whose digest"
+    )
+    assert says in told, told
+    assert page.locator(".pictured canvas").count() == (changed == "nothing")
 
 
 def page_number(cell, ask_id):

@@ -8,6 +8,7 @@ import re
 
 import pytest
 import rfc8785
+from msgspec import structs
 from capabilities.values.scope import Tier
 from pep.base.operations import MOVE_JOINT
 from pep.request.authority import Credentials
@@ -172,11 +173,43 @@ def test_a_permitted_motion_has_the_picture_of_its_ask_and_its_measured_end(tmp_
         alice = Looking(world, "alice")
         shown = alice.see(f"/trail/requests/{request.request_id}")
         (number,) = [row["seq"] for row in world.rows("ledger_index") if row["kind"] == "ask-taken"]
-        assert f'data-ask="{ask_id}"' in shown and f'data-number="{number}"' in shown
+        assert f'data-subject="{ask_id}"' in shown and f'data-number="{number}"' in shown
         assert picture.digest_of(text) in shown and "stopped_at_urad" in shown and "person-7" in shown
         own = re.search(r'data-picture="([^"]*)"', shown)[1]
         assert alice.get(own).text == text
         assert 'class="pictured"' not in alice.see(f"/trail/requests/{alone.request_id}")
+
+
+@pytest.mark.clause("CON-9")
+def test_a_motion_that_nobody_was_asked_about_has_the_picture_that_its_record_names(tmp_path):
+    with World(tmp_path, settings_changes={"issuer": NAMED}) as world:
+        cell, text = Cell(world), picture.write(SHOWN)
+        journal = Journal(world, registered=True)
+        token = world.people["alice"].issue(world.agents["mover"], world.scope(), purpose="p").token
+        request, without = journal.acted(token), journal.acted(token)
+        digest = journal.pictured(request, text)
+        journal.record("picture", {"request_id": without.request_id, "reason": "PICTURE_QUEUE_FULL"})
+        journal.ship()
+        alice = Looking(world, "alice")
+        where = f"/trail/requests/{request.request_id}"
+        shown = alice.see(where)
+        own = re.search(r'data-picture="([^"]*)"', shown)[1]
+        assert own == f"{AT}/trail/pictures/{digest}" and f'data-subject="{request.request_id}"' in shown
+        assert alice.get(own).json()["code"] == "PICTURE_AWAITED"
+        assert cell.post("cell-1", "/ledger/pictures", {"picture": text}).status_code == 201
+        assert alice.get(own).text == text
+        told = alice.see(f"/trail/requests/{without.request_id}")
+        assert "PICTURE_QUEUE_FULL" in told and "data-canvas" not in told
+
+        for number in range(pictures.MOST + 2):
+            journal.pictured(request, picture.write(structs.replace(SHOWN, omitted=number)))
+        journal.ship()
+        whole = alice.see(where)
+        assert whole.count("data-canvas") == pictures.MOST
+        last = world.sql("SELECT seq FROM ledger_index WHERE kind = 'picture' ORDER BY seq DESC LIMIT 3")
+        assert re.findall(
+            r"\d+", whole[whole.index("More pictures") : whole.index("</p>", whole.index("More pictures"))]
+        )[1::2] == [str(seq) for (seq,) in reversed(last)]
 
 
 @pytest.mark.clause("CON-6")

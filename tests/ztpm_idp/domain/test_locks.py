@@ -79,5 +79,6 @@ def test_every_wanted_part_has_a_lock_or_never_changes():
     registry, unique = {"thumbprint", "thumbprints", "tool", "agents_of", "people"}, {"keys"}
     journal, unchanging = {"journal", "journal_seqs", "concerned"}, {"hop", "token"}
     counted = {"lent_by", "draws", "promised_by", "tree"}  # without locks: over by as many as run at once
-    named = counted | alone_only | locked | registry | unique | journal | unchanging
+    told = {"picture"}  # named by its digest: whoever brings its text brings the very same
+    named = told | counted | alone_only | locked | registry | unique | journal | unchanging
     assert named == {field.name for field in dataclasses.fields(Wanted)}

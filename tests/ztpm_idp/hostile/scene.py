@@ -8,13 +8,14 @@ from dataclasses import dataclass
 from urllib.parse import urlencode, urlsplit
 
 from capabilities.keys import keys
-from capabilities.statements.people import mandate
+from capabilities.statements.people import mandate, picture
 from capabilities.statements.people.clearing import Clearing
 from capabilities.statements.people.latch import Latch, LatchCause
 from capabilities.statements.people.vote import digest_of
 from capabilities.values.caps import DEFAULT
 from capabilities.values.scope import Tier
 from msgspec import structs
+from tests.capabilities.statements.people.test_pictures import SHOWN
 from tests.unread import unread
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.journals import Journal
@@ -145,6 +146,18 @@ class Scene:
     def vote(self) -> tuple[str, str]:
         text = self.cell.text(agent="helper")
         return accepted(self.cell.post("cell-1", "/approvals", {"ask": text}))["ask_id"], text
+
+    def named(self) -> str:
+        """A new picture that a record in the ledger names."""
+        text = picture.write(structs.replace(SHOWN, omitted=secrets.randbelow(1_000_000)))
+        self.journal.pictured(self.journal.request(), text)
+        self.journal.ship()
+        return text
+
+    def pictured(self) -> str:
+        """The digest of a new picture that is kept."""
+        digest: str = accepted(self.cell.post("cell-1", "/ledger/pictures", {"picture": self.named()}))["digest"]
+        return digest
 
     def envelope(self) -> str:
         shown = ask.open(self.cell.text(agent="helper"), {keys.public_raw(self.world.private["cell-1"])}, DEFAULT)
@@ -384,6 +397,8 @@ REQUESTS = {
     "GET /mandates/{mandate_id}": lambda s: (f"/mandates/{s.mandate_id}",),
     "POST /mandates/{mandate_id}/tokens": _drawn,
     "POST /ledger/records": lambda s: ("/ledger/records", {"records": s.journal.made}),
+    "POST /ledger/pictures": lambda s: ("/ledger/pictures", {"picture": s.named()}),
+    "GET /ledger/pictures/{digest}": lambda s: (f"/ledger/pictures/{s.pictured()}",),
     "GET /ledger/export": lambda s: ("/ledger/export",),
     "GET /ledger/checkpoint": lambda s: ("/ledger/checkpoint",),
     "GET /ledger/proofs/inclusion": lambda s: ("/ledger/proofs/inclusion?entry=1",),
@@ -484,6 +499,7 @@ PAGES = {
     "GET /console/trail/entries/{number}": lambda s: Asked("/console/trail/entries/1"),
     "GET /console/trail/entries/{number}/line": lambda s: Asked("/console/trail/entries/1/line"),
     "GET /console/trail/entries/{number}/proof": lambda s: Asked("/console/trail/entries/1/proof"),
+    "GET /console/trail/pictures/{digest}": lambda s: Asked(f"/console/trail/pictures/{s.pictured()}"),
     "GET /console/trail/requests/{request_id}": lambda s: Asked(f"/console/trail/requests/{s.vote()[0]}"),
     "GET /console/people": lambda s: Asked("/console/people"),
     "GET /console/agents": lambda s: Asked("/console/agents"),

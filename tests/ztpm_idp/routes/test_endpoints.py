@@ -15,13 +15,14 @@ from capabilities.proof.proof import prove
 from capabilities.values.scope_json import restriction_to_json, scope_to_json
 from tests.hostile_bodies import HOSTILE_BODIES
 from msgspec import structs
+from tests.capabilities.statements.people.test_pictures import SHOWN
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.world import AUDIENCE, ISSUER, MEASUREMENT, SLOWER, new_jti
 from ztpm_idp.store.schema import metadata
 
 from capabilities.keys import keys
 from capabilities.statements import mark
-from capabilities.statements.people import mandate
+from capabilities.statements.people import mandate, picture
 from ztpm_idp.client import ClientError, ProofAuth, delegate_request, issue_request
 
 pytestmark = [pytest.mark.version, pytest.mark.long]
@@ -33,6 +34,16 @@ def known(world):
         world.pep()
     empty = mark.Mark(ISSUER, 0, 0, "", (), 0, int(world.clock()))
     return mark.sign(empty, world.private["cell-1"])
+
+
+def kept(world):
+    """A picture that the store awaits, without a record: none is to be shipped beside the rows."""
+    text = picture.write(SHOWN)
+    world.sql(
+        f"INSERT INTO pictures (digest, since_ms, bytes, packed) VALUES ('{picture.digest_of(text)}', {int(world.clock() * 1_000)}, 0, '') "
+        "ON CONFLICT DO NOTHING"
+    )
+    return text
 
 
 def good_bodies(world):
@@ -93,6 +104,7 @@ def good_bodies(world):
         ("/tokens/delegate", {"request": hop, "evidence": helper.evidence("planner", hop)}, {"planner"}),
         ("/revocations", {"kind": "agent", "id": "helper", "reason": "odd"}, {"alice", "dan", "helper"}),
         ("/ledger/records", {"records": [record]}, {"cell-1"}),
+        ("/ledger/pictures", {"picture": kept(world)}, {"cell-1"}),
         ("/restoring/marks", {"mark": known(world)}, {"cell-1"}),
         ("/restoring/resume", {"unheard": []}, {"alice", "dan"}),
         ("/agents/helper/vouch", {"reason": "seen"}, {"alice", "dan"}),
@@ -192,7 +204,7 @@ def test_every_endpoint_refuses_every_role_that_it_should_and_then_permits(world
             assert checked(answered, status=409)["code"] == "NOT_RESTORING"
         else:
             assert answered.is_success, path
-    assert len(paths) == 33
+    assert len(paths) == 34
 
 
 def test_the_openapi_names_every_endpoint(world):
@@ -205,7 +217,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/people", "/people/{id_}/disable", "/changes/person", "/changes/key", "/changes/end", "/changes/{change_id}/confirm",
         "/changes/{change_id}/decline", "/recoveries", "/agents", "/agents/{id_}/attestations", "/agents/{id_}/suspend", "/agents/{id_}/retire", "/agents/{id_}/trust",
         "/agents/{id_}/restore",
-        "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records",
+        "/peps", "/sensors", "/tools", "/nonces", "/tokens", "/tokens/delegate", "/revocations", "/ledger/records", "/ledger/pictures",
         "/approvals", "/approvals/{ask_id}/votes", "/openings", "/openings/{opening_id}/withdraw", "/envelopes", "/envelopes/{envelope_id}/revoke",
         "/latches", "/latches/{latch_id}/clearings", "/latches/{latch_id}/passkey-clearings",
         "/restoring/marks", "/revocations/marks", "/restoring/resume", "/agents/{id_}/vouch", "/mandates", "/mandates/{mandate_id}/tokens",
@@ -219,7 +231,7 @@ def test_the_openapi_names_every_endpoint(world):
         "/approvals/{ask_id}/passkey-votes",
     }  # fmt: skip
     assert gets == {
-        "/livez", "/healthz", "/readyz", "/metrics", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export",
+        "/livez", "/healthz", "/readyz", "/metrics", "/trust", "/trust/signed", "/people", "/people/{id_}/allowances", "/changes", "/agents", "/revocations", "/registry", "/ledger/export", "/ledger/pictures/{digest}",
         "/approvals", "/approvals/answers", "/approvals/{ask_id}", "/approvals/{ask_id}/page", "/approvals/{ask_id}/picture", "/approvals/{ask_id}/state", "/approvals/assets/{name}", "/openings", "/envelopes", "/latches", "/latches/{latch_id}", "/latches/{latch_id}/page",
         "/revocations/wait", "/conduct", "/mandates", "/mandates/{mandate_id}",
         "/.well-known/oauth-authorization-server", "/.well-known/oauth-protected-resource", "/oauth/jwks",
@@ -283,6 +295,7 @@ BODY_BYTES = {
     "/approvals": 528_384,
     "/mandates": 135_168,
     "/ledger/records": 262_144,
+    "/ledger/pictures": 528_384,
     "/restoring/marks": 262_144,
 }
 """Largest body of each route that takes more than a statement or two."""

@@ -48,7 +48,7 @@ LEDGER: Final = (
 """Kinds of the ledger's entries."""
 JOURNAL: Final = (
     "advice", "ask", "ask-answered", "ask-expired", "ask-refused", "decision", "incident", "latch-cleared",
-    "latch-retreat", "latched", "lease", "lease-ended", "lease-renewed", "outcome", "refusal", "stop",
+    "latch-retreat", "latched", "lease", "lease-ended", "lease-renewed", "outcome", "picture", "refusal", "stop",
     "stream", "stream-values", "ticket",
 )  # fmt: skip
 """Kinds of a journal's records, which the ledger holds as a `pep-record` each."""

@@ -1,29 +1,36 @@
 "use strict";
 // Pictures of a request's motion, beside their records. One is drawn only after this browser has found its digest in a
-// signed ask whose entry the proof of inclusion covers (docs/spec.md [CON-8]); else it says why, and draws nothing.
+// signed ask, or a journal's record, whose entry the proof of inclusion covers (docs/spec.md [CON-8], [CON-9]); else it
+// says why, and draws nothing.
 
 const PICTURE_BYTES = 262_144; // as capabilities/statements/people/picture.py has it
 
 class Undrawn extends Error {}
 
-// The digest that the ask in this entry names; null of an entry without an ask, or with another one.
-function digestIn(line, askId) {
+// The digest that this entry names: that of an ask of this id, or that of a record about the request of this id.
+function digestIn(line, subject) {
   const entry = JSON.parse(new TextDecoder().decode(line));
+  if (entry.kind === "pep-record" && entry.body.record.kind === "picture") {
+    const said = entry.body.record.body;
+    return said.request_id === subject ? said.digest : null;
+  }
   if (entry.kind !== "ask-taken") return null;
   const ask = JSON.parse(new TextDecoder().decode(url64(entry.body.ask.split(".")[1])));
-  return ask.ask_id === askId ? ask.picture_digest : null;
+  return ask.ask_id === subject ? ask.picture_digest : null;
 }
 
 // The picture of a record, once all is checked.
 async function bound(words) {
   const found = await proven(words);
   if (!found.holds) throw new Undrawn(words.unproven);
-  const answer = await fetch(words.picture, { credentials: "omit" });
-  if (answer.status === 404) throw new Undrawn(words.gone);
+  const answer = await fetch(words.picture);
+  if (answer.status === 404) {
+    throw new Undrawn((await answer.json()).code === "PICTURE_AWAITED" ? words.awaited : words.gone);
+  }
   if (!answer.ok) throw new Error(`${answer.status}`);
   const bytes = new Uint8Array(await answer.arrayBuffer());
   if (bytes.length > PICTURE_BYTES) throw new Undrawn(words.large);
-  if (hex(await sha256(bytes)) !== digestIn(found.line, words.ask)) throw new Undrawn(words.differs);
+  if (hex(await sha256(bytes)) !== digestIn(found.line, words.subject)) throw new Undrawn(words.differs);
   return JSON.parse(new TextDecoder().decode(bytes));
 }
 

@@ -1,0 +1,1 @@
+"""Pictures of motions, kept for a time by their digests."""
