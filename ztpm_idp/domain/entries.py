@@ -243,7 +243,7 @@ def entry_of(event: Event) -> tuple[str, Json] | None:
             }
         case PushFailed(push=push):
             return "push-failed", {
-                "ask_id": push.ask_id,
+                f"{push.subject.matter}_id": push.subject.id,
                 "webhook": push.webhook,
                 "event": push.event.value,
                 "code": "" if push.code is None else push.code.value,

@@ -1,7 +1,8 @@
-"""Messages of webhooks: that a question waits, and where; in the form that each service takes.
+"""Messages of webhooks: that a question or a robot waits, and where; in the form that each service takes.
 
-Nothing in one is secret but its link, by which a question can be read and not answered. Names and parameters are in it
-where the settings say so, and never people: not those in view, and not the sponsor.
+Nothing in one is secret but its link, by which a question or latch can be read and not answered. A stopped robot is
+named, with its enforcement point; agents, acts and parameters where the settings say so, and people never: not those in
+view, and not the sponsor.
 
 Forms: Slack's incoming webhooks and mrkdwn (docs.slack.dev, "Sending messages using incoming webhooks", "Formatting
 message text"), the trigger "When a Teams webhook request is received" with an Adaptive Card 1.2 (learn.microsoft.com,
@@ -23,7 +24,11 @@ from ztpm_idp.domain.asking.pushes import PushEvent
 from ztpm_idp.provider.ask_page import TIERS, readable, time_of
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from capabilities.statements.people.ask import Ask
+    from capabilities.statements.people.latch import Latch
+    from capabilities.values.scope import Tier
     from ztpm_idp.webhook_settings import Webhook
 
 VALUES: Final = 12
@@ -46,48 +51,97 @@ _DEFAULT: Final = 3
 
 @dataclass(frozen=True, slots=True)
 class Message:
-    """Message about one question, before it has a form.
+    """Message about one question or latch, before it has a form.
 
     Attributes:
+        event: that it tells.
+        url: page of the question or latch.
+        title: a few fixed words and figures.
+        head: one sentence, without markup; names in it are of the closed grammar.
+        details: more, a line each, with every character that a reader would not see spelled out.
+        tier: of the act that is asked for, or was stopped.
+        stated: the same for programs.
+    """
+
+    event: PushEvent
+    url: str
+    title: str
+    head: str
+    details: tuple[str, ...]
+    tier: Tier
+    stated: Mapping[str, object]
+
+
+def of_ask(event: PushEvent, ask: Ask, state: AskState) -> Message:
+    """The message about a question.
+
+    Args:
         event: that it tells.
         ask: the question.
         state: how it stands.
     """
+    tier = f"tier {int(ask.tier)}, {TIERS[ask.tier]}"
+    if event is PushEvent.ENDED:
+        title, head = "a question is over", f"A question of {tier} is over: {_OVER[state]}."
+    else:
+        people = "1 person approves" if ask.approvers == 1 else f"{ask.approvers} people approve"
+        head = f"A question waits: {tier}. Nothing moves unless {people} until {time_of(ask.expires_at)}."
+        title = "a question waits"
+    lines = [f"agent {ask.agent}", f"act {ask.object} {ask.operation}", f"at {ask.audience}"]
+    lines += [_line(value) for value in ask.values[:VALUES]]
+    if len(ask.values) > VALUES:
+        lines.append(f"and {len(ask.values) - VALUES} more")
+    url = f"{ask.issuer}/approvals/{ask.ask_id}/page"
+    stated = {
+        "kind": "ztpm.question/1",
+        "event": event.value,
+        "ask_id": ask.ask_id,
+        "url": url,
+        "text": head,
+        "tier": int(ask.tier),
+        "approvers": ask.approvers,
+        "state": state.value,
+        "asked_at": ask.asked_at,
+        "expires_at": ask.expires_at,
+    }
+    return Message(event, url, f"Tier {int(ask.tier)}: {title}", head, _shown(lines), ask.tier, stated)
 
-    event: PushEvent
-    ask: Ask
-    state: AskState
 
-    @property
-    def url(self) -> str:
-        """Page of the question."""
-        return f"{self.ask.issuer}/approvals/{self.ask.ask_id}/page"
+def of_latch(event: PushEvent, latch: Latch) -> Message:
+    """The message about a latch: a robot that has stopped, and that only people let go on.
 
-    @property
-    def head(self) -> str:
-        """One sentence of fixed words and figures."""
-        tier = f"tier {int(self.ask.tier)}, {TIERS[self.ask.tier]}"
-        if self.event is PushEvent.ENDED:
-            return f"A question of {tier} is over: {_OVER[self.state]}."
-        people = "1 person approves" if self.ask.approvers == 1 else f"{self.ask.approvers} people approve"
-        return f"A question waits: {tier}. Nothing moves unless {people} until {time_of(self.ask.expires_at)}."
-
-    @property
-    def details(self) -> tuple[str, ...]:
-        """Agent, act and parameters, a line each, with every character that a reader would not see spelled out."""
-        ask = self.ask
-        lines = [f"agent {ask.agent}", f"act {ask.object} {ask.operation}", f"at {ask.audience}"]
-        lines += [_line(value) for value in ask.values[:VALUES]]
-        if len(ask.values) > VALUES:
-            lines.append(f"and {len(ask.values) - VALUES} more")
-        return tuple(_cut(shown(line)) for line in lines)
+    Args:
+        event: that it tells.
+        latch: the latch.
+    """
+    if event is PushEvent.ENDED:
+        title, head = "A robot waits no more", f"The robot {latch.robot} at {latch.pep} was cleared."
+    else:
+        people = "a person" if latch.approvers == 1 else f"{latch.approvers} people"
+        title = "A robot waits"
+        head = f"The robot {latch.robot} at {latch.pep} has stopped and waits for {people}."
+    lines = [f"cause {latch.cause.value}", f"reason {latch.reason or 'none'}", f"since {time_of(latch.at)}"]
+    url = f"{latch.issuer}/latches/{latch.latch_id}/page"
+    stated = {
+        "kind": "ztpm.latch/1",
+        "event": event.value,
+        "latch_id": latch.latch_id,
+        "url": url,
+        "text": head,
+        "robot": latch.robot,
+        "pep": latch.pep,
+        "approvers": latch.approvers,
+        "state": "released" if event is PushEvent.ENDED else "waits",
+        "at": latch.at,
+    }
+    return Message(event, url, title, head, _shown(lines), latch.tier, stated)
 
 
 def request_of(message: Message, webhook: Webhook) -> tuple[str, bytes]:
     """Address and body of the request by which a webhook is told.
 
     Args:
-        message: about the question.
+        message: about the question or latch.
         webhook: says the form, and whether there are details.
     """
     details = message.details if webhook.stated.details and message.event is PushEvent.OPENED else ()
@@ -110,25 +164,26 @@ def request_of(message: Message, webhook: Webhook) -> tuple[str, bytes]:
 
 def _slack(message: Message, details: tuple[str, ...]) -> dict[str, object]:
     link = f"<{message.url}|{LABEL}>"
-    blocks: list[dict[str, object]] = [{"type": "section", "text": {"type": "mrkdwn", "text": message.head}}]
-    if details:
-        # Not mrkdwn: no text of an agent's becomes a link or calls anybody.
-        plain_text = {"type": "plain_text", "text": "\n".join(details), "emoji": False}
-        blocks.append({"type": "section", "text": plain_text})
+    # Not mrkdwn but for the link: no text of others becomes one or calls anybody.
+    blocks: list[dict[str, object]] = [
+        {"type": "section", "text": {"type": "plain_text", "text": text, "emoji": False}}
+        for text in (message.head, "\n".join(details))
+        if text
+    ]
     blocks.append({"type": "section", "text": {"type": "mrkdwn", "text": link}})
     # Slack itself must not open the link.
     return {"text": f"{message.head} {link}", "blocks": blocks, "unfurl_links": False, "unfurl_media": False}
 
 
 def _teams(message: Message, details: tuple[str, ...]) -> dict[str, object]:
-    lines: list[dict[str, object]] = [{"type": "TextBlock", "text": message.head, "weight": "Bolder", "wrap": True}]
     # Not in a TextBlock, which would read Markdown.
-    lines += [{"type": "RichTextBlock", "inlines": [{"type": "TextRun", "text": line}]} for line in details]
+    runs = [{"type": "TextRun", "text": message.head, "weight": "Bolder"}]
+    runs += [{"type": "TextRun", "text": line} for line in details]
     card = {
         "$schema": "http://adaptivecards.io/schemas/adaptive-card.json",
         "type": "AdaptiveCard",
         "version": "1.2",
-        "body": lines,
+        "body": [{"type": "RichTextBlock", "inlines": [run]} for run in runs],
         "actions": [{"type": "Action.OpenUrl", "title": LABEL, "url": message.url}],
     }
     content = {"contentType": "application/vnd.microsoft.card.adaptive", "contentUrl": None, "content": card}
@@ -139,9 +194,9 @@ def _ntfy(message: Message, details: tuple[str, ...], *, topic: str) -> dict[str
     waits = message.event is PushEvent.OPENED
     return {
         "topic": topic,
-        "title": f"Tier {int(message.ask.tier)}: {'a question waits' if waits else 'a question is over'}",
+        "title": message.title,
         "message": "\n".join((message.head, *details)),
-        "priority": _LOUD.get(int(message.ask.tier), _DEFAULT) if waits else _DEFAULT,
+        "priority": _LOUD.get(int(message.tier), _DEFAULT) if waits else _DEFAULT,
         "tags": ["question" if waits else "heavy_check_mark"],
         "click": message.url,
         "actions": [{"action": "view", "label": LABEL, "url": message.url, "clear": True}],
@@ -149,20 +204,7 @@ def _ntfy(message: Message, details: tuple[str, ...], *, topic: str) -> dict[str
 
 
 def _json(message: Message, details: tuple[str, ...]) -> dict[str, object]:
-    ask = message.ask
-    return {
-        "kind": "ztpm.question/1",
-        "event": message.event.value,
-        "ask_id": ask.ask_id,
-        "url": message.url,
-        "text": message.head,
-        "tier": int(ask.tier),
-        "approvers": ask.approvers,
-        "state": message.state.value,
-        "asked_at": ask.asked_at,
-        "expires_at": ask.expires_at,
-        "details": list(details),
-    }
+    return {**message.stated, "details": list(details)}
 
 
 def _line(value: Value) -> str:
@@ -173,6 +215,10 @@ def _line(value: Value) -> str:
             return f"{value.name} = {value.value.size_bytes} bytes, SHA-256 {value.value.sha256}"
         case _:
             return f"{value.name} = {json.dumps(plain(value))}"
+
+
+def _shown(lines: list[str]) -> tuple[str, ...]:
+    return tuple(_cut(shown(line)) for line in lines)
 
 
 def _cut(line: str) -> str:

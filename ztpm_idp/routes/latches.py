@@ -37,6 +37,7 @@ async def take_latch(request: Request, call: Caller) -> JSONResponse:
     """An enforcement point tells of its latch: 201, or 200 when the very same waits already."""
     text, provider = call.body(wire.LatchBody).latch, provider_of(request)
     done = await provider.run(TakeLatch(call.party.id, text), actor=call.party.id)
+    request.app.state.pushing.told()
     latch_id = stated(text, provider.rules.caps)["latch_id"]
     return JSONResponse({"latch_id": latch_id}, status_code=201 if done.events else 200, headers=_UNSTORED)
 

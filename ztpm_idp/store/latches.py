@@ -30,7 +30,22 @@ class Latches:
 
     async def newest(self, most: int) -> list[LatchRecord]:
         """The newest latches, the last told first."""
-        return (await self._found())[:most]
+        return await self._found(most=most)
+
+    async def not_long_over(self, *, since_ms: int, most: int) -> list[LatchRecord]:
+        """Latches that wait, or were cleared since then: the newest of them, the oldest first."""
+        c = t.latches.c
+        found = await self._found(c.released_ms.is_(None) | (c.released_ms >= since_ms), most=most)
+        return found[::-1]
+
+    async def signed(self, latch_ids: frozenset[str]) -> dict[str, tuple[str, bytes]]:
+        """Text of each of these latches, and the key of the enforcement point that told of it."""
+        found = await self._connection.execute(
+            sa.select(t.latches.c.latch_id, t.latches.c.text, t.parties.c.key)
+            .join_from(t.latches, t.parties, t.parties.c.id == t.latches.c.pep)
+            .where(t.latches.c.latch_id.in_(sorted(latch_ids)))
+        )
+        return {row.latch_id: (row.text, bytes(row.key)) for row in found}
 
     async def signer(self, latch_id: str) -> bytes:
         """The key of the enforcement point that told of that latch, which there is."""
@@ -102,9 +117,10 @@ class Latches:
             case _:
                 assert_never(event)
 
-    async def _found(self, *conditions: sa.ColumnElement[bool]) -> list[LatchRecord]:
+    async def _found(self, *conditions: sa.ColumnElement[bool], most: int | None = None) -> list[LatchRecord]:
         c = t.latches.c
-        rows = await self._connection.execute(sa.select(t.latches).where(*conditions).order_by(c.told_ms.desc()))
+        asked = sa.select(t.latches).where(*conditions).order_by(c.told_ms.desc(), c.latch_id).limit(most)
+        rows = await self._connection.execute(asked)
         return [
             LatchRecord(
                 latch_id=row.latch_id,

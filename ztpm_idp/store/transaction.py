@@ -251,6 +251,8 @@ class Transaction(View):
             case AskTaken() | VoteCast() | OpeningMade() | OpeningClosed():
                 await self.approvals.write(event, actor=actor, at_ms=at_ms)
             case LatchTaken() | ClearingSigned():
+                if isinstance(event, LatchTaken):
+                    await self.pushes.begin_again(event.latch.latch_id)
                 await self.latches.write(event, at_ms=at_ms)
             case EnvelopeSigned() | EnvelopeRevoked():
                 await self.envelopes.write(event, actor=actor, at_ms=at_ms)

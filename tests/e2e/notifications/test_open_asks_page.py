@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 from tests.browsing import CHROMIUM, TELEPHONE, browser_page, looked_at, rules, served
 from tests.ztpm_idp.asks import AGENT, Cell
+from tests.ztpm_idp.routes.test_latches import taken as fallen
 from ztpm_idp.routes.pages import open_asks
 
 pytestmark = [
@@ -72,6 +73,11 @@ def test_a_person_who_is_logged_in_is_told_of_each_new_question_once_and_of_no_n
     assert not any(word in str(told) for word in ("alice", "carol", AGENT, "person-7"))
     assert [item.get_attribute("data-ask") for item in page.locator("#open li").all()] == [seen, new]
     assert [tier.inner_text() for tier in page.locator("#open .tier").all()] == ["Tier 3", "Tier 3"]
+    # So is a robot that has stopped.
+    latch_id, _ = fallen(cell)
+    page.wait_for_function("() => window.told.length === 2", timeout=WAIT_MS)
+    assert page.evaluate("[window.told[1].title, window.told[1].tag]") == ["A robot has stopped", latch_id]
+    assert page.locator("#latched a").inner_text().startswith("ur3e at cell-1 has stopped")
     looked_at(page, "open-asks", rules())
     # Without a word of the provider the page says so with the time of the last one, and is grey until the next.
     assert page.locator("#alert").is_hidden()
@@ -93,5 +99,6 @@ def test_a_person_who_is_logged_in_is_told_of_each_new_question_once_and_of_no_n
     assert grey(page)
     assert [each["title"] for each in page.evaluate("window.told")] == [
         "A question waits: tier 3",
+        "A robot has stopped",
         "You are logged out",
     ]

@@ -11,14 +11,17 @@ import pytest
 from capabilities.values.arguments import Argument
 from capabilities.values.scope import Tier
 from capabilities.values.units import Quantity, Sort, Unit
-from tests.ztpm_idp.asks import AGENT, Cell
+from tests.ztpm_idp.asks import AGENT, PEP, Cell
 from tests.ztpm_idp.push.receiver import HANG, Receiver
+from tests.ztpm_idp.routes.test_latches import clear
+from tests.ztpm_idp.routes.test_latches import taken as fallen
 from tests.ztpm_idp.world import ISSUER, World
-from ztpm_idp.domain.asking.pushes import MINUTE_MS, PAUSES_S, TURN_MS
+from ztpm_idp.domain.asking.pushes import LATCH_PAUSES_S, MINUTE_MS, PAUSES_S, TURN_MS
 from ztpm_idp.provider.metrics import Metrics
 from ztpm_idp.push import pushing as pushing_module
 from ztpm_idp.push.pushing import Pushing
 from ztpm_idp.store import Store
+from ztpm_idp.store.push.pushes import MEMORY_MS
 from ztpm_idp.webhook_settings import Webhook, WebhookSettings
 
 from ztpm_idp.provider.provider import Provider
@@ -95,7 +98,10 @@ def test_each_service_is_told_once_in_its_own_form_and_of_nobody(cell, receivers
     assert slack.keys() == {"text", "blocks", "unfurl_links", "unfurl_media"}
     assert (slack["unfurl_links"], slack["unfurl_media"]) == (False, False)
     assert slack["text"].endswith(f" <{link}|Read and answer>")
-    assert [(b["type"], b["text"]["type"]) for b in slack["blocks"]] == [("section", "mrkdwn")] * 2
+    assert [(b["type"], b["text"]["type"]) for b in slack["blocks"]] == [
+        ("section", "plain_text"),
+        ("section", "mrkdwn"),
+    ]
 
     teams = sent["teams"].body
     (card,) = teams["attachments"]
@@ -162,6 +168,90 @@ def test_an_end_is_told_to_those_who_want_it_and_were_told_of_the_beginning(cell
         ("ended", "denied", ask_id),
     ]
     assert [p.body["event"] for p in does_not.all()] == ["opened"]
+
+
+@pytest.mark.clause("PSH-6")
+def test_a_latched_robot_is_told_once_with_its_name_and_its_end_to_those_who_want_it(cell, receivers):
+    forms = ("slack", "teams", "ntfy", "json")
+    at = {form: receivers() for form in forms}
+    works = pushing(cell.world, *(hook(at[f].url("/t"), f, name=f, ends=f == "json") for f in forms))
+    latch_id, text = fallen(cell, robot="ur3e")
+    link, waits = f"{ISSUER}/latches/{latch_id}/page", "The robot ur3e at cell-1 has stopped and waits for a person."
+    look(cell.world, works)
+    look(cell.world, works)
+    posts = {form: receiver.all() for form, receiver in at.items()}
+    assert {form: len(found) for form, found in posts.items()} == dict.fromkeys(forms, 1)
+    sent = {form: found[0] for form, found in posts.items()}
+    for form, post in sent.items():
+        assert waits in post.raw.decode(), form
+        assert link in post.raw.decode(), form
+        for word in (*PEOPLE, AGENT, "IMPACT_ROSE", "watch"):
+            assert word not in post.raw.decode(), (form, word)
+    assert [b["text"]["type"] for b in sent["slack"].body["blocks"]] == ["plain_text", "mrkdwn"]
+    assert sent["ntfy"].body["title"] == "A robot waits"
+    told = sent["json"].body
+    assert (told["kind"], told["event"], told["latch_id"], told["url"]) == ("ztpm.latch/1", "opened", latch_id, link)
+    assert (told["state"], told["approvers"], told["robot"], told["details"]) == ("waits", 1, "ur3e", [])
+    assert clear(cell, latch_id, text).json()["state"] == "released"
+    look(cell.world, works)
+    look(cell.world, works)
+    assert {form: len(receiver.all()) for form, receiver in at.items() if form != "json"} == {
+        "slack": 0, "teams": 0, "ntfy": 0,
+    }  # fmt: skip
+    assert [(p.body["event"], p.body["state"], p.body["text"]) for p in at["json"].all()] == [
+        ("ended", "released", "The robot ur3e at cell-1 was cleared.")
+    ]
+
+
+@pytest.mark.clause("PSH-6")
+def test_a_latch_is_told_once_however_long_it_waits_and_again_where_a_cleared_one_is_told_of_again(cell, receivers):
+    at = receivers()
+    works = pushing(cell.world, hook(at.url(), ends=True, details=True))
+    latch_id, text = fallen(cell)
+    look(cell.world, works)
+    assert at.all()[0].body["details"][:2] == ["cause watch", "reason IMPACT_ROSE"]
+    later(cell.world, 2 * MEMORY_MS / 1_000)
+    cell.taken()  # the next look keeps something, and forgets what is old
+    look(cell.world, works)
+    look(cell.world, works)
+    assert [post.body["kind"] for post in at.all()] == ["ztpm.question/1"]
+    assert clear(cell, latch_id, text).json()["state"] == "released"
+    look(cell.world, works)
+    # The robot did not take the clearing while it counted, and says so.
+    later(cell.world, 301)
+    assert cell.post(PEP, "/latches", {"latch": text}).status_code == 201
+    look(cell.world, works)
+    look(cell.world, works)
+    assert [post.body["event"] for post in at.all()] == ["ended", "opened"]
+
+
+@pytest.mark.clause("PSH-6")
+def test_questions_in_any_number_delay_no_latch(tmp_path, receivers):
+    at = receivers()
+    with World(tmp_path, settings_changes={"asks_a_minute": 1}) as world:
+        cell = Cell(world)
+        works = pushing(world, hook(at.url()))
+        for _ in range(2):
+            cell.taken()
+        fallen(cell)
+        for _ in range(3):
+            look(world, works)
+        assert {post.body["kind"] for post in at.all()} == {"ztpm.latch/1", "ztpm.question/1"}
+
+
+@pytest.mark.clause("PSH-6")
+def test_a_latch_is_tried_for_an_hour_and_then_given_up_on_record(cell, receivers):
+    at = receivers(*[(500, {})] * (len(LATCH_PAUSES_S) + 3))
+    works = pushing(cell.world, hook(at.url()))
+    latch_id, _ = fallen(cell)
+    for pause_s in (*LATCH_PAUSES_S, 600):
+        look(cell.world, works)
+        later(cell.world, pause_s)
+    tries = len(LATCH_PAUSES_S) + 1
+    assert len(at.all()) == tries
+    assert failures(cell) == [
+        {"latch_id": latch_id, "webhook": "cell", "event": "opened", "code": "PUSH_NOT_TAKEN", "tries": tries}
+    ]
 
 
 # --- once ---------------------------------------------------------------------------------------------------------------

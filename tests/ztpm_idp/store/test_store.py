@@ -12,6 +12,7 @@ from alembic import command
 from alembic.autogenerate import compare_metadata
 from alembic.config import Config
 from alembic.migration import MigrationContext
+from alembic.operations import Operations
 from alembic.script import ScriptDirectory
 from capabilities.proof.proof import prove
 from tests.ztpm_idp.asks import Cell
@@ -20,6 +21,8 @@ from tests.ztpm_idp.world import AUDIENCE, ISSUER, LATEST_TABLES, SLOWER, World,
 from ztpm_idp.bootstrap import FirstPerson, initialise
 from ztpm_idp.provider.problems import Problem
 from ztpm_idp.store.database.migrate import MIGRATIONS, NEWEST
+from ztpm_idp.store.migrations.versions.from_27 import v0028_pushes as v0028
+from ztpm_idp.store.migrations.versions.from_27 import v0031_pushed_latches as v0031
 from ztpm_idp.store.schema import metadata
 from ztpm_idp.store.transaction import Transaction
 
@@ -113,6 +116,25 @@ def test_words_on_changes_stay_where_a_change_may_be_about_a_login(tmp_path):
             assert base.execute("SELECT * FROM change_words").fetchall() == words
             assert base.execute("PRAGMA foreign_key_check").fetchall() == []
         assert world.people["alice"].confirm_change(waits) == "done"
+
+
+def test_pushes_of_questions_are_kept_where_latches_are_pushed_too(world):
+    ask_id, _ = Cell(world).taken()
+    row = {"tries": 3, "begun_ms": 1_800_000_000_000, "due_ms": 1_800_000_001_000, "code": "PUSH_REFUSED", "done": True}
+    key = {"webhook": "cell", "event": "opened"}
+
+    def migrate(connection):
+        with Operations.context(MigrationContext.configure(connection)):
+            metadata.tables["pushes"].drop(connection)
+            v0028.upgrade()
+            old = sa.Table("pushes", sa.MetaData(), autoload_with=connection)
+            connection.execute(sa.insert(old).values(ask_id=ask_id, **key, **row))
+            v0031.upgrade()
+        (kept,) = connection.execute(sa.select(metadata.tables["pushes"])).mappings()
+        assert dict(kept) == {"matter": "ask", "subject_id": ask_id, **key, **row}
+        return compare_metadata(MigrationContext.configure(connection), metadata)
+
+    assert on_connection(world, migrate) == []
 
 
 def first_rows(file):

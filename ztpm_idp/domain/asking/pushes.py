@@ -1,7 +1,7 @@
-"""Pushes of questions as the identity provider keeps them, and what is to be sent at an instant.
+"""Pushes of questions and latches as the identity provider keeps them, and what is to be sent at an instant.
 
-A push is of one question, by one webhook, once for each event; the store has one row of it, which a worker takes for a
-turn before it sends. It ends when it was taken, when it cannot be, or with its question.
+A push is of one question or latch, by one webhook, once for each event; the store has one row of it, which a worker
+takes for a turn before it sends. It ends when it was taken, when it cannot be, or with its question or latch.
 """
 
 from __future__ import annotations
@@ -10,12 +10,8 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 from typing import TYPE_CHECKING, Final, TypeAlias
 
-from ztpm_idp.domain.asking.asks import AskState
-
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
-
-    from ztpm_idp.domain.asking.asks import Asked
 
 TURN_MS: Final = 30_000
 """Ours: milliseconds for which a push is its worker's alone.
@@ -25,10 +21,12 @@ A try takes 5 s at most, and its record far less.
 MINUTE_MS: Final = 60_000
 PAUSES_S: Final = (1, 2, 4, 8, 16, 32, 60)
 """Ours: seconds before each further try; an ask lives for ten minutes at most."""
+LATCH_PAUSES_S: Final = (*PAUSES_S, 600, 600, 600, 600, 600, 600)
+"""Ours: likewise for a latch, which waits until people come: an hour of a silent webhook loses none."""
 
 
 class PushCode(StrEnum):
-    """Reasons for which a question was not pushed."""
+    """Reasons for which a question or latch was not pushed."""
 
     PUSH_UNREACHABLE = "PUSH_UNREACHABLE"
     PUSH_NOT_TAKEN = "PUSH_NOT_TAKEN"
@@ -37,21 +35,44 @@ class PushCode(StrEnum):
 
 
 class PushEvent(StrEnum):
-    """Event of a question that a webhook is told of."""
+    """Event that a webhook is told of: people are waited for, or no more."""
 
     OPENED = "opened"
     ENDED = "ended"
 
 
-Key: TypeAlias = tuple[str, str, PushEvent]
+class Matter(StrEnum):
+    """Kind of what people are told of."""
+
+    ASK = "ask"
+    LATCH = "latch"
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Occasion:
+    """Occasion of a push, its subject: one ask or one latch, by its id."""
+
+    matter: Matter
+    id: str
+
+
+@dataclass(frozen=True, slots=True)
+class Awaited:
+    """Occasion as far as it matters when it is pushed: whether it waits for people now."""
+
+    subject: Occasion
+    waits: bool
+
+
+Key: TypeAlias = tuple[Occasion, str, PushEvent]
 
 
 @dataclass(frozen=True, slots=True)
 class Push:
-    """Push of one question, by one webhook, of one event.
+    """Push of one subject, by one webhook, of one event.
 
     Attributes:
-        ask_id, webhook, event: which one it is.
+        subject, webhook, event: which one it is.
         tries: times that it was sent.
         begun_ms: when it was sent first, milliseconds since the epoch; 0: not yet.
         due_ms: when it is to be sent again; while a worker has it, the end of its turn.
@@ -59,7 +80,7 @@ class Push:
         done: nothing more is sent.
     """
 
-    ask_id: str
+    subject: Occasion
     webhook: str
     event: PushEvent
     tries: int = 0
@@ -71,7 +92,7 @@ class Push:
     @property
     def key(self) -> Key:
         """The names of it."""
-        return self.ask_id, self.webhook, self.event
+        return self.subject, self.webhook, self.event
 
     @property
     def taken(self) -> bool:
@@ -87,7 +108,8 @@ class Push:
             again_s: pause that the webhook asks for, at least.
             at_ms: now.
         """
-        left = PAUSES_S[self.tries - 1 :]
+        pauses = LATCH_PAUSES_S if self.subject.matter is Matter.LATCH else PAUSES_S
+        left = pauses[self.tries - 1 :]
         if code is None or not again or not left:
             return replace(self, code=code, done=True, due_ms=at_ms)
         return replace(self, code=code, due_ms=at_ms + max(left[0], again_s) * 1_000)
@@ -95,7 +117,7 @@ class Push:
 
 @dataclass(frozen=True, slots=True)
 class Listed:
-    """Webhook as far as it matters when a question is pushed.
+    """Webhook as far as it matters when something is pushed.
 
     Attributes:
         name: of it.
@@ -108,7 +130,9 @@ class Listed:
 
 @dataclass(frozen=True, slots=True)
 class PushFailed:
-    """A question was not pushed, and is not any more; the ledger's entry is all there is of it.
+    """A question or latch was not pushed, and is not any more.
+
+    The ledger's entry is all there is of it.
 
     Attributes:
         push: as it ended, with its reason.
@@ -124,7 +148,7 @@ class Plan:
     Attributes:
         send: are sent now, in their worker's turn.
         wait: have no room in their webhook's minute, for the first time or again.
-        given_up: their question was over before they were taken.
+        given_up: nobody was waited for any more before they were taken.
     """
 
     send: tuple[Push, ...] = ()
@@ -136,7 +160,7 @@ class Plan:
 
 
 def planned(
-    asks: Sequence[Asked],
+    awaited: Sequence[Awaited],
     pushes: Mapping[Key, Push],
     webhooks: Iterable[Listed],
     *,
@@ -147,40 +171,49 @@ def planned(
     """The plan of now.
 
     Args:
-        asks: that may be open, or ended a moment ago; the oldest first.
-        pushes: of these asks.
+        awaited: of what may wait for people, or did a moment ago; the oldest first.
+        pushes: of these subjects.
         webhooks: all of them.
-        a_minute: questions that a webhook is told of in a minute.
+        a_minute: questions that a webhook is told of in a minute, and as many latches, so that no agent's questions
+            delay a latch.
         most: pushes that may be sent now.
         at_ms: wall clock.
     """
     send, wait, given_up = list[Push](), list[Push](), list[Push]()
     for webhook in webhooks:
-        begun = sorted(
-            each.begun_ms
-            for each in pushes.values()
-            if each.webhook == webhook.name and each.event is PushEvent.OPENED and each.begun_ms > at_ms - MINUTE_MS
-        )
-        for asked in asks:
-            opened = pushes.get((asked.ask.ask_id, webhook.name, PushEvent.OPENED))
-            if asked.state(at_ms) is not AskState.OPEN:
+        begun = {matter: _begun(pushes.values(), webhook, matter, since_ms=at_ms - MINUTE_MS) for matter in Matter}
+        for each in awaited:
+            opened = pushes.get((each.subject, webhook.name, PushEvent.OPENED))
+            if not each.waits:
                 if opened is not None and not opened.done:
                     if opened.due_ms <= at_ms:  # else it is in a worker's turn, which may end well
                         code = opened.code or PushCode.PUSH_NOT_TAKEN
                         given_up.append(replace(opened, code=code, done=True, due_ms=at_ms))
                 elif webhook.ends and opened is not None and opened.taken:
-                    key = (asked.ask.ask_id, webhook.name, PushEvent.ENDED)
+                    key = (each.subject, webhook.name, PushEvent.ENDED)
                     send += _due(pushes.get(key, Push(*key)), at_ms)
                 continue
-            push = Push(asked.ask.ask_id, webhook.name, PushEvent.OPENED) if opened is None else opened
-            for each in _due(push, at_ms):
-                if each.tries > 1 or len(begun) < a_minute:
-                    begun += [at_ms] if each.tries == 1 else []
-                    send.append(each)
+            push = Push(each.subject, webhook.name, PushEvent.OPENED) if opened is None else opened
+            told = begun[each.subject.matter]
+            for due in _due(push, at_ms):
+                if due.tries > 1 or len(told) < a_minute:
+                    told += [at_ms] if due.tries == 1 else []
+                    send.append(due)
                 else:
-                    wait.append(replace(push, code=PushCode.PUSH_OVER_BUDGET, due_ms=begun[-a_minute] + MINUTE_MS))
-    send.sort(key=lambda push: push.tries)  # new questions go before those that a webhook did not take
+                    wait.append(replace(push, code=PushCode.PUSH_OVER_BUDGET, due_ms=told[-a_minute] + MINUTE_MS))
+    # A latch goes before questions, and what is new before what a webhook did not take.
+    send.sort(key=lambda push: (push.subject.matter is not Matter.LATCH, push.tries))
     return Plan(tuple(send[:most]), tuple(wait), tuple(given_up))
+
+
+def _begun(pushes: Iterable[Push], webhook: Listed, matter: Matter, *, since_ms: int) -> list[int]:
+    """Times at which the webhook was first told of each, rising."""
+    return sorted(
+        each.begun_ms
+        for each in pushes
+        if (each.webhook, each.subject.matter, each.event) == (webhook.name, matter, PushEvent.OPENED)
+        and each.begun_ms > since_ms
+    )
 
 
 def _due(push: Push, at_ms: int) -> list[Push]:

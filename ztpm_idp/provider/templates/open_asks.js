@@ -1,8 +1,10 @@
 "use strict";
-// Keeps the list of open questions, says when it is old, and tells of each new one while the page is open and its reader
-// wants that.
+// Keeps the lists of open questions and stopped robots, says when they are old, and tells of each new one while the page
+// is open and its reader wants that.
 const page = document.querySelector("#waiting");
 const list = document.querySelector("#open");
+const latched = document.querySelector("#latched");
+const robots = document.querySelector("#robots");
 const none = document.querySelector("#none");
 const told = document.querySelector("#told");
 const alarm = document.querySelector("#alert");
@@ -12,7 +14,7 @@ const SAID = JSON.parse(page.dataset.words); // as in `texts.toml`
 const EVERY_MS = 1_000 * Number(page.dataset.every);
 const OLD_MS = 1_000 * Number(page.dataset.old); // without a word for so long, what is shown is old
 const WANTED = "ztpm-notify";
-const known = new Set(Array.from(list.children, (item) => item.dataset.ask));
+const known = new Set([...list.children, ...latched.children].map((item) => item.dataset.ask ?? item.dataset.latch));
 const put = (text, members) => text.replaceAll(/\{(\w+)\}/g, (_, name) => members[name]);
 // Two clocks: the one stands still while a telephone sleeps, the other may be set back.
 const now = () => ({ ran: performance.now(), wall: Date.now() });
@@ -28,28 +30,37 @@ function say(title, body, tag, url) {
   });
 }
 
-function show(asks) {
-  list.replaceChildren(
-    ...asks.map((ask) => {
-      const item = document.createElement("li");
-      const tier = document.createElement("span");
-      const link = document.createElement("a");
-      item.dataset.ask = ask.ask_id;
-      tier.className = `tier t${ask.tier}`;
-      tier.textContent = put(SAID.tier, ask);
-      link.href = ask.url;
-      link.textContent = ask.words;
-      item.append(tier, " ", link);
-      return item;
-    }),
-  );
-  none.hidden = asks.length > 0;
-  document.title = put(SAID.heading, { count: asks.length });
-  for (const ask of asks) {
-    // No name and no number of it: a locked screen shows this to whoever passes by.
-    if (!known.has(ask.ask_id) && window.Notification && wanted()) say(put(SAID.waits, ask), SAID.answer_it, ask.ask_id, ask.url);
-    known.add(ask.ask_id);
-  }
+function row(each, id, before = []) {
+  const item = document.createElement("li");
+  const link = document.createElement("a");
+  Object.assign(item.dataset, id);
+  link.href = each.url;
+  link.textContent = each.words;
+  item.append(...before, link);
+  return item;
+}
+
+function badge(ask) {
+  const tier = document.createElement("span");
+  tier.className = `tier t${ask.tier}`;
+  tier.textContent = put(SAID.tier, ask);
+  return [tier, " "];
+}
+
+// No name and no number of it: a locked screen shows this to whoever passes by.
+function once(id, title, body, url) {
+  if (!known.has(id) && window.Notification && wanted()) say(title, body, id, url);
+  known.add(id);
+}
+
+function show({ open, latched: stopped }) {
+  list.replaceChildren(...open.map((ask) => row(ask, { ask: ask.ask_id }, badge(ask))));
+  latched.replaceChildren(...stopped.map((latch) => row(latch, { latch: latch.latch_id })));
+  none.hidden = open.length > 0;
+  robots.hidden = stopped.length === 0;
+  document.title = put(SAID.heading, { count: open.length });
+  for (const ask of open) once(ask.ask_id, put(SAID.waits, ask), SAID.answer_it, ask.url);
+  for (const latch of stopped) once(latch.latch_id, SAID.stopped, SAID.look_at_it, latch.url);
 }
 
 // What is old is grey, and it is said, with the time of the provider's last word.
@@ -72,7 +83,7 @@ async function look() {
     const answer = await fetch(page.dataset.from, { redirect: "manual", cache: "no-store", signal: patience });
     if (answer.status === 200) {
       const said = await answer.json();
-      show(said.open);
+      show(said);
       at = said.shown_at;
       told.textContent = put(SAID.as_of, { time: at });
       heard = now();

@@ -1,4 +1,4 @@
-"""Open questions on a page for people who are logged in, which tells of new ones while it is open."""
+"""Open questions and stopped robots on a page for people who are logged in; it tells of new ones."""
 
 from __future__ import annotations
 
@@ -17,9 +17,13 @@ from ztpm_idp.login.session import NO_STORE
 from ztpm_idp.provider import ask_page
 from ztpm_idp.provider.ask_page import TEXTS, TIERS, time_of
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.push.pushing import LATCHES
 from ztpm_idp.routes.caller import prefix_of, provider_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from ztpm_idp.domain.asking.latch_acts import LatchRecord
     from ztpm_idp.provider.provider import Provider
 
 router = APIRouter()
@@ -51,8 +55,7 @@ async def show_open_asks(request: Request) -> Response:
         every_s=EVERY_S,
         old_s=OLD_S,
         reload_s=ask_page.RELOAD_S,
-        shown_at=time_of(provider.now_ms() // 1_000),
-        open=await _open(provider),
+        **await _waiting(provider),
     )
     return HTMLResponse(page, headers=NO_STORE | ask_page.list_headers(issuer))
 
@@ -67,17 +70,26 @@ async def list_open_asks(request: Request) -> JSONResponse:
     if await session.signed_in(request, prolongs=False) is None:
         raise Problem(IdpCode.NOT_LOGGED_IN)
     provider = provider_of(request)
-    now = {"shown_at": time_of(provider.now_ms() // 1_000), "open": await _open(provider)}
-    return JSONResponse(now, headers=NO_STORE)
+    return JSONResponse(await _waiting(provider), headers=NO_STORE)
 
 
-async def _open(provider: Provider) -> list[dict[str, object]]:
-    """Rows of the open questions, oldest first."""
+async def _waiting(provider: Provider) -> dict[str, object]:
+    """All that waits for people, as of now: questions, the oldest first, and robots."""
     at_ms = provider.now_ms()
     async with provider.store.read() as view:
         asks = await view.approvals.not_long_over(since_s=at_ms // 1_000)
         ids = [each.ask.ask_id for each in asks if each.state(at_ms) is AskState.OPEN]
         signed = await view.approvals.signed(frozenset(ids))
+        latches = await view.latches.not_long_over(since_ms=at_ms, most=LATCHES)
+    return {
+        "shown_at": time_of(at_ms // 1_000),
+        "open": _open(provider, ids, signed),
+        "latched": [_latched(provider, each) for each in latches if not each.released],
+    }
+
+
+def _open(provider: Provider, ids: Iterable[str], signed: Mapping[str, tuple[str, bytes]]) -> list[dict[str, object]]:
+    """Rows of the open questions."""
     rows = list[dict[str, object]]()
     for ask_id in ids:
         text, key = signed[ask_id]
@@ -98,3 +110,10 @@ async def _open(provider: Provider) -> list[dict[str, object]]:
             }
         )
     return rows
+
+
+def _latched(provider: Provider, latch: LatchRecord) -> dict[str, object]:
+    """Row of a robot that waits."""
+    words = TEXTS["open_asks"]["has_stopped"].format(robot=latch.robot, pep=latch.pep, since=time_of(latch.at))
+    url = f"{provider.settings.issuer}/latches/{latch.latch_id}/page"
+    return {"latch_id": latch.latch_id, "url": url, "words": shown(words)}

@@ -9,7 +9,8 @@ from ztpm_idp.store.schema import metadata
 pushes = sa.Table(
     "pushes",
     metadata,
-    sa.Column("ask_id", sa.ForeignKey("asks.ask_id"), primary_key=True),
+    sa.Column("matter", sa.String(8), primary_key=True),
+    sa.Column("subject_id", sa.String(32), primary_key=True),
     sa.Column("webhook", sa.String(32), primary_key=True),
     sa.Column("event", sa.String(8), primary_key=True),
     sa.Column("tries", sa.Integer, nullable=False),
@@ -18,4 +19,4 @@ pushes = sa.Table(
     sa.Column("code", sa.String(32), nullable=False),
     sa.Column("done", sa.Boolean, nullable=False),
 )
-"""Pushes of questions, each once for its webhook and event; no command reads them."""
+"""Pushes of asks and latches, each once for its webhook and event; no command reads them."""

@@ -1,4 +1,4 @@
-"""Pushes of questions in their table, written beside the state: nothing is decided on them."""
+"""Pushes of questions and latches in their table, written beside the state: nothing is decided on them."""
 
 from __future__ import annotations
 
@@ -6,9 +6,10 @@ from typing import TYPE_CHECKING, Final
 
 import sqlalchemy as sa
 
-from ztpm_idp.domain.asking.pushes import Push, PushCode, PushEvent
+from ztpm_idp.domain.asking.pushes import Matter, Occasion, Push, PushCode, PushEvent
 from ztpm_idp.store.database import postgres
 from ztpm_idp.store.push import push_schema as t
+from ztpm_idp.store.schema import latches
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -32,18 +33,23 @@ class Pushes:
         if self._connection.dialect.name == postgres.DIALECT:
             await postgres.wait_for_turn(self._connection, postgres.PUSH_LOCK)
 
-    async def of(self, ask_ids: Iterable[str]) -> dict[Key, Push]:
-        """The pushes of these asks."""
-        c = t.pushes.c
-        found = await self._connection.execute(sa.select(t.pushes).where(c.ask_id.in_(sorted(ask_ids))))
+    async def of(self, subjects: Iterable[Occasion]) -> dict[Key, Push]:
+        """The pushes of these asks and latches."""
+        c, wanted = t.pushes.c, sorted(subjects)
+        if not wanted:
+            return {}
+        # Ids are random: one that is an ask's is no latch's, but for what somebody makes so.
+        found = await self._connection.execute(
+            sa.select(t.pushes).where(c.subject_id.in_(sorted({each.id for each in wanted})))
+        )
         rows = (
             Push(
-                row.ask_id, row.webhook, PushEvent(row.event), row.tries, row.begun_ms, row.due_ms,
-                PushCode(row.code) if row.code else None, row.done,
+                Occasion(Matter(row.matter), row.subject_id), row.webhook, PushEvent(row.event), row.tries,
+                row.begun_ms, row.due_ms, PushCode(row.code) if row.code else None, row.done,
             )
             for row in found
         )  # fmt: skip
-        return {push.key: push for push in rows}
+        return {push.key: push for push in rows if push.subject in wanted}
 
     async def keep(self, pushes: Iterable[Push], *, known: Mapping[Key, Push]) -> None:
         """The pushes are in the table.
@@ -61,17 +67,34 @@ class Pushes:
     async def change(self, push: Push) -> None:
         """A push that has a row is as it is now."""
         c = t.pushes.c
-        where = (c.ask_id == push.ask_id, c.webhook == push.webhook, c.event == push.event.value)
+        where = (*_of(push.subject), c.webhook == push.webhook, c.event == push.event.value)
         await self._connection.execute(sa.update(t.pushes).where(*where).values(**_values(push)))
 
     async def forget(self, *, at_ms: int) -> None:
-        """Pushes of questions that were over long ago have no row any more."""
-        await self._connection.execute(sa.delete(t.pushes).where(t.pushes.c.due_ms < at_ms - MEMORY_MS))
+        """Pushes of what was over long ago have no row any more.
+
+        Those of a latch that waits have one: it is told of once, however long it waits.
+        """
+        c = t.pushes.c
+        waits = sa.exists().where(
+            c.matter == Matter.LATCH.value, latches.c.latch_id == c.subject_id, latches.c.released_ms.is_(None)
+        )
+        await self._connection.execute(sa.delete(t.pushes).where(c.due_ms < at_ms - MEMORY_MS, ~waits))
+
+    async def begin_again(self, latch_id: str) -> None:
+        """A latch that people had cleared, and that waits once more, is told of once more."""
+        cleared = sa.exists().where(latches.c.latch_id == latch_id, latches.c.released_ms.is_not(None))
+        await self._connection.execute(sa.delete(t.pushes).where(*_of(Occasion(Matter.LATCH, latch_id)), cleared))
+
+
+def _of(subject: Occasion) -> tuple[sa.ColumnElement[bool], ...]:
+    return t.pushes.c.matter == subject.matter.value, t.pushes.c.subject_id == subject.id
 
 
 def _values(push: Push) -> dict[str, object]:
     return {
-        "ask_id": push.ask_id,
+        "matter": push.subject.matter.value,
+        "subject_id": push.subject.id,
         "webhook": push.webhook,
         "event": push.event.value,
         "tries": push.tries,

@@ -5,6 +5,8 @@ from __future__ import annotations
 import pytest
 from tests.ztpm_idp.asks import AGENT, Cell
 from tests.ztpm_idp.login.browser import Browser
+from tests.ztpm_idp.routes.test_latches import clear
+from tests.ztpm_idp.routes.test_latches import taken as fallen
 from tests.ztpm_idp.world import ISSUER
 from ztpm_idp.login import session
 from ztpm_idp.provider import ask_page
@@ -41,6 +43,19 @@ def test_open_questions_are_shown_oldest_first_and_gone_when_answered(cell, brow
     cell.world.people["carol"].deny(first)
     assert [row["ask_id"] for row in browser.get(LIST).json()["open"]] == [second]
     assert first not in browser.get(PAGE).text
+
+
+@pytest.mark.clause("PSH-6")
+def test_stopped_robots_are_shown_until_they_are_cleared(cell, browser):
+    assert browser.get(LIST).json()["latched"] == []
+    latch_id, text = fallen(cell)
+    (row,) = browser.get(LIST).json()["latched"]
+    assert (row["latch_id"], row["url"]) == (latch_id, f"{ISSUER}/latches/{latch_id}/page")
+    assert row["words"].startswith("ur3e at cell-1 has stopped, since ")
+    assert latch_id in browser.get(PAGE).text
+    assert clear(cell, latch_id, text).json()["state"] == "released"
+    assert browser.get(LIST).json()["latched"] == []
+    assert latch_id not in browser.get(PAGE).text
 
 
 def test_who_is_not_logged_in_sees_nothing_of_them(cell):
