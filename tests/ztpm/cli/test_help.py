@@ -75,7 +75,7 @@ def codes_of_calls():
 
 def codes_of_answers():
     """Codes that are written out where a server answers."""
-    calls = (node for tree in SOURCES.values() for node in ast.walk(tree) if isinstance(node, ast.Call))
+    calls = (node for tree in sources().values() for node in ast.walk(tree) if isinstance(node, ast.Call))
     answers = (call for call in calls if getattr(call.func, "id", None) in ANSWERING)
     words = (each for call in answers for each in ast.walk(call) if isinstance(each, ast.Constant))
     said = (word.value.strip() for word in words if isinstance(word.value, str))
