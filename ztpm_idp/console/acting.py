@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import secrets
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response  # noqa: TC002  the framework reads the annotations
@@ -20,12 +21,12 @@ from ztpm_idp.console import acts, words
 from ztpm_idp.console.acts import Act
 from ztpm_idp.console.pages import page
 from ztpm_idp.console.tree import may_cut
-from ztpm_idp.console.viewing import Viewer, to, viewer_of
+from ztpm_idp.console.viewing import Viewer, session_over, to, viewer_of
 from ztpm_idp.domain.changes import ChangeState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent, RegisteredPerson, Standing
 from ztpm_idp.domain.signed import AssertedAct
-from ztpm_idp.login.forms import form_of
+from ztpm_idp.login.forms import fields_of, own_form
 from ztpm_idp.login.pages import PageProblem
 from ztpm_idp.routes.caller import provider_of
 
@@ -83,10 +84,12 @@ async def show_question(request: Request, name: str) -> Response:
 @router.post("/console/acts", include_in_schema=False)
 async def act_on_word(request: Request) -> Response:
     """Does what a question asked, on the word of a passkey of the person who is logged in."""
-    form = await form_of(request, "sealed", *words.ASSERTED)
+    fields = await fields_of(request)
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
-        raise PageProblem(IdpCode.NOT_LOGGED_IN)
+        kept = await words.kept_in(request, PURPOSE, fields.get("sealed", ""))
+        raise session_over(request, _question_on(kept["said"]) if kept else "")
+    form = own_form(request, fields, "sealed", *words.ASSERTED)
     asserted = words.assertion_in(form)
     provider, by = provider_of(request), viewer.person.id
     # 1. The question was asked in this session, not long ago: what it asked is in its seal alone.
@@ -112,6 +115,12 @@ async def act_on_word(request: Request) -> Response:
     command = acts.command(said, by=by, signed=signed, change_id=change_id, at_ms=provider.now_ms())
     done = await words.done_once(request, viewer, command, once)
     return await _after(request, act, said, done, change_id=change_id)
+
+
+def _question_on(said: Mapping[str, str]) -> str:
+    """Path and query of the question on the act that was shown."""
+    act = Act(said["act"])
+    return f"/acts/{act.value}?{urlencode(acts.fields(act, said))}"
 
 
 async def _after(request: Request, act: Act, said: Mapping[str, str], done: Done, *, change_id: str) -> Response:

@@ -125,6 +125,14 @@ def own(act: Act, said: Mapping[str, str]) -> dict[str, str]:
     return {name: said[name] for name in _BODIES[act].model_fields}
 
 
+def fields(act: Act, said: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Fields of a form, of which `read` makes the act's own members of what was said."""
+    found: list[tuple[str, str]] = []
+    for name, text in own(act, said).items():
+        found += [(_ROLE, role) for role in text.split()] if name == _ROLES else [(name, text)]
+    return found
+
+
 def _text(value: Any) -> str:
     return " ".join(sorted(set(value))) if isinstance(value, list) else str(value)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Final
+from urllib.parse import urlencode
 
 from fastapi import APIRouter, Request
 from fastapi.responses import Response  # noqa: TC002  the framework reads the annotations
@@ -19,12 +20,12 @@ from capabilities.values.errors import StatementError
 from ztpm_idp.console import forest, words
 from ztpm_idp.console.pages import page
 from ztpm_idp.console.tree import forest_of
-from ztpm_idp.console.viewing import Viewer, to, viewer_of
+from ztpm_idp.console.viewing import Viewer, session_over, to, viewer_of
 from ztpm_idp.domain import commands
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.events import RevocationKind
 from ztpm_idp.domain.parties import PersonRole, RegisteredAgent
-from ztpm_idp.login.forms import form_of
+from ztpm_idp.login.forms import fields_of, own_form
 from ztpm_idp.login.pages import PageProblem
 from ztpm_idp.provider import confirmations, wire
 from ztpm_idp.provider.problems import Problem
@@ -43,6 +44,8 @@ PURPOSE: Final = "console revocation"
 """Purpose under which the page's nonce is sealed; it is no cookie's name."""
 WATCHED_MS: Final = 30_000
 """Milliseconds after a revocation for which its page asks for confirmations: a point is gone then, too."""
+REASON_CHARACTERS: Final = 256
+"""Longest reason that the page takes."""
 _SHOWN: Final = 64
 """Most hops that a question or an answer names; the rest is counted."""
 
@@ -103,7 +106,7 @@ def bound(issuer: str, nonce: str, *, by: str, kind: str, id_: str, reason: str)
 
 @router.get("/console/revoke", include_in_schema=False)
 async def show_question(request: Request) -> Response:
-    """Asks whether to take something back, and says what would die."""
+    """Asks whether to take something back, and says what would die; a reason may have been written before."""
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
         return viewer
@@ -121,6 +124,8 @@ async def show_question(request: Request) -> Response:
         command=f"ztpm revoke {subject.kind.value} {subject.id} --reason 'WHY' --as {viewer.person.id}",
         rp="" if party is None or not viewer.person.passkeys else party.rp_id,
         passkeys=party is not None,
+        reason=given.get("reason", "")[:REASON_CHARACTERS],
+        most=REASON_CHARACTERS,
         nonce=question.nonce,
         sealed=question.sealed,
     )
@@ -129,10 +134,12 @@ async def show_question(request: Request) -> Response:
 @router.post("/console/revocations", include_in_schema=False)
 async def take_back(request: Request) -> Response:
     """Takes something back on the word of a passkey of the person who is logged in."""
-    form = await form_of(request, "kind", "id", "reason", "sealed", *words.ASSERTED)
+    fields = await fields_of(request)
     viewer = await viewer_of(request)
     if not isinstance(viewer, Viewer):
-        raise PageProblem(IdpCode.NOT_LOGGED_IN)
+        kept = {name: fields.get(name, "") for name in ("kind", "id", "reason")}
+        raise session_over(request, f"/revoke?{urlencode(kept)}")
+    form = own_form(request, fields, "kind", "id", "reason", "sealed", *words.ASSERTED)
     try:
         stated = wire.RevocationBody.model_validate({name: form[name] for name in ("kind", "id", "reason")})
     except ValidationError:

@@ -64,16 +64,32 @@ async def viewer_of(request: Request) -> Viewer | Response:
     found = await session.signed_in(request)
     if found is not None:
         return Viewer(found.person, found.session_id)
-    prefix = session.prefix_of(provider_of(request))
     query = f"?{request.url.query}" if request.url.query and request.method == "GET" else ""
     back_to = f"{request.scope['path']}{query}"
-    if request.method != "GET" or is_part(request) or not session.is_own_page(back_to, prefix):
-        back_to = f"{prefix}/console"
-    there = session.to_login(request, back_to=back_to, fresh_s=ABSOLUTE_MS // 1_000)
+    there = _to_login(request, "" if request.method != "GET" or is_part(request) else back_to)
     if is_part(request):
         # The whole page goes there, not the piece.
         return Response(headers=session.NO_STORE | {"HX-Redirect": there.headers["location"]})
     return there
+
+
+def _to_login(request: Request, back_to: str) -> RedirectResponse:
+    prefix = session.prefix_of(provider_of(request))
+    if not session.is_own_page(back_to, prefix):
+        back_to = f"{prefix}/console"
+    return session.to_login(request, back_to=back_to, fresh_s=ABSOLUTE_MS // 1_000)
+
+
+def session_over(request: Request, path: str) -> PageProblem:
+    """Refusal of an answer without a session; it leads over the login to the question, asked anew.
+
+    Args:
+        request: with the answer.
+        path: and query of the question, below the console's.
+    """
+    back_to = f"{session.prefix_of(provider_of(request))}/console{path}"
+    log_in = _to_login(request, back_to).headers["location"]
+    return PageProblem(IdpCode.NOT_LOGGED_IN, "your session was over, and nothing was done", log_in=log_in)
 
 
 async def auditor_of(request: Request) -> Viewer | Response:

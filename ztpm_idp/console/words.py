@@ -85,14 +85,19 @@ async def asked(request: Request, viewer: Viewer, purpose: str, sealed: str) -> 
     Raises:
         PageProblem: `LOGIN_OVER`.
     """
-    provider = provider_of(request)
-    async with provider.store.read() as view:
-        text = session.unseal(await view.sessions.secret(), purpose, sealed)
-    kept: dict[str, Any] = {} if text is None else json.loads(text)
+    provider, kept = provider_of(request), await kept_in(request, purpose, sealed)
     asked_ms, of = int(kept.pop("at_ms", 0)), kept.pop("session", None)
     if of != viewer.session_id or not 0 <= provider.now_ms() - asked_ms <= QUESTION_S * 1_000:
         raise PageProblem(IdpCode.LOGIN_OVER, "ask again on the page, and answer within five minutes")
     return SealedQuestion(str(kept.pop("nonce")), sealed, asked_ms, kept)
+
+
+async def kept_in(request: Request, purpose: str, sealed: str) -> dict[str, Any]:
+    """Members that were sealed for such a question, in any session; none where the seal is not ours."""
+    async with provider_of(request).store.read() as view:
+        text = session.unseal(await view.sessions.secret(), purpose, sealed)
+    kept: dict[str, Any] = {} if text is None else json.loads(text)
+    return kept
 
 
 def assertion_in(form: Mapping[str, str]) -> wire.AssertionBody:

@@ -19,6 +19,8 @@ from ztpm_idp.login.pages import PageProblem
 from ztpm_idp.login.session import BACK_BYTES, COOKIE, cookie, set_cookie
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from fastapi import Request
     from fastapi.responses import Response
 
@@ -68,6 +70,15 @@ async def form_of(request: Request, *names: str) -> dict[str, str]:
     Raises:
         PageProblem: `FORM_FORGED`, `FORM_MALFORMED`, `BODY_TOO_LARGE`.
     """
+    return own_form(request, await fields_of(request), *names)
+
+
+async def fields_of(request: Request) -> dict[str, str]:
+    """Fields of a form that a page of ours sent, maybe one of another browser: nothing is done on them.
+
+    Raises:
+        PageProblem: as `form_of`.
+    """
     _from_our_page(request)
     raw = bytearray()
     async for part in request.stream():
@@ -83,11 +94,22 @@ async def form_of(request: Request, *names: str) -> dict[str, str]:
     except ValueError:
         raise PageProblem(IdpCode.FORM_MALFORMED, "not the fields of a form") from None
     found = dict(fields)
-    held = _secret(request)
+    if len(found) != len(fields):
+        raise PageProblem(IdpCode.FORM_MALFORMED, "a field occurs twice")
+    return found
+
+
+def own_form(request: Request, fields: Mapping[str, str], *names: str) -> dict[str, str]:
+    """These fields without the token, by which the page was made for this browser.
+
+    Raises:
+        PageProblem: `FORM_FORGED`, or `FORM_MALFORMED` for fields that are not exactly these.
+    """
+    found, held = dict(fields), _secret(request)
     known = Browser(held or "", new=False).form_token
     if held is None or not hmac.compare_digest(found.pop(FIELD, "").encode(), known.encode()):
         raise PageProblem(IdpCode.FORM_FORGED, "open the page again, and send its form from there")
-    if len(fields) != len(names) + 1 or found.keys() != set(names):
+    if found.keys() != set(names):
         raise PageProblem(IdpCode.FORM_MALFORMED, "not the fields of this form")
     return found
 

@@ -5,13 +5,16 @@ from __future__ import annotations
 import hashlib
 from base64 import b64encode
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import jinja2
 from fastapi.responses import HTMLResponse
 
 from capabilities.values.characters import shown
 from ztpm_idp.provider.problems import STATUS, Problem
+
+if TYPE_CHECKING:
+    from ztpm_idp.domain.codes import Code
 
 _FOLDER: Final = Path(__file__).parent / "templates"
 _STYLE: Final = (_FOLDER / "login.css").read_text("utf-8")
@@ -27,7 +30,15 @@ _STYLE_HASH: Final = b64encode(hashlib.sha256(_STYLE.encode()).digest()).decode(
 
 
 class PageProblem(Problem):
-    """A refusal on its way to a person in a browser, as a page."""
+    """A refusal on its way to a person in a browser, as a page.
+
+    Attributes:
+        log_in: address of the login page that leads on to what was asked; "" where no login helps.
+    """
+
+    def __init__(self, code: Code, detail: str = "", *, again_s: int | None = None, log_in: str = "") -> None:
+        super().__init__(code, detail, again_s=again_s)
+        self.log_in = log_in
 
 
 def page(template: str, *, status: int = 200, script: str | None = None, **values: Any) -> HTMLResponse:
@@ -59,10 +70,11 @@ def page(template: str, *, status: int = 200, script: str | None = None, **value
     return HTMLResponse(text, status_code=status, headers=headers)
 
 
-def problem_page(problem: Problem) -> HTMLResponse:
+def problem_page(problem: PageProblem) -> HTMLResponse:
     """The page of a refusal: its code, what is wrong, what to do."""
     status, title = STATUS[problem.code]
-    shown = page("problem.html", status=status, code=problem.code.value, title=title, detail=problem.detail)
+    told = {"code": problem.code.value, "title": title, "detail": problem.detail, "log_in": problem.log_in}
+    shown = page("problem.html", status=status, **told)
     if problem.again_s is not None:
         shown.headers["Retry-After"] = str(problem.again_s)
     return shown

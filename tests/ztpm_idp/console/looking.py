@@ -5,7 +5,7 @@ from __future__ import annotations
 import html
 import json
 import re
-from urllib.parse import urlencode
+from urllib.parse import parse_qsl, urlencode, urlsplit
 
 from tests.ztpm_idp.login.browser import Browser
 from ztpm_idp.console import acts, revoking
@@ -45,6 +45,11 @@ class Looking(Browser):
         """Code of the refusal that was shown last."""
         found = _CODE.search(self.page.text)
         return None if found is None else found[1]
+
+    def asked_anew(self):
+        """Page to which a login leads from the refusal that was shown last."""
+        found = re.search(r'<a href="(/ztpm/login[?][^"]*)">Log in', self.page.text)
+        return None if found is None else dict(parse_qsl(urlsplit(html.unescape(found[1])).query))["back_to"]
 
     def question(self, kind, id_):
         """The form of the question, and its nonce."""

@@ -9,6 +9,8 @@ import re
 from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import urlencode
 
+from urllib.parse import parse_qs, urlencode
+
 import pytest
 from tests.ztpm_idp.asks import Cell
 from tests.ztpm_idp.console.looking import AT, NAMED, Looking, party
@@ -322,6 +324,20 @@ def test_each_word_counts_once(named, held):
     named.world.people["alice"].decline_change(change, "tried")
 
 
+@pytest.mark.clause("CON-11")
+@pytest.mark.parametrize("given", [
+    (acts.Act.SUSPEND, {"agent": ["mover"], "reason": ["ü & <b> = ?"]}),
+    (acts.Act.RESTORE, {"agent": ["mover"], "reason": ["r"], "relearn": ["yes"]}),
+    (acts.Act.PROPOSE_ROLES, {"person": ["bob"], "role": ["auditor", "sponsor"]}),
+    (acts.Act.CONFIRM, {"change_id": ["0" * 32]}),
+])  # fmt: skip
+def test_a_question_can_be_asked_again_from_what_was_said(given):
+    act, form = given
+    said = acts.read(act, form)
+    again = parse_qs(urlencode(acts.fields(act, said | {"nonce": "n"})))
+    assert again == form and acts.read(act, again) == said
+
+
 @pytest.mark.clause("CON-12")
 def test_forms_of_other_sites_and_sessions_that_are_over_do_nothing(named, held):
     alice, before = Looking(named.world, "alice"), entries(named)
@@ -342,7 +358,16 @@ def test_forms_of_other_sites_and_sessions_that_are_over_do_nothing(named, held)
     assert entries(named) == before
     named.world.clock.at_s += 1_801
     alice.post(f"{AT}/acts", sent)
-    assert alice.code() == "NOT_LOGGED_IN"
+    assert (alice.code(), alice.asked_anew()) == ("NOT_LOGGED_IN", f"{AT}/acts/suspend-agent?agent=planner&reason=r")
+    # nor does a browser that has lost its session, or a seal that is none of ours
+    for seal, again in ((sealed, "/acts/suspend-agent?agent=planner&reason=r"), ("forged.seal", "")):
+        lost = Looking(named.world)
+        lost.page = page
+        lost.post(f"{AT}/acts", sent | {"sealed": seal})
+        assert (lost.code(), lost.asked_anew()) == ("NOT_LOGGED_IN", AT + again)
+        lost.page = page
+        lost.post(f"{AT}/acts", sent, origin="http://evil.example")
+        assert (lost.code(), lost.asked_anew()) == ("FORM_FORGED", None)
     assert (standing(named, "agent", "planner"), entries(named)) == ("active", before)
     stranger = Looking(named.world)
     answer = stranger.get(f"{AT}/acts/suspend-agent?agent=planner&reason=r")

@@ -254,6 +254,59 @@ def test_an_administrator_suspends_an_agent_and_changes_people_by_keyboard(cell,
     print(f"suspended {took_s:.2f} s after the word")
 
 
+def logged_out_elsewhere(page, issuer):
+    """Ends the session in another tab of this browser."""
+    other = page.context.new_page()
+    other.goto(f"{issuer}/login/account")
+    other.get_by_role("button", name="Log out").click()
+    other.wait_for_url(f"{issuer}/login")
+    other.close()
+
+
+def logged_in_again(page):
+    page.get_by_text("your session was over, and nothing was done").wait_for()
+    page.get_by_role("link", name="Log in, and see again what you were asked").click()
+    page.get_by_role("button", name="Log in with a passkey").click()
+
+
+@pytest.mark.clause("CON-2", "CON-12")
+def test_a_session_that_ends_before_the_word_does_nothing_and_loses_nothing(cell, story, page, axe):
+    world, agent = cell.world, f"{cell.world.issuer}/console/agents/planner"
+    if not any(row["id"] == "alice" and row["passkeys"] for row in world.people["alice"].persons()):
+        with_passkey(world, page, "alice", "dan")
+    page.goto(f"{world.issuer}/login?back_to=/ztpm/console")
+    if page.get_by_role("button", name="Log in with a passkey").count():
+        page.get_by_role("button", name="Log in with a passkey").click()
+    page.goto(agent)
+    by_keyboard(page, "suspend-agent", "odd acts, größer & <b>")
+    logged_out_elsewhere(page, world.issuer)
+    sign_by_keyboard(page)
+    page.get_by_text("NOT_LOGGED_IN", exact=True).first.wait_for()
+    looked_at(page, "session-over", axe)
+    logged_in_again(page)
+    page.locator("[data-member=reason]").wait_for()
+    assert page.inner_text("[data-member=reason]") == "odd acts, größer & <b>"
+    page.goto(agent)
+    assert "suspended" not in page.inner_text("table.pairs")
+
+    # what is taken back on the tree: the reason that was written stands there again, and counts once it is signed
+    lent = world.people["alice"].issue(world.agent("carrier"), world.scope(), purpose="bring parts")
+    page.goto(f"{world.issuer}/console/tree")
+    page.get_by_role("link", name=f"Revoke Token {lent.token_id}").click()
+    page.get_by_label("Reason").fill("größer & <b>")
+    logged_out_elsewhere(page, world.issuer)
+    revoked = len(world.sql("SELECT epoch FROM revocations"))
+    page.get_by_label("Reason").press("Enter")
+    logged_in_again(page)
+    page.get_by_label("Reason").wait_for()
+    assert page.get_by_label("Reason").input_value() == "größer & <b>"
+    assert len(world.sql("SELECT epoch FROM revocations")) == revoked
+    page.get_by_label("Reason").press("Enter")
+    page.wait_for_url("**/console/revocations/*")
+    assert len(world.sql("SELECT epoch FROM revocations")) == revoked + 1
+    page.faults.clear()
+
+
 @pytest.mark.parametrize("changed", ["line", "path", "root", "signature", "number"])
 def test_a_proof_that_was_tampered_with_does_not_hold(cell, story, page, changed):
     """On the way to an honest page: the browser says so."""

@@ -251,8 +251,12 @@ def test_forms_of_other_sites_and_sessions_that_are_over_take_nothing_back(named
         assert alice.code() == "FORM_FORGED"
     alice.page = page
     named.world.clock.at_s += 1_801
-    alice.post(f"{AT}/revocations", said)
-    assert alice.code() == "NOT_LOGGED_IN"
+    for written, again in (("ü & <b>", "&reason=%C3%BC+%26+%3Cb%3E"), ("ü" * 400, None)):
+        alice.page = page
+        alice.post(f"{AT}/revocations", said | {"reason": written})
+        assert alice.code() == "NOT_LOGGED_IN"
+        asked = f"{AT}/revoke?kind=hop&id={hop.hop_id}{again}"
+        assert alice.asked_anew() == (AT if again is None else asked), "an address that is too long leads to the front"
     assert revoked(named) == before
 
 

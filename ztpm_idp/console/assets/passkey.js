@@ -62,19 +62,19 @@ document.addEventListener("submit", async (event) => {
   event.preventDefault();
   const button = form.querySelector("button");
   const told = form.querySelector(".told");
-  if (button.disabled) return;
+  if (button.ariaDisabled === "true") return;
   const said = SAID[form.dataset.word](form);
   if (said === undefined) {
     told.textContent = told.dataset.differs;
     return;
   }
-  button.disabled = true;
+  button.ariaDisabled = "true"; // it keeps the focus
   told.textContent = told.dataset.asked;
   try {
     await asserted(form, said);
     form.submit();
   } catch (error) {
     told.textContent = `${told.dataset.failed} (${error.name}).`;
-    button.disabled = false;
+    button.ariaDisabled = "false";
   }
 });
