@@ -442,19 +442,20 @@ class Gate(Edge):
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
         ask: AskNotice | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
-            state: AskState | None
-            # On the recorder: a question or an expiry is on record before people are told.
-            asked = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
-            consult = partial(copy_context().run, asked)
+            consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
+            state: AskState | None = AskState.LOST
             try:
-                state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, consult)
+                while state is AskState.LOST:  # one that was lost with a process before people saw it is put anew
+                    # On the recorder: a question or an expiry is on record before people are told.
+                    asked = partial(copy_context().run, consult)
+                    state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, asked)
+                    if state is AskState.OPEN and ask is not None:
+                        # nothing will move: the slot waits for no provider
+                        self._free(call)
+                        state = await self._announcer.announce(ask)
             except StatementError as error:
                 # People are asked nothing that they could not read.
                 state, decision = None, denial(decision, Reason(error.code), decision.primitive, cause=error.detail)
-            if state is AskState.OPEN and ask is not None:
-                # nothing will move: the slot waits for no provider
-                self._free(call)
-                state = await self._announcer.announce(ask)
             if state is AskState.EXPIRED:
                 decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
             elif state is AskState.REFUSED:

@@ -266,12 +266,15 @@ class DeferredTasks:
     # -- one look
 
     async def _look(self, ctx: Context, task: KeptTask) -> dict[str, Any] | None:
-        """End of a task whose question is over, or whose call was decided since people approved it; else None."""
+        """End of a task whose question is over, or whose call was decided since; else None.
+
+        It is decided once people have approved it, and again, so asked anew, where its question never reached them.
+        """
         state = self._asks.state_of(task.ask_id)
         match state:
             case AskState.OPEN:
                 return None
-            case AskState.GRANTED:
+            case AskState.GRANTED | AskState.LOST:
                 return await self._act(ctx, task)
             case AskState.DENIED | AskState.WITHDRAWN | AskState.EXPIRED | AskState.REFUSED | None:
                 return await self._conclude(ctx, task, _ENDED_AS[state])

@@ -21,6 +21,7 @@ from capabilities.values.chain import Chain
 from pep.people.ask_composer import compose, reasons_of
 from pep.people.deferral import (
     ANSWERED,
+    PICTURE_LOST,
     AskNotice,
     AskState,
     Deferral,
@@ -324,8 +325,8 @@ class Asks:
             if number < surplus or (over and not untold):
                 del self._deferrals[deferral.ask.ask_id]
 
-    def refuse(self, ask_id: str) -> None:
-        """The provider takes no more questions of this agent: on record, and the deferral is over.
+    def refuse(self, ask_id: str, *, lost: bool = False) -> None:
+        """The provider takes no more questions of this agent, or this one is lost: on record, and over.
 
         Raises:
             pep.base.errors.JournalError: when it could not be recorded.
@@ -334,10 +335,11 @@ class Asks:
             deferral = self._deferrals.get(ask_id)
             if deferral is None or deferral.state is not AskState.OPEN:
                 return
-            body = {**expired_body(ask_id, deferral.ask.request_digest), "reason": str(Reason.ASK_BUDGET_SPENT)}
+            reason = PICTURE_LOST if lost else str(Reason.ASK_BUDGET_SPENT)
+            body = {**expired_body(ask_id, deferral.ask.request_digest), "reason": reason}
             self._journal.append("ask-refused", body)
             with self._lock:
-                deferral.state = AskState.REFUSED
+                deferral.state = AskState.LOST if lost else AskState.REFUSED
                 deferral.refused_until_ms = self._clock.monotonic_ms() + REFUSED_MS
 
     def posted(self, ask_id: str) -> None:

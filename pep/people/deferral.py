@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 RESERVED_MS: Final = 5_000
 """Longest reservation of a use (DESIGN section 6)."""
+PICTURE_LOST: Final = "ASK_PICTURE_DIFFERS"
+"""The provider's code for an ask that comes without the picture that it names."""
 NEVER_MS: Final = 2**31
 """Age of a word that was never heard."""
 
@@ -42,6 +44,8 @@ class AskState(Enum):
     """Nobody answered in time."""
     REFUSED = "refused"
     """The provider asks people no more for this agent now."""
+    LOST = "lost"
+    """Nobody was asked: its picture was gone with the process that made it. It is to be asked anew."""
 
 
 ANSWERED: Final = {
@@ -125,7 +129,7 @@ class Deferral:
     def standing(self, counted: Tally, now_s: float) -> str:
         """Standing in the words of an `ApprovalReading`; "" where it is no evidence of anything."""
         match self.state:
-            case AskState.EXPIRED | AskState.REFUSED:
+            case AskState.EXPIRED | AskState.REFUSED | AskState.LOST:
                 return ""
             case AskState.GRANTED if self.word_ms is None:
                 return "open"
@@ -260,7 +264,7 @@ class Announcer(Protocol):
     """Tells people of a deferral."""
 
     async def announce(self, ask: AskNotice) -> AskState:
-        """State of the ask after one try to tell people: `OPEN`, told or still to be told, or `REFUSED`.
+        """State of the ask after one try to tell people: `OPEN`, told or still to be told, `REFUSED` or `LOST`.
 
         Never raises for a provider that cannot be reached, and waits for it at most about a second.
         """

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import secrets
+from functools import partial
 from typing import TYPE_CHECKING, Final
 
 import httpx2
@@ -19,7 +20,7 @@ from capabilities.statements.people import answers as answers_statement
 from capabilities.values import trace_context
 from capabilities.values.errors import CapabilityError
 from pep.base.errors import FeedError, JournalError, PepError, PepFault
-from pep.people.deferral import AskState
+from pep.people.deferral import PICTURE_LOST, AskState
 from policies.words.reason_table import Reason
 
 if TYPE_CHECKING:
@@ -95,7 +96,8 @@ class AskClient:
         self._asked.set()
         if ask.ask_id not in self._next_ms:
             await self._post(ask)
-        return AskState.REFUSED if self._asks.state_of(ask.ask_id) is AskState.REFUSED else AskState.OPEN
+        state = self._asks.state_of(ask.ask_id)
+        return state if state is AskState.REFUSED or state is AskState.LOST else AskState.OPEN
 
     async def run(self) -> None:
         """Posts, pulls and expires for ever. A provider that is down costs answers, and so denies in the end."""
@@ -151,6 +153,9 @@ class AskClient:
                 self._asks.posted(ask.ask_id)
             elif status == 429 and _code(answer) == Reason.ASK_BUDGET_SPENT:
                 await asyncio.to_thread(self._asks.refuse, ask.ask_id)
+            elif status == 409 and _code(answer) == PICTURE_LOST and not ask.picture:
+                # an earlier process of ours made it, and ended before the provider had it
+                await asyncio.to_thread(partial(self._asks.refuse, ask.ask_id, lost=True))
             else:
                 self._incident(FeedError(PepFault.ASK_NOT_TAKEN, f"status {status} {_code(answer)[:64]}"))
         except (FeedError, JournalError) as error:

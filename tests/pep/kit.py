@@ -19,6 +19,7 @@ from capabilities.statements.people import ask as ask_statement
 from capabilities.statements import conduct as conduct_statement
 from capabilities.statements import mark as mark_statement
 from capabilities.statements.people import opening as opening_statement
+from capabilities.statements.people import picture as picture_statement
 from capabilities.statements import registry as registry_statement
 from capabilities.statements import revocation
 from capabilities.statements.people import vote as vote_statement
@@ -698,8 +699,11 @@ class FakeIssuer:
         if self.asks.get(asked.ask_id, text) != text:
             return httpx2.Response(409, json={"code": "ASK_DIFFERS"})
         status = 200 if asked.ask_id in self.asks else 201
+        sent = json.loads(request.content).get("picture")
+        if status == 201 and (picture_statement.digest_of(sent) if sent else "") != asked.picture_digest:
+            return httpx2.Response(409, json={"code": "ASK_PICTURE_DIFFERS"})
         self.asks[asked.ask_id] = text
-        self.pictures[asked.ask_id] = json.loads(request.content).get("picture")
+        self.pictures[asked.ask_id] = sent
         return httpx2.Response(status, json={"ask_id": asked.ask_id, "url": f"{ISSUER}/approvals/{asked.ask_id}/page"})
 
     def answers(self, *, audience, nonce):

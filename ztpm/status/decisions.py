@@ -130,7 +130,7 @@ class Decisions:
                     self._newest.append(_refusal(body, at_ms))
                 case "outcome":
                     self._outcome(body, at_ms)
-                case "ask-expired":
+                case "ask-answered" | "ask-expired" | "ask-refused":
                     self._asks.pop(str(body["ask_id"]), None)
                 case _:
                     pass

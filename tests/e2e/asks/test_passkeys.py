@@ -23,6 +23,7 @@ from pep.pit.scene.adult_body import adult_at_distance
 from pep.pit.scene.scene import THINGS_LIMIT, Capsule, Thing
 from pep.request.authority import PresentedRequest
 from policies.evidence.model import Effect
+from policies.words.reason_table import Reason
 from tests import browsing
 from tests.browsing import CHROMIUM, looked_at, picture
 from tests.pep import kit
@@ -252,6 +253,8 @@ def test_without_javascript_the_text_and_the_command_remain(cell, page):
 class Answered(People):
     """Point that asks the provider about a motion near a person, and whose effect moves a simulated arm."""
 
+    away = False
+
     def __init__(self, tmp, cell, robot):
         self.cell, self.robot, self.pictures = cell, robot, Drawn()
         self.beside = ThreadPoolExecutor(1)  # playwright has a loop of its own on this thread
@@ -259,11 +262,16 @@ class Answered(People):
 
     def build(self, journal=None):
         self.pep_key = self.cell.world.private[PEP]
-        # each call has a loop of its own, which no connection outlives
-        self.issuer.client = lambda: httpx2.AsyncClient(limits=httpx2.Limits(max_keepalive_connections=0))
+        self.issuer.client = self.client
         super().build(journal)
         self.asking.renew(self.cell.world.trust)
         return self
+
+    def client(self):
+        """Client of the provider, which is away when a test says so."""
+        away = httpx2.MockTransport(lambda _: httpx2.Response(503)) if self.away else None
+        # each call has a loop of its own, which no connection outlives
+        return httpx2.AsyncClient(transport=away, limits=httpx2.Limits(max_keepalive_connections=0))
 
     def credentials(self, holder, *, lease_ms=30_000):
         at = self.clock.wall_s()
@@ -296,21 +304,44 @@ class Drawn:
         return SHOWN
 
 
+def asking(cell, tmp_path, monkeypatch, robot=None):
+    """Point at which a person is near the arm, and mover as its caller."""
+    for name, value in {"ISSUER": cell.world.issuer, "AUDIENCE": AUDIENCE, "PEP": PEP}.items():
+        monkeypatch.setattr(kit, name, value)
+    point, people = Answered(tmp_path, cell, robot), Snapshot(cell)
+    point.registry.people, point.registry.held = people.approvers(), people.passkeys()
+    point.physics.answer = kit.reading(3, 2_500, contributions=FOUND.contributions)
+    scope = kit.full_scope(time.time(), audience=AUDIENCE, ceiling=Tier(3))
+    key = cell.world.private["mover"]
+    point.holder = kit.agent(point.made, time.time(), name="mover", key=key, scope=scope, caps=point.caps)
+    return point
+
+
+@pytest.mark.clause("STM-25")
+def test_a_point_that_ended_before_the_provider_had_its_question_puts_it_anew(cell, page, tmp_path, monkeypatch):
+    monkeypatch.setattr(Answered, "away", True)
+    point = asking(cell, tmp_path, monkeypatch)
+    lost = point.go()
+    assert lost.decision.effect is Effect.DEFER
+    monkeypatch.setattr(Answered, "away", False)
+    point.beside.submit(point.restart).result(20)
+    told = point.go()
+    assert (told.decision.effect, told.decision.reason) == (Effect.DEFER, Reason.TIER_NEEDS_APPROVAL)
+    page.goto(told.ask.url)
+    checked(page)
+    assert cell.told(lost.ask.ask_id) is None
+    assert [(each["body"]["ask_id"], each["body"]["reason"]) for each in point.records("ask-refused")] == [
+        (lost.ask.ask_id, "ASK_PICTURE_DIFFERS")
+    ]
+    cell.world.people["alice"].deny(told.ask.ask_id)
+
+
 @pytest.mark.clause("PSK-6", "PSK-8")
 def test_a_question_answered_on_its_page_moves_the_arm_once(cell, page, tmp_path, monkeypatch):
     """After the first test, in which carol has made her passkey."""
     eyes_of = pytest.importorskip("rtde_receive", reason="ur_rtde is not installed").RTDEReceiveInterface
-    for name, value in {"ISSUER": cell.world.issuer, "AUDIENCE": AUDIENCE, "PEP": PEP}.items():
-        monkeypatch.setattr(kit, name, value)
     with SimulatedController.start(joints=HOME) as robot:
-        point, eyes = Answered(tmp_path, cell, robot), eyes_of(robot.host)
-        people = Snapshot(cell)
-        point.registry.people, point.registry.held = people.approvers(), people.passkeys()
-        point.physics.answer = kit.reading(3, 2_500, contributions=FOUND.contributions)
-        scope = kit.full_scope(time.time(), audience=AUDIENCE, ceiling=Tier(3))
-        point.holder = kit.agent(
-            point.made, time.time(), name="mover", key=cell.world.private["mover"], scope=scope, caps=point.caps
-        )
+        point, eyes = asking(cell, tmp_path, monkeypatch, robot), eyes_of(robot.host)
         at = lambda q: max(abs(a - b) for a, b in zip(eyes.getActualQ(), q, strict=True)) < 1e-3
         asked_first = point.go()
         assert asked_first.decision.effect is Effect.DEFER, asked_first.decision.reason

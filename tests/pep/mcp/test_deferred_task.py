@@ -208,6 +208,21 @@ def test_a_look_whose_approval_was_used_meanwhile_waits_for_people_anew(cell):
     assert (done.status, reason(done), len(cell.arm.moves)) == ("completed", "PERMITTED", 2)
 
 
+def test_a_task_whose_question_was_lost_before_people_saw_it_puts_it_anew(cell):
+    async def scenario():
+        async with cell.client() as client:
+            task = await begun(client, "move_joint", MOVE)
+            cell.asks.refuse(ask_of(task), lost=True)
+            waiting = await look(client.session, task.task_id)
+            (anew,) = cell.issuer.asks.keys() - {ask_of(task)}
+            await approve(cell, anew)
+            return waiting, anew, await ended(client.session, task.task_id)
+
+    waiting, anew, done = with_cell(cell, scenario)
+    assert (waiting.status, anew in waiting.status_message) == ("working", True)
+    assert (done.status, reason(done), len(cell.arm.moves)) == ("completed", "PERMITTED", 1)
+
+
 def test_another_holder_of_the_same_agent_name_finds_nothing(cell):
     async def scenario():
         async with cell.client() as client:

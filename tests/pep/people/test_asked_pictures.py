@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import asyncio
+
 import pytest
 from msgspec import structs
 from capabilities.statements.claims import malformed
@@ -91,6 +93,61 @@ def test_after_a_restart_the_ask_goes_without_it(tmp_path):
     rig.restart()
     (left,) = rig.asks.unposted()
     assert (left.ask_id, left.text, left.picture) == (asked.ask_id, asked.text, "")
+
+
+def lost(tmp_path):
+    """Point that ended before its question came to the provider, started again; and that question."""
+    rig = Seeing(tmp_path, TEXT)
+    rig.issuer.down = True
+    asked = rig.go().ask
+    rig.restart()
+    rig.issuer.down = False
+    return rig, asked
+
+
+def test_a_question_whose_picture_a_restart_lost_is_put_anew_at_once(tmp_path):
+    rig, before = lost(tmp_path)
+    told = rig.go()
+    assert (told.decision.effect, told.decision.reason) == (Effect.DEFER, Reason.TIER_NEEDS_APPROVAL)
+    assert told.ask.ask_id != before.ask_id
+    assert rig.issuer.asks == {told.ask.ask_id: told.ask.text}
+    assert rig.issuer.pictures[told.ask.ask_id] == TEXT
+    (ended,) = rig.records("ask-refused")
+    assert (ended["body"]["ask_id"], ended["body"]["reason"]) == (before.ask_id, "ASK_PICTURE_DIFFERS")
+    assert rig.go().ask.ask_id == told.ask.ask_id, "one question at a time"
+    rig.restart()
+    assert rig.asks.state_of(before.ask_id) is None
+    rig.text, rig.ask_id = told.ask.text, told.ask.ask_id
+    rig.cast(rig.vote())
+    assert rig.go().decision.effect is Effect.PERMIT
+    assert len(rig.sent) == 1
+
+
+def test_a_question_that_came_to_the_provider_before_the_restart_stands(tmp_path):
+    rig = Seeing(tmp_path, TEXT)
+    notice = rig.ask()
+    rig.restart()
+    assert rig.go().ask.ask_id == notice.ask_id
+    assert (rig.records("ask-refused"), rig.asks.unposted()) == ([], ())
+    rig.cast(rig.vote())
+    assert rig.go().decision.effect is Effect.PERMIT
+
+
+def test_the_loop_that_posts_ends_a_lost_question_before_anybody_asks_again(tmp_path):
+    rig, before = lost(tmp_path)
+    (left,) = rig.asks.unposted()
+    asyncio.run(rig.asking._post(left))
+    assert rig.asks.state_of(before.ask_id) is AskState.LOST
+    assert rig.go().ask.ask_id != before.ask_id
+    assert len(rig.records("ask-refused")) == 1
+
+
+def test_a_provider_that_refuses_a_picture_that_was_sent_is_asked_again_later(tmp_path):
+    rig = Seeing(tmp_path, TEXT)
+    rig.issuer.refuses = (409, "ASK_PICTURE_DIFFERS")
+    assert rig.go().decision.effect is Effect.DEFER
+    assert rig.records("ask-refused") == []
+    assert len(rig.asks.unposted()) == 1
 
 
 def test_what_was_assessed_is_shown_and_the_oldest_is_forgotten():

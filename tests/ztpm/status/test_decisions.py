@@ -56,7 +56,8 @@ def test_newest_first_with_outcome_and_leaf(path, journal):
     ]
 
 
-def test_asks_are_open_until_their_time_or_their_end(path, journal):
+@pytest.mark.parametrize("kind", ["ask-answered", "ask-expired", "ask-refused"])
+def test_asks_are_open_until_their_time_or_their_end(path, journal, kind):
     seen = Decisions(path)
     for n, until in ((1, 1_000), (2, 2_000), (3, 3_000)):
         ask = {"ask_id": f"a{n}", "expires_at_ms": until}
@@ -65,7 +66,7 @@ def test_asks_are_open_until_their_time_or_their_end(path, journal):
     seen.follow()
     assert [ask.ask_id for ask in seen.open_asks(at_ms=999)] == ["a1", "a2", "a3"]
     assert [ask.ask_id for ask in seen.open_asks(at_ms=1_000)] == ["a2", "a3"]
-    journal.append("ask-expired", {"ask_id": "a2"})
+    journal.append(kind, {"ask_id": "a2"})
     seen.follow()
     assert [(ask.ask_id, ask.agent, ask.tier) for ask in seen.open_asks(at_ms=1_000)] == [("a3", "mover", 3)]
 
