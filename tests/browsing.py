@@ -131,7 +131,7 @@ def narrow(page, *told):
     ends_s = time.monotonic() + FRAMES_S
     while (found := page.evaluate(WIDER)) and time.monotonic() < ends_s:
         page.wait_for_timeout(50)
-    assert found == [], told
+    assert found == [], (told, found)
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), told
 
 

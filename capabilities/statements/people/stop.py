@@ -5,7 +5,6 @@ It permits nothing and moves nothing. The stop itself needs no word, and waits f
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING, Final
 
 from capabilities.statements import statement_form
@@ -22,7 +21,7 @@ KIND: Final = "stop"
 LIFETIME_S: Final = 30
 """Longest time for which it counts, in seconds: that of a proof, whose ids are kept as long ([PRF-7])."""
 STOP_BYTES: Final = 4_096
-"""Longest text of one. Strangers may send it, and with each member at its longest it has some 3000 bytes."""
+"""Longest text of one: with each member at its longest it has some 3100 bytes."""
 
 
 class Stop(Form, frozen=True):
@@ -63,8 +62,7 @@ def open(text: str, keys: Collection[bytes], caps: Caps) -> Stop:  # noqa: A001 
     Raises:
         StatementError: as `sealed.open`; also for one that counts for more than `LIFETIME_S`, or never.
     """
-    bounded = replace(caps, statement_bytes=min(caps.statement_bytes, STOP_BYTES))
-    return _read(statement_form.open(KIND, text, keys, bounded))
+    return _read(statement_form.open(KIND, text, keys, caps))
 
 
 def _read(claims: dict[str, object]) -> Stop:

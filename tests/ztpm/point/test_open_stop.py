@@ -205,8 +205,9 @@ def test_a_bad_word_stops_the_arm_and_its_code_is_told_and_on_record(tmp_path):
             assert (await house.asked(said(text))).json()["fault"] == fault
             assert house.done == ["stop"]
             assert house.records("outcome")[-1]["stop"]["fault"] == fault
-        assert house.latches.latch_id == latch_id
+            assert house.latches.latch_id == latch_id
         assert len(house.records("stop")) == 1
+        assert (await house.asked(b"")).json()["latch"] == {"latched": True}, "a stranger is told no more of it"
 
     in_house(tmp_path, scenario)
 

@@ -149,15 +149,15 @@ class Gateway:
 
     def __init__(self):
         self.arm = {"ends": [[[0, 0, 0], [0, 0, 1]]], "tcp": [0, 0, 1], "moving": False}
-        self.asked, self.silent, self.motion = [], False, ""
+        self.asked, self.silent, self.motion, self.parts, self.bodies = [], False, "", [], []
 
     def ask(self, question, *, timeout_s, lane="report"):
         self.asked.append(question)
         if self.silent:
             return None
         return {
-            "live": {"arm": self.arm, "held": "h", "bodies": [], "motion": self.motion},
-            "standing": {"held": "h", "parts": [], "bodies": [], "workspace": None},
+            "live": {"arm": self.arm, "held": "h", "bodies": self.bodies, "motion": self.motion},
+            "standing": {"held": "h", "parts": self.parts, "bodies": [], "workspace": None},
             "way": {"motion": self.motion, "postures": []},
         }[question["report"]]
 
@@ -165,15 +165,15 @@ class Gateway:
 class Served:
     """A page on a port of its own, before that gateway."""
 
-    def __init__(self, port):
-        self.gateway, self.stops = Gateway(), []
+    def __init__(self, port, picture=PICTURE, host=HOST):
+        self.gateway, self.stops, self.picture = Gateway(), [], picture
         self.feed = LiveFeed(
             lambda: self.gateway,
-            lambda: parts_of(PICTURE),
+            lambda: parts_of(self.picture),
             clock=time.monotonic,
             wall_ms=lambda: int(time.time() * 1000),
         )
-        self.server = StatusServer(lambda: PICTURE, feed=self.feed, stop=self.stop, host=HOST, port=port)
+        self.server = StatusServer(lambda: self.picture, feed=self.feed, stop=self.stop, host=host, port=port)
         self.url = self.server.url
         self.origin = self.url.rstrip("/")
 
@@ -183,8 +183,8 @@ class Served:
 
 
 @contextlib.contextmanager
-def serving(port):
-    served = Served(port)
+def serving(port, **changes):
+    served = Served(port, **changes)
     served.server.start()
     yield served
     served.server.stop()

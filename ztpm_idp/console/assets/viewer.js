@@ -264,13 +264,13 @@ window.ztpmViewer = (() => {
       return span;
     };
     const gap = label("", "gap");
-    // Asked once for each text: to ask between two changes lays the whole page out anew.
+    // Asked once for each text and width of the view: to ask between two changes lays the whole page out anew.
     const sizes = new WeakMap();
-    const size_of = (span) => {
+    const size_of = (span, within) => {
       const known = sizes.get(span);
-      if (known?.text === span.textContent) return known.size;
+      if (known?.text === span.textContent && known.within === within) return known.size;
       const size = [span.offsetWidth, span.offsetHeight];
-      sizes.set(span, { text: span.textContent, size });
+      sizes.set(span, { text: span.textContent, within, size });
       return size;
     };
     const cut = (text) => (text.length <= 24 ? text : `${text.slice(0, 23)}…`);
@@ -358,7 +358,7 @@ window.ztpmViewer = (() => {
       // A name stays inside the view, and moves up or down until it covers no other one.
       const taken = [];
       const place = (span, x, y, side) => {
-        const [w, h] = size_of(span), at = { x: clamp(x, w / 2, Math.max(w / 2, width - w / 2)), y };
+        const [w, h] = size_of(span, width), at = { x: clamp(x, w / 2, Math.max(w / 2, width - w / 2)), y };
         const covers = (other) => Math.abs(at.x - other.x) < (w + other.w) / 2 && Math.abs(at.y - other.y) < (h + other.h) / 2;
         for (let k = 0; k < taken.length && taken.some(covers); k += 1) at.y += side * (h + 2);
         at.y = clamp(at.y, 14, height - 14);
