@@ -28,7 +28,7 @@ from pep.gate.budget_charge import BudgetCharge
 from pep.gate.first_fault import first_fault
 from pep.gate.last_look import LastLook
 from pep.gate.observe_only import HIGHEST_MILLI, LASTS_MS, Marked
-from pep.gate.robot_ports import robot_of, takes_slot
+from pep.gate.robot_ports import robot_of, takes_slot, unpictured
 from pep.journal.conduct import Conduct
 from pep.people.deferral import AskState
 from pep.request.denial import broken, denial
@@ -69,7 +69,6 @@ SEQUENCE: Final = "TEA-6"
 """Primitive behind `BUSY`: a command together with unfinished ones."""
 STATE: Final = "TEA-5"
 """The primitive that looks at the robot's own state, which is cheap to have."""
-
 
 T = TypeVar("T")
 
@@ -139,6 +138,7 @@ class Gate(Edge):
         self._clock = clock
         self._authority = authority
         self._robot = robot
+        self._pictured = unpictured if robot is None else robot.pictured
         self._registry = registry
         self._budgets = budgets
         self._asks = asks
@@ -369,6 +369,7 @@ class Gate(Edge):
         robot = robot_of(call, self._robot)
         if robot is not None:
             robot.sequence.begins(call.request, agent=permit.agent, impact=evidence.impact)
+            self._pictured(call.request.request_id, record, moves=True)
         try:
             result = await effect(permit)
         except ActuationRefusedError as refused:
@@ -441,9 +442,10 @@ class Gate(Edge):
     async def _conclude(self, call: Call, evidence: Evidence, decision: Decision) -> GateResult:
         """A DENY or DEFER, on record; a deferral is asked once, and its silence is a DENY."""
         ask: AskNotice | None = None
+        state: AskState | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
             consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
-            state: AskState | None = AskState.LOST
+            state = AskState.LOST
             try:
                 while state is AskState.LOST:  # one that was lost with a process before people saw it is put anew
                     # On the recorder: a question or an expiry is on record before people are told.
@@ -460,7 +462,9 @@ class Gate(Edge):
                 decision = denial(decision, Reason.APPROVAL_TIMEOUT, decision.primitive)
             elif state is AskState.REFUSED:
                 decision = denial(decision, Reason.ASK_BUDGET_SPENT, decision.primitive)
-        await self.record("decision", records.decision(call, evidence, decision, ask=ask))
+        record = await self.record("decision", records.decision(call, evidence, decision, ask=ask))
+        if ask is None or state is AskState.REFUSED:  # else the ask has its own
+            self._pictured(call.request.request_id, record, moves=False)
         return GateResult(decision, ask=ask)
 
     async def _broken(self, call: Call, error: Exception) -> GateResult:

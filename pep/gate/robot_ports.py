@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from capabilities.values.chain import Chain
 
@@ -16,6 +16,24 @@ if TYPE_CHECKING:
     from policies.evidence.evidence import Evidence
 
 
+class Pictured(Protocol):
+    """The maker of pictures of decided motions ([CON-9])."""
+
+    def __call__(self, request_id: str, record: str, *, moves: bool) -> None:
+        """Told of a decision.
+
+        Args:
+            request_id: of the request.
+            record: hash of the decision's record.
+            moves: whether its effect follows.
+        """
+        ...
+
+
+def unpictured(request_id: str, record: str, *, moves: bool) -> None:
+    """The `Pictured` of a gate of which nobody makes pictures."""
+
+
 @dataclass(frozen=True, slots=True)
 class RobotPorts:
     """Ports of one robot.
@@ -25,12 +43,14 @@ class RobotPorts:
         sequence: its recent acts.
         physics: runtime impact.
         latched: id of the latch in force; None while there is none.
+        pictured: told of each decision on record; returns at once.
     """
 
     slot: MotionSlot
     sequence: Sequence
     physics: Physics
     latched: Callable[[], str | None] = lambda: None
+    pictured: Pictured = unpictured
 
 
 def robot_of(call: Call, ports: RobotPorts | None) -> RobotPorts | None:

@@ -20,7 +20,9 @@ KEPT: Final = 16
 
 
 @dataclass(frozen=True, slots=True)
-class _Question:
+class AssessedQuestion:
+    """A question to physics with its answer; None for an arm that is led."""
+
     robot: Robot
     situation: Situation
     motion: Motion
@@ -32,16 +34,26 @@ class AssessedQuestions:
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
-        self._kept: OrderedDict[str, _Question] = OrderedDict()
+        self._kept: OrderedDict[str, AssessedQuestion] = OrderedDict()
 
     def keep(
         self, request_id: str, robot: Robot, situation: Situation, motion: Motion, assessment: Assessment | None
     ) -> None:
         """Keeps a question with its answer; None for an arm that is led."""
         with self._lock:
-            self._kept[request_id] = _Question(robot, situation, motion, assessment)
+            self._kept[request_id] = AssessedQuestion(robot, situation, motion, assessment)
             while len(self._kept) > KEPT:
                 self._kept.popitem(last=False)
+
+    def forget(self, request_id: str) -> None:
+        """Keeps nothing of that request: what it was assessed by is not what it is decided on."""
+        with self._lock:
+            self._kept.pop(request_id, None)
+
+    def question(self, request_id: str) -> AssessedQuestion | None:
+        """The question of that request with its answer; None where nothing was assessed, or others came since."""
+        with self._lock:
+            return self._kept.get(request_id)
 
     def shown(self, request_id: str) -> str | None:
         """Text of the picture of that request's motion; None for an act without the arm.
@@ -49,8 +61,7 @@ class AssessedQuestions:
         Raises:
             StatementError: `STATEMENT_MALFORMED`: it has no picture, so nobody can be asked.
         """
-        with self._lock:
-            kept = self._kept.get(request_id)
+        kept = self.question(request_id)
         if kept is None:
             raise malformed("nothing was assessed that could be shown")
         try:

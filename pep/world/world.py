@@ -126,6 +126,8 @@ class CellPhysics:
             allowance_ms = max(1, math.ceil((now_ms - look.taken_ms) * ALLOWANCE))
         if isinstance(impact, ImpactReading):
             impact = replace(impact, perception_age_ms=look.age_ms(now_ms))
+        else:
+            self.questions.forget(request.request_id)  # an earlier look, or try, may have been answered
         return Assessed(impact, look.reading(now_ms=now_ms, limit_ms=self._limit_ms))
 
     @property

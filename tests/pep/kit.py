@@ -422,6 +422,7 @@ class Rig:
         self.replay = ReplayCache(self.clock)
         self.sent = []
         self.before_effect = lambda: None
+        self.pictured = lambda request_id, record, moves: None
         self.build()
 
     def build(self, journal=None):
@@ -459,7 +460,11 @@ class Rig:
             authority=self.authority,
             registry=self.registry,
             robot=RobotPorts(
-                slot=self.slot, sequence=Still(self.clock), physics=self.physics, latched=lambda: self.latch_id
+                slot=self.slot,
+                sequence=Still(self.clock),
+                physics=self.physics,
+                latched=lambda: self.latch_id,
+                pictured=lambda *about, moves: self.pictured(*about, moves),
             ),
             policies=self.policies,
             journal=journal,

@@ -190,7 +190,7 @@ ROWS: Final = (
         LOOK,
         "ztpm.cli.provider.audit:app",
         "The ledger and journals: export, verify and show them.",
-        tuple((name, f"ztpm.cli.provider.ledger:{name}") for name in ("search", "prove", "hold")),
+        tuple((name, f"ztpm.cli.provider.ledger:{name}") for name in ("search", "prove", "hold", "picture")),
     ),
     CommandRow("pit", LOOK, "ztpm.cli.pit:app", "Physical impact of one motion in one scene, out of files."),
     CommandRow(

@@ -99,6 +99,7 @@ EXAMPLES: Final = {
     "audit export": "--as carol --out ledger.ndjson",
     "audit search": "--as alice --agent mover --since 2026-11-25T22:00:00Z --data .ztpm",
     "audit prove": "812 --as alice --trust .ztpm/trust.json --out entry.tlog-proof --data .ztpm",
+    "audit picture": "90c1a3d7f2b84e6c9d0513a8e7f64b22 --as alice --trust .ztpm/trust.json --out m.html --data .ztpm",
     "audit hold": "checkpoint --as alice --trust .ztpm/trust.json --data .ztpm",
     "audit verify": "ledger.ndjson --trust .ztpm/trust.json",
     "audit show": "ledger.ndjson --kind decision",

@@ -18,6 +18,7 @@ from pep.perception.sensor_frames import Frames
 from pep.pit import surveyed
 from pep.pit.assessment.readiness import compile_telling
 from pep.point.deferrals import Deferrals, recover_gate
+from pep.point.motion_pictures import MotionPictures
 from pep.point.parts import EnforcementInputs, opened
 from pep.rtde.robot.state_receiver import StateReceiver
 from pep.world.held_object import CommittedGrip
@@ -121,6 +122,14 @@ class RobotPoint(EnforcementPoint):
             pictures=self.physics.questions,
         )
         self.asks, self.asking = people.asks, people.asking
+        self.pictures = MotionPictures(
+            self.physics.questions,
+            clock=self.clock,
+            record=lambda kind, body: self.gate.note(kind, body),  # noqa: PLW0108  the gate is made later
+            shipped=lambda: (self.journal.last_seq, self.shipper.accepted_through),
+            asking=self.asking,
+            incident=self.feed_incident,
+        )
         self.kept = TaskStore(config.state_dir / TASKS)
 
     @property
@@ -146,7 +155,11 @@ class RobotPoint(EnforcementPoint):
             authority=self.authority,
             registry=self.follower,
             robot=RobotPorts(
-                slot=slot, sequence=Sequence(self.clock), physics=self.physics, latched=lambda: latches.latch_id
+                slot=slot,
+                sequence=Sequence(self.clock),
+                physics=self.physics,
+                latched=lambda: latches.latch_id,
+                pictured=self.pictures,
             ),
             policies=policies,
             journal=self.journal,
@@ -162,7 +175,7 @@ class RobotPoint(EnforcementPoint):
 
     def beside(self) -> dict[str, Coroutine[Any, Any, None]]:
         """Tasks that run as long as it serves, by name."""
-        return {**super().beside(), "asking": self.asking.run()}
+        return {**super().beside(), "asking": self.asking.run(), "pictures": self.pictures.run()}
 
     async def report(self) -> dict[str, object]:
         """Report on robot, perception and revocation view."""

@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
-from urllib.parse import urlencode
+from urllib.parse import quote, urlencode
 
 from capabilities.log import merkle, tree_head
+from capabilities.statements.people import picture
 from capabilities.values.errors import StatementError
 from ztpm_idp.client.caller import Caller, ClientError
 
@@ -72,6 +73,21 @@ class AuditingCaller(Caller):
             return tree_head.read_proof(answer.text)
         except StatementError as error:
             raise ClientError("ANSWER_MALFORMED", answer.status_code, error.detail) from None
+
+    def motion_picture(self, digest: str) -> str:
+        """Text of the picture with this SHA-256 (hex), which a record or an ask names, read strictly.
+
+        Raises:
+            ClientError: `PICTURE_UNKNOWN`, `PICTURE_AWAITED`, or `ANSWER_MALFORMED` for another one, or for none.
+        """
+        answer = self._send("GET", f"/ledger/pictures/{quote(digest, safe='')}", b"", None)
+        try:
+            picture.read(answer.text)
+        except StatementError as error:
+            raise ClientError("ANSWER_MALFORMED", answer.status_code, error.detail) from None
+        if picture.digest_of(answer.text) != digest:
+            raise ClientError("ANSWER_MALFORMED", answer.status_code, "another picture")
+        return answer.text
 
     def goes_on(self, held: TreeHead, ledger: LedgerKeys) -> str:
         """The newest checkpoint, once it is proven that its ledger begins with the held one.

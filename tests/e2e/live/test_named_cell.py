@@ -5,12 +5,13 @@ import time
 from pathlib import Path
 
 import pytest
+from capabilities.statements.people import picture
 from tests import browsing
 from tests.browsing import CHROMIUM
 from tests.e2e.live.test_live_page import CALLS, call_of
 from tests.e2e.test_up import PASSPHRASE, Running, until
 from ztpm.stage.stage import LEFT, RIGHT
-from ztpm_idp.client import Operator
+from ztpm_idp.client import ClientError, Operator
 
 from ztpm.base.layout import Layout, read_key
 
@@ -80,7 +81,44 @@ def test_a_question_of_a_whole_cell_answered_on_its_page_moves_the_arm_once(cell
     assert page.faults == []
 
 
-@pytest.mark.clause("CON-4", "LIV-6")
+def drawn_from_its_record(cell, caller, page):
+    """The last permitted motion, about which nobody was asked, is drawn on the page of its request, with its end."""
+
+    def told():
+        records = [
+            json.loads(line)["body"]["record"]
+            for line in caller.alice.export_ledger().splitlines()
+            if b'"record"' in line
+        ]
+        *_, moved = (each["body"] for each in records if each["kind"] == "decision" and permitted(each["body"]))
+        named = [each["body"] for each in records if each["kind"] == "picture"]
+        return next((each for each in named if each["request_id"] == moved["request"]["id"]), None)
+
+    record = until(told, "its picture is named on record", 90)
+    assert "digest" in record, record
+
+    def brought():
+        try:
+            return caller.alice.motion_picture(record["digest"])
+        except ClientError as error:
+            assert error.code == "PICTURE_AWAITED"
+            return None
+
+    shown = picture.read(until(brought, "it has come", 30))
+    assert shown.margin_um >= 0 and len(shown.postures) > 8 and shown.bodies
+    page.goto(f"{cell.told['issuer']}/console/trail/requests/{record['request_id']}")
+    page.wait_for_function("() => document.querySelector('.pictured').dataset.result", timeout=60_000)
+    assert page.inner_text(".pictured .verdict").startswith("Checked in this browser before it was drawn")
+    assert page.locator(".pictured canvas").count() == page.locator(".pictured").count() == 1
+    assert "authority_lost" in page.text_content("main"), "its end is told beside it"
+    browsing.picture(page, "console-motion-on-record")
+
+
+def permitted(body):
+    return body["decision"]["effect"] == "PERMIT" and body["request"]["operation"] == "move_joint"
+
+
+@pytest.mark.clause("CON-4", "CON-9", "LIV-6")
 def test_a_token_taken_back_in_the_tree_stops_the_moving_arm_and_is_in_the_trail(cell, caller, page):
     seen(cell)
     issuer, token = cell.told["issuer"], caller.lent.token_id
@@ -120,6 +158,8 @@ def test_a_token_taken_back_in_the_tree_stops_the_moving_arm_and_is_in_the_trail
     assert "it has moved enough" in row
     assert token in row
     assert page.faults == []
+
+    drawn_from_its_record(cell, caller, page)
     print(
         f"the page told {seen_s:.2f} s after the word what died, the arm stood {stood_s:.2f} s after it, "
         f"and points had confirmed {confirmed_s:.2f} s after it: {'; '.join(told)}"

@@ -6,11 +6,13 @@ from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
+import rfc8785
 from capabilities.values.scope import Grant, Tier
 from capabilities.values.units import Quantity, Unit
 from pep.base.errors import ActuationRefusedError, JournalError, PepFault
 from pep.base.operations import MOVE_JOINT
 from pep.gate.gate import ATTEMPTS, EffectResult
+from pep.journal.file_journal import record_hash
 from pep.world.sequence import Sequence
 from policies.evidence.evidence import NOT_COLLECTED, ImpactFault, PerceptionReading, SensorReading
 from policies.evidence.model import Effect, Obligation, ObligationKind
@@ -727,3 +729,28 @@ def test_who_reads_the_state_asks_from_there(rig):
     assert run(rig, rig.call(agent)).decision.reason is Reason.SEQUENCE_DRIFT
     assert run(rig, rig.call(agent, "read_state")).decision.effect is Effect.PERMIT
     assert run(rig, rig.call(agent)).decision.effect is Effect.PERMIT
+
+
+@pytest.mark.clause("CON-9")
+def test_a_picture_is_asked_for_once_its_decision_is_on_record_and_none_where_an_ask_has_one(rig):
+    """An ask that the provider refused is none: its motion has a picture of its own."""
+    told = []
+
+    def pictured(request_id, record, moves):
+        (newest,) = rig.records("decision")[-1:]
+        told.append((request_id, moves, newest["body"]["request"]["id"], record == record_hash(rfc8785.dumps(newest))))
+
+    rig.pictured = pictured
+    permitted = rig.call(rig.agent())
+    run(rig, permitted)
+    refused = rig.call(rig.agent())
+    rig.physics.answer = reading(index_milli=3_900)
+    run(rig, refused)
+    deferred = rig.call(rig.agent())
+    rig.physics.answer = reading(index_milli=2_640)
+    assert run(rig, deferred).ask is not None
+    rig.issuer.refuses = (429, "ASK_BUDGET_SPENT")
+    unasked = rig.call(rig.agent(), arguments=MOVE | {"speed_rad_s": 0.4})
+    assert run(rig, unasked).decision.reason is Reason.ASK_BUDGET_SPENT
+    ids = [(each.request.request_id, each is permitted) for each in (permitted, refused, unasked)]
+    assert told == [(request_id, moves, request_id, True) for request_id, moves in ids]

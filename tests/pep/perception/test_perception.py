@@ -434,6 +434,17 @@ def test_what_was_assessed_can_be_shown(world):
         room.questions.shown("another")
 
 
+@pytest.mark.clause("CON-9")
+def test_a_fault_leaves_no_picture_of_an_earlier_try(world):
+    """The gate may assess a request again; what it decides on then is not what was assessed before."""
+    room = physics(world, robot=ARM)
+    room.assess(request(), touch=frozenset())
+    assert room.questions.question("r") is not None
+    world.frames.admit(world.text(key=keys.generate()))
+    assert room.assess(request(), touch=frozenset()).impact.reason == Reason.PERCEPTION_INVALID
+    assert room.questions.question("r") is None
+
+
 def test_nothing_is_assessed_after_the_cell_file_has_ended(world):
     end = int(world.clock.wall_s()) + 1
     assert impact(world, robot=ARM, valid_until_s=end).perception == "fresh"

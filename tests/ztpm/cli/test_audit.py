@@ -3,15 +3,22 @@
 import hashlib
 import json
 import sqlite3
+import zlib
+from dataclasses import replace
 from types import SimpleNamespace
 
 import pytest
 import rfc8785
 from capabilities.statements import checkpoint
+from capabilities.statements.people import picture
+from tests.capabilities.statements.people.test_pictures import SHOWN
+from tests.ztpm_idp.asks import Cell
+from tests.ztpm_idp.journals import Journal
 from tests.ztpm_idp.test_ledger import full, written
 from tests.ztpm_idp.world import World
 from ztpm_idp.client import ClientError, Operator
 
+from capabilities.keys import keys
 from ztpm.cli.provider import person
 
 
@@ -240,3 +247,45 @@ def rewritten(cell, name):
         prev = hashlib.sha256(made[-1]).hexdigest()
     point = checkpoint.Checkpoint(cell.world.trust.issuer, len(made), prev, 1)
     return [*made, rfc8785.dumps({"checkpoint": checkpoint.sign(point, cell.world.idp_keys.ledger)})]
+
+
+@pytest.mark.clause("CON-9")
+def test_a_motion_is_drawn_from_its_proven_record_or_not_at_all(run, tmp_path, monkeypatch):
+    with World(tmp_path) as world:
+        cell, text = on(world, tmp_path, monkeypatch), picture.write(SHOWN)
+        point, journal = Cell(world), Journal(world, registered=True)
+        token = world.people["alice"].issue(world.agents["mover"], world.scope(), purpose="p").token
+        request, unmade, alone = (journal.acted(token).request_id for _ in range(3))
+        journal.record("picture", {"request_id": request, "digest": (digest := picture.digest_of(text))})
+        journal.record("picture", {"request_id": unmade, "reason": "PICTURE_CROWDED"})
+        journal.ship()
+        out = cell.tmp / "motion.html"
+
+        def drawn(of, trust=cell.trust):
+            return run("audit", "picture", of, "--as", "carol", "--trust", trust, "--out", out, "--json")
+
+        assert [drawn(of).json["code"] for of in (request, unmade, alone)] == ["PICTURE_AWAITED", *["NO_PICTURE"] * 2]
+        assert point.post("cell-1", "/ledger/pictures", {"picture": text}).status_code == 201
+        other = cell.tmp / "other.json"
+        other.write_bytes(replace(world.trust, ledger=frozenset({keys.public_raw(keys.generate())})).to_json())
+        assert drawn(request, other).json["code"] == "PROOF_WRONG"
+        with monkeypatch.context() as changed:
+            changed.setattr(Operator, "entry", lambda self, number, real=Operator.entry: real(self, number - 1))
+            assert drawn(request).json["code"] == "PROOF_WRONG"
+        with monkeypatch.context() as changed:
+            changed.setattr(Operator, "search_rows", lambda *_, **__: [{"seq": record_of(world, unmade)}])
+            assert drawn(request).json["code"] == "NO_PICTURE", "the record is about another request"
+        assert not out.exists()
+        told = drawn(request)
+        assert (told.status, told.json["digest"]) == (0, digest), told.err
+        html = out.read_text()
+        assert digest in html and json.loads(html.split('id="picture">')[1].split("</script>")[0]) == json.loads(text)
+        assert out.stat().st_mode & 0o777 == 0o600
+        world.sql("UPDATE pictures SET packed = :packed", packed=zlib.compress(text.replace("p1", "p2").encode()))
+        out.unlink()
+        assert drawn(request).json["code"] == "ANSWER_MALFORMED" and not out.exists()
+
+
+def record_of(world, request_id):
+    ((seq,),) = world.sql(f"SELECT seq FROM ledger_index WHERE kind = 'picture' AND request = '{request_id}'")
+    return seq

@@ -1,4 +1,4 @@
-"""`ztpm audit search`, `prove` and `hold`: questions to the identity provider about its ledger."""
+"""`ztpm audit search`, `prove`, `hold` and `picture`: questions to the identity provider about its ledger."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from capabilities.values.units import INT_LIMIT
 from ztpm.cli.output import console, fail, fail_at, plain, say_json
 from ztpm.cli.provider.audit import CELL_CHARACTERS, KIND_HELP, MILLI, held_in, trusted
 from ztpm.cli.provider.person import Json, Signer, grouped, refusals, signed
+from ztpm_idp.domain.audit import object_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -252,6 +253,54 @@ def hold(
         return
     gone_on = f", {head.size - since} of them since the one that you held" if before is not None else ""
     typer.echo(f"{file}: {head.size} entries{gone_on}, root {head.root.hex()}.")
+
+
+@signed
+def picture(
+    request: Annotated[str, typer.Argument(help="Id of the request, as the trail and `ztpm audit search` have it.")],
+    *,
+    trust: TrustFile,
+    out: Annotated[Path, typer.Option("--out", help="New HTML file, which only you may read.")],
+    signer: Signer,
+    as_json: Json = False,
+) -> None:
+    """Draw the motion of a request from its record: the arm and what was around it when it was decided.
+
+    The file has the newest picture that a record about the request names, once the record is proven to stand in the
+    ledger, or is not written. For those who read the ledger.
+    """
+    bundle, person = trusted(trust), signer.operator()
+    with refusals(), person:
+        named = [row["seq"] for row in person.search_rows({"request": request, "kind": "picture"})]
+        if not named:
+            fail("NO_PICTURE", f"no record names one of request {request}")
+        number = named[-1]
+        line, proof = person.entry(number), person.entry_proof(number)
+        try:
+            head = tree_head.check_entry(line, proof, tree_head.origin_of(bundle.issuer), bundle.ledger)
+        except CapabilityError as error:
+            fail("PROOF_WRONG", f"entry {number}: {error}")
+        digest = _digest_in(line, request)
+        text = person.motion_picture(digest)
+    from ztpm.picture.ask_picture import record_picture
+
+    told = f"Request {request}, entry {number}"
+    _put(out, record_picture(text, sentence=told, digest=digest), os.O_EXCL)
+    if as_json:
+        say_json({"ok": True, "out": str(out), "entry": number, "size": head.size, "digest": digest})
+        return
+    typer.echo(f"{out}: the picture that entry {number} of {head.size} names, SHA-256 {digest}.")
+
+
+def _digest_in(line: bytes, request: str) -> str:
+    """Digest that a record about this request names in its entry, or the command ends."""
+    said = object_of(object_of(object_of(json.loads(line)).get("body")).get("record"))
+    about = object_of(said.get("body"))
+    if (said.get("kind"), about.get("request_id")) != ("picture", request):
+        fail("NO_PICTURE", "the record is about another request")
+    if "digest" not in about:
+        fail("NO_PICTURE", f"none was made: {about.get('reason')}")
+    return str(about["digest"])
 
 
 def _put(path: Path, text: str, how: int) -> None:
