@@ -73,13 +73,16 @@ class Pushes:
     async def forget(self, *, at_ms: int) -> None:
         """Pushes of what was over long ago have no row any more.
 
-        Those of a latch that waits have one: it is told of once, however long it waits.
+        Those of a latch have one until it was cleared long ago: it is told of once, however long it waits, and of its
+        end.
         """
-        c = t.pushes.c
-        waits = sa.exists().where(
-            c.matter == Matter.LATCH.value, latches.c.latch_id == c.subject_id, latches.c.released_ms.is_(None)
+        c, since_ms = t.pushes.c, at_ms - MEMORY_MS
+        lasts = sa.exists().where(
+            c.matter == Matter.LATCH.value,
+            latches.c.latch_id == c.subject_id,
+            sa.or_(latches.c.released_ms.is_(None), latches.c.released_ms >= since_ms),
         )
-        await self._connection.execute(sa.delete(t.pushes).where(c.due_ms < at_ms - MEMORY_MS, ~waits))
+        await self._connection.execute(sa.delete(t.pushes).where(c.due_ms < since_ms, ~lasts))
 
     async def begin_again(self, latch_id: str) -> None:
         """A latch that people had cleared, and that waits once more, is told of once more."""
