@@ -376,9 +376,8 @@ class Gate(Edge):
             await self._refused(call, decision, permit, record, refused)
             return GateResult(denial(decision, refused.reason, SEQUENCE))
         except Exception as error:  # noqa: BLE001 - an error of an effect is an outcome
-            body = records.outcome(
-                call.request, record, "failed", reason=Reason.EFFECT_FAILED, detail=type(error).__name__
-            )
+            fault, failed = type(error).__name__, Reason.EFFECT_FAILED
+            body = records.outcome(call.request, record, "failed", reason=failed, detail=fault)
             recorded = await self._concluded(call, permit, body)
             return GateResult(denial(decision, Reason.EFFECT_FAILED), recorded=recorded)
         if robot is not None:
@@ -445,12 +444,11 @@ class Gate(Edge):
         state: AskState | None = None
         if decision.effect is Effect.DEFER and isinstance(evidence.chain, Chain):
             consult = partial(self._asks.consult, request=call.request, evidence=evidence, decision=decision)
-            state = AskState.LOST
+            state, loop = AskState.LOST, asyncio.get_running_loop()
             try:
                 while state is AskState.LOST:  # one that was lost with a process before people saw it is put anew
                     # On the recorder: a question or an expiry is on record before people are told.
-                    asked = partial(copy_context().run, consult)
-                    state, ask = await asyncio.get_running_loop().run_in_executor(self._recorder, asked)
+                    state, ask = await loop.run_in_executor(self._recorder, copy_context().run, consult)
                     if state is AskState.OPEN and ask is not None:
                         # nothing will move: the slot waits for no provider
                         self._free(call)
