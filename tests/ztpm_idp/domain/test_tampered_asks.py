@@ -5,6 +5,8 @@ The page signs what it was given with a real authenticator. Provider and enforce
 
 from __future__ import annotations
 
+import html
+
 import pytest
 from capabilities.statements.people.assertion import Word, challenge, login_challenge, of_browser
 from capabilities.statements.people.vote import Vote
@@ -20,6 +22,7 @@ from tests.capabilities.statements.people.test_pictures import SHOWN
 from tests.ztpm_idp.asks import PEP, Cell
 from tests.ztpm_idp.test_passkeys import NAMED, cast, passkey
 from tests.ztpm_idp.world import World
+from ztpm_idp.provider import ask_page
 
 from capabilities.keys import keys
 from capabilities.statements.people import ask, passkey_vote, picture, vote
@@ -268,6 +271,23 @@ def test_a_picture_is_taken_and_given_byte_for_byte_or_not_at_all(cell):
         for unknown in ("0" * 32, "x", bare):
             answer = http.get(f"{NAMED}/approvals/{unknown}/picture")
             assert (answer.status_code, answer.json()["code"]) == (404, "ASK_UNKNOWN")
+
+
+@pytest.mark.clause("PSK-8")
+def test_the_link_alone_reads_page_picture_and_state_also_afterwards_and_opens_nothing(cell):
+    text = cell.text(picture_digest=picture.digest_of(PICTURE))
+    assert cell.post(PEP, "/approvals", {"ask": text, "picture": PICTURE}).status_code == 201
+    ask_id = ask.open(text, {keys.public_raw(cell.world.private[PEP])}, DEFAULT).ask_id
+    for over_s, state in ((0, "open"), (601, "expired")):
+        cell.world.clock.at_s += over_s
+        with cell.world.anonymous() as http:
+            page, drawn, told, whole = (
+                http.get(f"{NAMED}/approvals/{ask_id}{part}") for part in ("/page", "/picture", "/state", "")
+            )
+        assert (page.status_code, drawn.text, told.json()["state"]) == (200, PICTURE, state)
+        assert ask_page.TEXTS["ask"]["read_by"] in html.unescape(page.text)
+        assert "set-cookie" not in page.headers | drawn.headers | told.headers
+        assert whole.status_code == 401, "the ask as it was signed, and its votes, are for people who prove a key"
 
 
 @pytest.mark.clause("PSK-9")
