@@ -6,11 +6,11 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
+from capabilities.statements.people.ask_words import sentence_of_claims
 from capabilities.values.characters import shown
 from ztpm_idp.console import journey
 from ztpm_idp.domain.audit import claims_of, object_of
 from ztpm_idp.domain.pictures import DIGEST
-from ztpm_idp.provider.ask_words import sentence_of_claims
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -22,6 +22,7 @@ from typing import TYPE_CHECKING, Final
 import jinja2
 
 from capabilities.statements.people.ask import NO_ROBOT
+from capabilities.statements.people.ask_words import WORDS, code_of, reason_of, sentence_of
 from capabilities.statements.people.assertion import relying_party
 from capabilities.values.arguments import Fingerprint, Value, plain
 from capabilities.values.characters import shown
@@ -29,7 +30,6 @@ from capabilities.values.scope import Tier
 from capabilities.values.units import DeclaredUnit, Measure, Quantity, Unit
 from policies.words.reason_table import REASONS, Reason
 from ztpm_idp.domain.asking.asks import AskState
-from ztpm_idp.provider.ask_words import WORDS, code_of, reason_of, sentence_of
 
 if TYPE_CHECKING:
     from capabilities.statements.people.ask import Ask
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
 _FOLDER: Final = Path(__file__).parent / "templates"
 STYLE: Final = (_FOLDER / "ask.css").read_text("utf-8")
 TEXTS: Final[dict[str, dict[str, str]]] = tomllib.loads((_FOLDER / "texts.toml").read_text("utf-8"))
-"""English texts of these pages and their scripts; those of the sentence stand in `ask_words.json`."""
+"""English texts of these pages and their scripts; those of the sentence stand in `ask_words`."""
 PAGES: Final = jinja2.Environment(
     loader=jinja2.FileSystemLoader(_FOLDER),
     autoescape=True,

@@ -342,7 +342,7 @@ def test_the_page_is_one_file_that_fetches_nothing(tmp_path):
     assert not re.search(r"XMLHttp|WebSocket|eval\(|innerHTML|import\(|</script|<!--", library)
     assert not set(re.search(r'id="picture">([^\n]*)</script>\n<script>', text)[1]) & set("<>&")
     assert EVIL[:39] in read.text["title", None]
-    assert "67 mm" in read.text["title", None]
+    assert "66 mm" in read.text["title", None]
     assert json.loads(read.text["script", "application/json"])["witnesses"][0]["object"] == EVIL
     assert any(name == "aria-label" and EVIL in value for _, name, value in read.attributes)
 

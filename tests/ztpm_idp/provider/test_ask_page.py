@@ -25,7 +25,7 @@ from ztpm_idp.domain.asking.asks import Answer, Asked, AskRecord, AskState, Vote
 
 from capabilities.statements.people import ask, vote
 from ztpm_idp.provider import ask_page
-from ztpm_idp.provider.ask_words import sentence_of
+from capabilities.statements.people.ask_words import sentence_of
 
 VOID = {"meta", "br", "link", "input"}
 TAGS = {"html", "head", "title", "style", "body", "main", "h1", "h2", "p", "strong", "code", "span", "table", "caption", "thead", "tbody", "tr", "th", "td", "pre", "noscript", "script", "details", "summary", "div", "button", "label", "output"} | VOID  # fmt: skip
@@ -195,6 +195,9 @@ SENTENCES = {
     "The gripper leaves the workspace, 0.10 m/s.": ("workspace", "gripper_low", "", -1, 100_000),
     "The sensors' view of the cell is stale: nobody knows who is near.": ("perception", "", "stale", 0, 0),
     "Its own speed decides: the arm moves at up to 1.00 m/s.": ("tcp_speed", "", "", 0, 1_000_000),
+    "The gripper comes within 9 mm of the closed zone press, 0.10 m/s.": ("zone", "gripper_low", "press", 9_000, 100_000),
+    "The gripper enters the closed zone press, 0.10 m/s.": ("zone", "gripper_low", "press", 0, 100_000),
+    "The output pin-4 is switched, which the cell file does not have.": ("undeclared_output", "", "pin-4", 0, 0),
     "strange decides: arm thing, 0.00 m/s.": ("strange", "", "thing", 0, 0),
 }  # fmt: skip
 

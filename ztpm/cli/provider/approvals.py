@@ -364,7 +364,7 @@ def _show(asked: Mapping[str, Any]) -> None:
 
 def _said(asked: Mapping[str, Any]) -> dict[str, str]:
     """The sentence on what would happen, and the ask's code, as its page says both."""
-    from ztpm_idp.provider.ask_words import code_of, sentence_of_claims
+    from capabilities.statements.people.ask_words import code_of, sentence_of_claims
 
     return {"sentence": sentence_of_claims(asked["shown"]), "code": code_of(str(asked["ask_digest"]))}
 

@@ -3,8 +3,10 @@
 from types import SimpleNamespace
 
 import pytest
-from pep.pit.picture.words import LIMITS, NAME_LIMIT, VIOLATIONS, headline, sentence, told
+from pep.pit.picture.words import VIOLATIONS, headline, sentence, told
 from policies.evidence.evidence import Contribution
+
+from capabilities.statements.people.ask_words import NAME_LIMIT
 
 pytestmark = pytest.mark.clause("LIV-5")
 
@@ -20,15 +22,14 @@ def said(*causes, violations=()):
 @pytest.mark.parametrize(
     ("each", "words"),
     [
-        (cause("person", thing="p1/torso"), "the gripper passes person p1's torso at 133 mm, 0.73 s after it begins, at up to 0.38 m/s"),
-        (cause("person", "payload", "p1/lower_arm", -2_000), "the held object meets person p1's lower arm, 0.73 s after it begins, at up to 0.38 m/s"),
-        (cause("fragile", "forearm_tube", speed_um_s=0), "the forearm passes the fragile object glass at 133 mm, 0.73 s after it begins"),
-        (cause("rigid", "wrist_2", "a/b"), "the wrist 2 passes the object a/b at 133 mm, 0.73 s after it begins, at up to 0.38 m/s"),
-        (cause("self", "wrist_3", "upper_arm_tube"), "the wrist 3 passes the arm's own upper arm at 133 mm, 0.73 s after it begins, at up to 0.38 m/s"),
-        (cause("perception", "", "missing", 0, 0), "no sensor shows the cell"),
-        (cause("torque", "", "", 0, 1), LIMITS["torque"]),
-        (cause("undeclared_output", "", "pin-4", 0, 0), "the output pin-4 is not in the cell file"),
-        (cause("something_new", "", "x", 0, 0), "something new x"),
+        (cause("person", thing="p1/torso"), "the gripper passes person p1's torso at 133 mm, 0.38 m/s, 0.73 s after it begins"),
+        (cause("person", "payload", "p1/lower_arm", -2_000), "the held object meets person p1's lower arm, 0.38 m/s, 0.73 s after it begins"),
+        (cause("fragile", "forearm_tube", speed_um_s=0), "the forearm passes glass, which is fragile, at 133 mm, 0.00 m/s, 0.73 s after it begins"),
+        (cause("self", "wrist_3", "upper_arm_tube"), "the wrist passes the arm's own upper arm at 133 mm, 0.38 m/s, 0.73 s after it begins"),
+        (cause("perception", "", "missing", 0, 0), "the sensors' view of the cell is missing: nobody knows who is near"),
+        (cause("torque", "", "", 0, 1), "the torque of a joint decides: the arm moves at up to 0.01 m/s"),
+        (cause("undeclared_output", "", "pin-4", 0, 0), "the output pin-4 is switched, which the cell file does not have"),
+        (cause("something_new", "", "x", 0, 0), "something_new decides: arm x, 0.00 m/s"),
     ],
 )  # fmt: skip
 def test_a_cause_in_words(each, words):
@@ -45,5 +46,5 @@ def test_tier_and_index_come_first_and_a_violation_says_that_no_speed_helps():
 
 def test_a_name_is_spelled_apart_and_does_not_push_the_numbers_out():
     long = sentence(said(cause("fragile", thing="x" * 10_000)))
-    assert len(long) < 200 and long.endswith("0.38 m/s") and "x" * NAME_LIMIT not in long
+    assert len(long) < 200 and "0.38 m/s" in long and "x" * NAME_LIMIT not in long
     assert "⟨U+202E⟩" in sentence(said(cause("fragile", thing="a\u202eb")))
