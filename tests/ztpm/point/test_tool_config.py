@@ -104,6 +104,8 @@ BAD = {
     "ftp": (toml(audience='"ftp://127.0.0.1/mcp"'), "audience"),
     "query": (toml(audience='"http://127.0.0.1:8800/mcp?x=1"'), "audience"),
     "listens_everywhere": (toml(host='"0.0.0.0"'), "host"),
+    "leases_at_the_stop": (toml(url='"http://127.0.0.1:8802/stop"'), "url"),
+    "calls_at_the_stop": (toml(calls_url='"http://127.0.0.1:8802/stop"'), "url"),
     "port_zero": (toml(port="0"), "port"),
     "port_large": (toml(port="65536"), "port"),
     "timeout_zero": (toml(defer_timeout_s="0"), "defer_timeout_s"),

@@ -129,6 +129,7 @@ def stop(
 
     The arm is being stopped before a passphrase is asked for.
     """
+    from ztpm.base.event_log import EventLog
     from ztpm.base.stop_call import DASHBOARD, StopAddress, stop_arm
     from ztpm.status.texts import TEXTS
 
@@ -141,8 +142,11 @@ def stop(
         fail("CONFIG_INVALID", f"{layout.gateway_config}: {error}")
     done = stop_arm(address)
     if done is None:
-        fail("STOP_FAILED", str(words["nobody"]))
+        fail("STOP_FAILED", f"nothing answers at {address.url}, nor at the dashboard of {address.robot_host}")
     DONE.set({"stopped": True, "by": done["by"]})
+    if done["by"] == DASHBOARD:
+        log = EventLog(layout.log, wall_s=time.time, say=lambda _: None)
+        log.note("arm-stopped", "stopped by `ztpm stop` through the dashboard: the gateway did not answer")
     if not as_json:
         lease = words["lease"].format(lease=plain(done["lease"])) if done["lease"] else ""
         typer.echo(f"{words['dashboard' if done['by'] == DASHBOARD else 'begun']}{lease}")
@@ -155,6 +159,8 @@ def stop(
         typer.echo(f"The robot is latched by {plain(done['person'])}. Once somebody has looked at the cell: {clears}")
     elif (done["latch"] or {}).get("latched"):
         typer.echo("The robot is latched; `ztpm latch list` shows by what.")
+    elif done["by"] == DASHBOARD:
+        typer.echo("Nothing is latched: a silent gateway latches nothing.")
     else:
         typer.echo("Nothing is latched: who may move it moves it again. `ztpm stop --as NAME` latches it.")
 

@@ -154,6 +154,8 @@ def test_past_a_silent_gateway_the_controller_is_told_and_nothing_is_latched(run
     with place.dashboard():
         told = run("stop", "--data", place.layout.root, "--json")
         assert (told.status, told.json["by"], place.stops) == (0, "dashboard", [b"stop\n"])
+    (line,) = place.layout.log.read_text().splitlines()
+    assert json.loads(line)["event"] == "arm-stopped"
     with place.dashboard():
         told = run("stop", "--as", "bob", "--data", place.layout.root, "--json")
         assert (told.status, told.json["code"], told.json["by"]) == (1, "GATEWAY_UNREACHABLE", "dashboard")
@@ -164,7 +166,7 @@ def test_where_nobody_takes_it_that_is_said(run, place):
     place.gateway.server_close()
     told = run("stop", "--as", "bob", "--data", place.layout.root, "--json")
     assert (told.status, told.json["code"], "stopped" in told.json) == (1, "STOP_FAILED", False)
-    assert "emergency stop" in told.json["detail"]
+    assert "emergency stop" in told.json["next"]
 
 
 @pytest.mark.parametrize(
