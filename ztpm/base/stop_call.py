@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any, Final, Self
 from urllib.parse import urljoin
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
     from pathlib import Path
 
 ANSWER_S: Final = 0.5
@@ -77,24 +76,16 @@ def ask_gateway(address: StopAddress, word: str = "", *, timeout_s: float) -> di
     return said if isinstance(said, dict) and said.get("stopped") is True else None
 
 
-def stop_arm(
-    address: StopAddress, *, dashboard: Callable[[str], None] | None = None, timeout_s: float = ANSWER_S
-) -> dict[str, Any] | None:
-    """Begins to stop the arm: the answer, with `by` of who took it; None where nobody did.
-
-    Args:
-        address: whom to tell.
-        dashboard: ends the program of the controller at that address; raises `RobotError` where it does not.
-        timeout_s: for the gateway.
-    """
-    said = ask_gateway(address, timeout_s=timeout_s)
+def stop_arm(address: StopAddress) -> dict[str, Any] | None:
+    """Begins to stop the arm: the answer, with `by` of who took it; None where nobody did."""
+    said = ask_gateway(address, timeout_s=ANSWER_S)
     if said is not None:
         return said
     from pep.base.errors import RobotError
     from pep.rtde.robot.dashboard import stop_program
 
     try:
-        (dashboard or stop_program)(address.robot_host)
+        stop_program(address.robot_host)
     except RobotError:
         return None
     return {"stopped": True, "by": DASHBOARD, "lease": "", "person": "", "fault": "", "latch": None}

@@ -360,7 +360,7 @@ def test_a_question_answered_on_its_page_moves_the_arm_once(cell, page, tmp_path
 @pytest.mark.clause("PSK-7", "STM-22")
 def test_a_latch_is_cleared_by_passkey(cell, page):
     """After the first test, in which carol has made her passkey."""
-    latch_id, text = told_latch(cell, at=int(time.time()))
+    latch_id, text = told_latch(cell, at=int(time.time()), person="bob")
     page.goto(f"{cell.world.issuer}/latches/{latch_id}/page")
     assert page.evaluate("document.documentElement.scrollWidth <= window.innerWidth")
     picture(page, "latch")

@@ -209,7 +209,7 @@ def test_a_passkey_clears_a_latch(named):
 
 
 def test_the_page_shows_every_word_that_a_clearing_binds(cell):
-    latch_id, text = taken(cell, tier=Tier.SAFETY_CRITICAL, approvers=2)
+    latch_id, text = taken(cell, tier=Tier.SAFETY_CRITICAL, approvers=2, person="bob")
     clear(cell, latch_id, text, "carol")
     with cell.world.anonymous() as http:
         page = http.get(f"{cell.world.issuer}/latches/{latch_id}/page")
@@ -217,7 +217,7 @@ def test_the_page_shows_every_word_that_a_clearing_binds(cell):
     shown = " ".join(page.text.split())
     for words in (
         latch_id, digest_of(text), "ur3e", "IMPACT_ROSE", "4 (safety critical)", "2 different people have", "waits for people",
-        "PERCEPTION_MISSING", "carol", AUDIENCE, f"ztpm latch clear {latch_id}",
+        "PERCEPTION_MISSING", "Stopped by</th><td><code>bob", "carol", AUDIENCE, f"ztpm latch clear {latch_id}",
     ):  # fmt: skip
         assert words in shown, words
     assert "script" not in page.headers["content-security-policy"], "an issuer at an address has no passkeys"
