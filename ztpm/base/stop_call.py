@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import json
 import tomllib
+from contextlib import closing
 from dataclasses import dataclass
+from http.client import HTTPConnection, HTTPException, HTTPSConnection
 from typing import TYPE_CHECKING, Any, Final, Self
-from urllib.parse import urljoin
+from urllib.parse import urljoin, urlsplit
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -20,6 +22,8 @@ ANSWER_S: Final = 0.5
 """Longest wait for the gateway's word that it stops; it takes some milliseconds."""
 WORD_S: Final = 3.0
 """Longest wait for its answer to a signed word: it is on record before it is answered."""
+ANSWER_BYTES: Final = 65_536
+"""Longest answer that is read."""
 GATEWAY: Final = "gateway"
 DASHBOARD: Final = "dashboard"
 """Takers of a stop."""
@@ -62,16 +66,19 @@ class StopAddress:
 
 
 def ask_gateway(address: StopAddress, word: str = "", *, timeout_s: float) -> dict[str, Any] | None:
-    """The gateway's answer to a stop, with a person's word where there is one; None where none comes in time."""
-    import httpx2
+    """The gateway's answer to a stop, with a person's word where there is one; None where none comes in time.
 
-    body = {"stop": True} | ({"word": word} if word else {})
+    It goes straight to the gateway, past any proxy of the environment. Certificates are loaded for TLS alone: a stop
+    does not wait for them elsewhere.
+    """
+    parts = urlsplit(address.url)
+    body = json.dumps({"stop": True} | ({"word": word} if word else {}))
     try:
-        # Straight to it: no proxy or password of the environment, and its certificates.
-        with httpx2.Client(transport=httpx2.HTTPTransport(), trust_env=False, timeout=timeout_s) as http:
-            answer = http.post(address.url, content=json.dumps(body), headers={"Content-Type": "application/json"})
-        said = answer.json()
-    except (httpx2.HTTPError, httpx2.InvalidURL, OSError, ValueError):
+        kind = HTTPSConnection if parts.scheme == "https" else HTTPConnection
+        with closing(kind(parts.hostname or "", parts.port, timeout=timeout_s)) as link:
+            link.request("POST", parts.path, body, {"Content-Type": "application/json"})
+            said = json.loads(link.getresponse().read(ANSWER_BYTES))
+    except (OSError, HTTPException, ValueError, RecursionError):
         return None
     return said if isinstance(said, dict) and said.get("stopped") is True else None
 

@@ -12,6 +12,7 @@ import httpx2
 import pytest
 from capabilities.statements.people.stop import LIFETIME_S, Stop
 from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.caller_place import EXTENSION
 from pep.journal.file_journal import FileJournal
 from pep.journal.replay_cache import ReplayCache, proof_name
 from pep.people.ask_composer import Asker
@@ -223,13 +224,15 @@ def test_the_arm_is_stopping_before_a_byte_of_the_body_came_and_a_body_that_neve
         async def send(message):
             seen.append(message)
 
+        place = SimpleNamespace(stopping=lambda: seen.append("a place of stops"))
         scope = {"type": "http", "method": "POST", "path": "/stop", "headers": [], "query_string": b""}
+        scope |= {"extensions": {EXTENSION: place}}
         began = time.monotonic()
         await StopDoor(house.stop_)(scope, receive, send)
         assert time.monotonic() - began < 3
-        assert seen[0][0] == "stop"
-        assert seen[1]["status"] == 200
-        assert json.loads(seen[2]["body"])["fault"] == "STATEMENT_MALFORMED"
+        assert (seen[0], seen[1][0]) == ("a place of stops", "stop")
+        assert seen[2]["status"] == 200
+        assert json.loads(seen[3]["body"])["fault"] == "STATEMENT_MALFORMED"
         await house.stop_.close()
         assert house.records("outcome")
 

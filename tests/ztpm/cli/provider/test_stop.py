@@ -7,11 +7,13 @@ import json
 import secrets
 import shutil
 import socket
+import ssl
 import threading
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 import pytest
 from capabilities.values.caps import DEFAULT as CAPS
+from tests.e2e.tls import Authority
 from tests.ztpm.cli.conftest import PASSPHRASE
 from ztpm.base.layout import Layout, read_key
 from ztpm.base.loopback import free_host
@@ -159,6 +161,22 @@ def test_past_a_silent_gateway_the_controller_is_told_and_nothing_is_latched(run
     with place.dashboard():
         told = run("stop", "--as", "bob", "--data", place.layout.root, "--json")
         assert (told.status, told.json["code"], told.json["by"]) == (1, "GATEWAY_UNREACHABLE", "dashboard")
+
+
+def test_a_gateway_with_tls_is_believed_by_the_cells_own_authority_and_nobody_elses(run, place, monkeypatch, tmp_path):
+    place.answers = [NOBODY]
+    tls, other = Authority(tmp_path, [place.host]), tmp_path / "other"
+    other.mkdir()
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+    context.load_cert_chain(tls.certificate, tls.key)
+    place.gateway.socket = context.wrap_socket(place.gateway.socket, server_side=True)
+    config = place.layout.gateway_config
+    config.write_text(config.read_text().replace('url = "http://' + place.host, 'url = "https://' + place.host))
+    monkeypatch.setenv("SSL_CERT_FILE", str(tls.ca))
+    assert run("stop", "--data", place.layout.root, "--json").json["by"] == "gateway"
+    monkeypatch.setenv("SSL_CERT_FILE", str(Authority(other, [place.host]).ca))
+    assert run("stop", "--data", place.layout.root, "--json").json["code"] == "STOP_FAILED"
+    assert len(place.asked) == 1
 
 
 def test_where_nobody_takes_it_that_is_said(run, place):
