@@ -96,6 +96,7 @@ class MotionPictures:
         self._incident = incident
         self._arguments = drawer
         self._wanted: deque[_Wanted] = deque()
+        self._waiting = 0
         self._some = asyncio.Event()
         self._made_ms: dict[bool, deque[int]] = {moves: deque(maxlen=most) for moves, most in A_MINUTE.items()}
         self._packing = Packing()
@@ -108,11 +109,11 @@ class MotionPictures:
         if question is None:
             return
         now_ms, made_ms = self._clock.monotonic_ms(), self._made_ms[moves]
-        crowded = sum(each.question is not None for each in self._wanted) >= WAITING
-        if crowded or (len(made_ms) == made_ms.maxlen and now_ms - made_ms[0] < MINUTE_MS):
+        if self._waiting >= WAITING or (len(made_ms) == made_ms.maxlen and now_ms - made_ms[0] < MINUTE_MS):
             question = None
         else:
             made_ms.append(now_ms)
+            self._waiting += 1
         body: dict[str, object] = {"request_id": request_id, "decision": record}
         if (trace_id := tracing.trace_id()) is not None:
             body["trace_id"] = trace_id
@@ -136,7 +137,10 @@ class MotionPictures:
             wanted = self._wanted[0]
             if (wait_ms := wanted.due_ms - self._clock.monotonic_ms()) > 0:
                 await asyncio.sleep(wait_ms / 1_000)
-            made = PepFault.PICTURE_CROWDED if wanted.question is None else await self._made(wanted.question)
+            made: str | PepFault | None = PepFault.PICTURE_CROWDED
+            if wanted.question is not None:
+                made = await self._made(wanted.question)
+                self._waiting -= 1
             self._wanted.popleft()
             try:
                 self._tell(wanted.body, made)

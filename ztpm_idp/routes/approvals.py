@@ -155,7 +155,7 @@ async def show_picture(request: Request, ask_id: str) -> Response:
     async with provider_of(request).store.read() as view:
         text = await view.approvals.picture(ask_id) if ID.fullmatch(ask_id) else ""
     if not text:
-        raise Problem(IdpCode.ASK_UNKNOWN, "no such ask, or it names no picture")
+        raise Problem(IdpCode.ASK_UNKNOWN, "no such ask, or it names no picture, or none is kept any more")
     headers = _UNSTORED | {"X-Content-Type-Options": "nosniff", "Cross-Origin-Resource-Policy": "same-origin"}
     return Response(text, media_type="application/json", headers=headers)
 
