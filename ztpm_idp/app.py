@@ -63,7 +63,7 @@ from ztpm_idp.routes import (
 from ztpm_idp.routes.caller import prefix_of, provider_of
 from ztpm_idp.routes.described import described_by
 from ztpm_idp.routes.descriptions import Descriptions
-from ztpm_idp.routes.pages import open_asks
+from ztpm_idp.routes.pages import open_asks, told_devices
 from ztpm_idp.routes.rated import Door
 from ztpm_idp.settings import load_policies
 from ztpm_idp.store import Store, StoreUnavailableError
@@ -83,6 +83,7 @@ if TYPE_CHECKING:
     from ztpm_idp.keys.watched_file import Beside
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.settings import Settings
+    from ztpm_idp.web_push_settings import WebPush
     from ztpm_idp.webhook_settings import Webhook
 
 logger = logging.getLogger(__name__)
@@ -95,6 +96,7 @@ _PARTS: Final = (
     mandates,
     ledger,
     open_asks,
+    told_devices,
     approvals,
     envelopes,
     latches,
@@ -148,6 +150,7 @@ def create_app(
     oauth_keys: OAuthKeys | None = None,
     login_providers: Iterable[LoginProvider] = (),
     webhooks: Iterable[Webhook] = (),
+    web_push: WebPush | None = None,
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     metrics_access: MetricsAccess | None = None,
     now: Callable[[], float] = time.time,
@@ -166,7 +169,8 @@ def create_app(
         policies: the set that decides on delegations; None: the shipped set that the settings name.
         oauth_keys: of the authorization server; None: there is none here.
         login_providers: OpenID providers at which people may log in.
-        webhooks: that are told of open questions.
+        webhooks: that are told of open questions and latches.
+        web_push: the way to people's devices; None: there is none.
         metrics_access: right to read `/metrics`; None: on this machine alone, and nowhere behind a TLS proxy.
         now: wall clock, seconds since the epoch.
         ticks: monotonic clock of rates, seconds.
@@ -195,7 +199,7 @@ def create_app(
             app.state.confirmations = Confirmations(store)
             app.state.lookups = Lookups(app.state.provider)
             app.state.ledger_follower = LedgerFollower(store)
-            app.state.pushing = Pushing(app.state.provider, webhooks, metrics=metrics)
+            app.state.pushing = Pushing(app.state.provider, webhooks, web_push=web_push, metrics=metrics)
             app.state.login_providers = {
                 each.stated.name: OpenIdProvider(
                     each, redirect_uri=f"{settings.issuer}/login/providers/{each.stated.name}/callback", now=now

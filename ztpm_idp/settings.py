@@ -32,6 +32,7 @@ from ztpm_idp.keys.key_files import PASSPHRASE_VARIABLE, IdpKeys, SettingsError,
 from ztpm_idp.login_settings import LoginProviderSettings, check_login_providers
 from ztpm_idp.platforms.stated import PLATFORMS, PUBLISHERS, Publisher, StatedPlatform, check_together
 from ztpm_idp.rate_settings import RateSettings
+from ztpm_idp.web_push_settings import WebPushSettings
 from ztpm_idp.webhook_settings import SETTING as WEBHOOKS
 from ztpm_idp.webhook_settings import WebhookSettings, check_webhooks
 
@@ -89,7 +90,8 @@ class Stated(BaseModel):
             seconds of reading each they take one person four minutes, inside the life of an ask; a queue too long
             to be read in time is approved unread.
         login_providers: OpenID providers at which people may log in.
-        webhooks: that are told of open asks.
+        webhooks: that are told of open asks and latches.
+        web_push: people's devices may be told of them, too; None: by nobody's push service.
         asks_a_minute, asks_an_hour: asks that are shown for each active approver. By default 6 and 30: more
             of them are approved unread.
         allowances: how much of each thing one sponsor may have.
@@ -115,6 +117,7 @@ class Stated(BaseModel):
     tls_key_file: str | None = None
     login_providers: list[LoginProviderSettings] = []
     webhooks: list[WebhookSettings] = []
+    web_push: WebPushSettings | None = None
     rates: RateSettings = RateSettings()
     allowances: EveryAllowance = EveryAllowance()
     pictures: PictureSettings = PictureSettings()

@@ -129,6 +129,7 @@ LATEST_COLUMNS = (
 
 
 LATEST_TABLES = (
+    "push_subscriptions",
     "pictures",
     "pushes",
     "enrolments",
@@ -196,6 +197,7 @@ class World:
     policies: object | None = None
     publishers: dict = field(default_factory=dict)
     webhooks: tuple = ()
+    web_push: object | None = None
     people: dict[str, Operator] = field(default_factory=dict)
     database: str = field(default_factory=lambda: DATABASE[0])
     agents: dict[str, Agent] = field(default_factory=dict)
@@ -285,6 +287,7 @@ class World:
             publishers=self.publishers,
             oauth_keys=self.oauth_keys,
             webhooks=self.webhooks,
+            web_push=self.web_push,
             now=self.clock,
             ticks=self.ticks,
         )

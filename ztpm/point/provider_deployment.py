@@ -12,6 +12,7 @@ from ztpm_idp.login_settings import load_login_providers
 from ztpm_idp.provider import metrics_access
 from ztpm_idp.safe_files import check_files
 from ztpm_idp.settings import load_keys, load_platform, load_policies, load_settings
+from ztpm_idp.web_push_settings import load_web_push
 from ztpm_idp.webhook_settings import load_webhooks
 
 if TYPE_CHECKING:
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from ztpm_idp.login_settings import LoginProvider
     from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.settings import FileSettings
+    from ztpm_idp.web_push_settings import WebPush
     from ztpm_idp.webhook_settings import Webhook
 
 
@@ -41,7 +43,8 @@ class ProviderDeployment:
         oauth: keys of the authorization server; None: there is none.
         publishers: raw public keys by name of each whose releases count.
         metrics: right to read the figures.
-        webhooks: that are told of open questions.
+        webhooks: that are told of open questions and latches.
+        web_push: the way to people's devices; None: there is none.
     """
 
     settings: FileSettings
@@ -53,6 +56,7 @@ class ProviderDeployment:
     publishers: Mapping[str, frozenset[bytes]]
     metrics: MetricsAccess
     webhooks: tuple[Webhook, ...]
+    web_push: WebPush | None
 
 
 def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDeployment:
@@ -80,4 +84,5 @@ def read_deployment(config: Path, passphrase: str, *, at: float) -> ProviderDepl
         {each.name: each.raw for each in settings.publishers},
         metrics_access.load(settings, config.parent, os.environ),
         load_webhooks(settings.webhooks, config.parent, os.environ),
+        load_web_push(settings.web_push, config.parent),
     )

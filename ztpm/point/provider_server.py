@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from ztpm_idp.provider.metrics_access import MetricsAccess
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.settings import Settings
+    from ztpm_idp.web_push_settings import WebPush
     from ztpm_idp.webhook_settings import Webhook
 
 TLS: Final = "tls_certificate_file"
@@ -60,6 +61,7 @@ def serve(
     publishers: Mapping[str, frozenset[bytes]] = MappingProxyType({}),
     metrics: MetricsAccess | None = None,
     webhooks: tuple[Webhook, ...] = (),
+    web_push: WebPush | None = None,
     watch: Callable[[Provider], Iterable[Beside]] = lambda _: (),
 ) -> None:
     """Serve until SIGTERM or SIGINT. Returns when every open request has ended and the store is closed.
@@ -74,7 +76,8 @@ def serve(
         oauth: keys of the authorization server, if there is one.
         publishers: raw public keys by name of each whose releases count.
         metrics: right to read the figures; None: on this machine alone.
-        webhooks: that are told of open questions.
+        webhooks: that are told of open questions and latches.
+        web_push: the way to people's devices; None: there is none.
         watch: names what runs beside, so that files and keys take effect while it serves (`ztpm_idp.watching`).
 
     Raises:
@@ -95,6 +98,7 @@ def serve(
         publishers=publishers,
         metrics_access=metrics,
         webhooks=webhooks,
+        web_push=web_push,
         watch=watch,
     )
 
@@ -192,6 +196,7 @@ def main() -> int:
                 publishers=read.publishers,
                 metrics=read.metrics,
                 webhooks=read.webhooks,
+                web_push=read.web_push,
                 watch=watch,
             )
     except (StoreNotOpenedError, UnavailableError) as error:

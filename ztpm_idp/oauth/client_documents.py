@@ -10,18 +10,15 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import ipaddress
-import socket
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Final, Protocol
+from typing import Final, Protocol
 from urllib.parse import urlsplit
 
 import httpx2
 
 from capabilities.values.strict_json import JsonError, read
 from ztpm_idp.oauth.redirect import REDIRECTS, may_be_registered
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
+from ztpm_idp.outward import Pinned, Resolver, pinned, resolve
 
 DOCUMENT_BYTES: Final = 5_120
 """Largest document: 5 KiB, as the draft (draft-ietf-oauth-client-id-metadata-document, 6.6) says."""
@@ -30,10 +27,7 @@ FETCH_S: Final = 3.0
 """Longest time for all of it: name, connection, TLS, body."""
 URL_BYTES: Final = 256
 NAME_CHARACTERS: Final = 64
-_HTTPS: Final = 443
 _REFUSED_BYTES: Final = frozenset('\\"<>^`{|}#@ ')
-_TRANSLATED: Final = (ipaddress.ip_network("64:ff9b::/96"), ipaddress.ip_network("64:ff9b:1::/48"))
-"""Addresses behind which a translator has any other one (RFC 6052, RFC 8215)."""
 _SECRET_METHODS: Final = frozenset({"client_secret", "client_secret_expires_at"})
 
 
@@ -68,13 +62,6 @@ class ClientDocument:
     digest: bytes
 
 
-class Resolver(Protocol):
-    """Port to the names of hosts."""
-
-    async def __call__(self, host: str) -> Sequence[str]:
-        """Every address of the host, as text."""
-
-
 class Fetch(Protocol):
     """Port by which a document is fetched."""
 
@@ -102,26 +89,6 @@ def is_document_url(text: str) -> bool:
     return bool(parts.hostname) and parts.path not in {"", "/"} and not dots and port is None and _is_name(parts.netloc)
 
 
-async def resolve(host: str) -> Sequence[str]:
-    """Every address of the host, by the operating system."""
-    found = await asyncio.get_running_loop().getaddrinfo(host, _HTTPS, type=socket.SOCK_STREAM)
-    return [str(address[0]) for *_, address in found]
-
-
-def is_public(address: str) -> bool:
-    """True for an address of the public Internet."""
-    try:
-        found = ipaddress.ip_address(address)
-    except ValueError:
-        return False
-    if any(found in network for network in _TRANSLATED if found.version == network.version):
-        return False
-    inner = getattr(found, "ipv4_mapped", None) or getattr(found, "sixtofour", None)
-    if inner is not None and not inner.is_global:
-        return False
-    return found.is_global and not found.is_multicast
-
-
 async def fetch(
     url: str, *, resolver: Resolver = resolve, transport: httpx2.AsyncBaseTransport | None = None
 ) -> ClientDocument:
@@ -138,23 +105,21 @@ async def fetch(
     host = urlsplit(url).hostname or ""
     try:
         async with asyncio.timeout(FETCH_S):
-            addresses = await resolver(host)
-            if not addresses or not all(map(is_public, addresses)):
+            target = await pinned(url, resolver)
+            if target is None:
                 raise DocumentError("the client's host has no public address, or also another one")
-            raw = await _get(url, host, addresses[0], transport)
+            raw = await _get(target, transport)
     except (httpx2.HTTPError, OSError, TimeoutError, UnicodeError):
         raise DocumentError("the client's document cannot be fetched") from None
     return _read(url, host, raw)
 
 
-async def _get(url: str, host: str, address: str, transport: httpx2.AsyncBaseTransport | None) -> bytes:
-    target = httpx2.URL(url).copy_with(host=address)
+async def _get(target: Pinned, transport: httpx2.AsyncBaseTransport | None) -> bytes:
     async with httpx2.AsyncClient(
         transport=transport or httpx2.AsyncHTTPTransport(), trust_env=False, follow_redirects=False, timeout=FETCH_S
     ) as client:
-        headers = {"Host": host, "Accept": "application/json", "Accept-Encoding": "identity"}
-        # The name is that of the certificate; the address is the one that was looked at.
-        asked = client.stream("GET", target, headers=headers, extensions={"sni_hostname": host})
+        headers = {**target.headers, "Accept": "application/json", "Accept-Encoding": "identity"}
+        asked = client.stream("GET", target.url, headers=headers, extensions=dict(target.extensions))
         async with asked as response:
             if response.status_code != 200:
                 raise DocumentError("the client's document is answered with another status than 200")

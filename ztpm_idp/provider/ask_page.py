@@ -68,6 +68,9 @@ SCRIPTS: Final = {
 """Further scripts of the page of an ask: what it says, and what it checks and draws."""
 LIST_SCRIPT: Final = (_FOLDER / "open_asks.js").read_text("utf-8")
 """Script of the page of all open asks."""
+WORKER: Final = "worker.js"
+WORKER_SCRIPT: Final = (_FOLDER / WORKER).read_text("utf-8")
+"""Script that shows notifications on a device with no page open."""
 APPROVAL_S: Final = 120
 """Seconds for which an approval on a page holds, once (DESIGN section 6)."""
 RELOAD_S: Final = 10
@@ -188,6 +191,11 @@ def list_script_of(issuer: str) -> str:
     return f"{issuer}/approvals/assets/open_asks.js"
 
 
+def worker_of(issuer: str) -> str:
+    """URL of the script that shows notifications on a device."""
+    return f"{issuer}/approvals/assets/{WORKER}"
+
+
 def look_of(issuer: str) -> str:
     """URL of the style that all pages have in common."""
     return f"{issuer}/approvals/assets/console.css"
@@ -199,10 +207,22 @@ def scripted(issuer: str) -> dict[str, str]:
     return HEADERS | {"Content-Security-Policy": policy}
 
 
-def list_headers(issuer: str) -> dict[str, str]:
-    """Headers of the page of all open asks: its one script, requests to its host, no hold of another window."""
-    policy = f"{HEADERS['Content-Security-Policy']}; script-src {list_script_of(issuer)}; connect-src 'self'"
-    return HEADERS | {"Content-Security-Policy": policy, "Cross-Origin-Opener-Policy": "same-origin"}
+def list_headers(issuer: str, *, devices: bool) -> dict[str, str]:
+    """Headers of the page of all open asks: its one script, requests to its host, no hold of another window.
+
+    Args:
+        issuer: of the provider.
+        devices: may be told with no page open, by a worker.
+    """
+    base = HEADERS["Content-Security-Policy"].replace("form-action 'none'", "form-action 'self'")
+    worker = f"worker-src {worker_of(issuer)}; " if devices else ""
+    own = f"script-src {list_script_of(issuer)}; {worker}connect-src 'self'"
+    return HEADERS | {
+        "Content-Security-Policy": f"{base}; {own}",
+        "Cross-Origin-Opener-Policy": "same-origin",
+        # With "no-referrer" a form would name its origin as `null`.
+        "Referrer-Policy": "same-origin",
+    }
 
 
 def enrolment(person: str, issuer: str, enrolment_id: str, options: dict[str, object]) -> str:

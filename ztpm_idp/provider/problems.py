@@ -128,6 +128,8 @@ STATUS: Final[dict[Code, tuple[int, str]]] = {
     IdpCode.LOGIN_IN_USE: (409, "The login is a person's already."),
     IdpCode.LOGIN_FAILED: (403, "The login at the other provider did not come to its end."),
     IdpCode.LOGIN_PROVIDER_SILENT: (424, "The other provider does not answer as a provider should."),
+    IdpCode.DEVICE_REFUSED: (400, "The subscription of the device is not one that is taken here."),
+    IdpCode.DEVICES_SPENT: (429, "No more devices are told of questions."),
     IdpCode.FORM_FORGED: (403, "The form was not sent by a page of this provider."),
     IdpCode.FORM_MALFORMED: (400, "The form is not what this page takes."),
     # engines and keys

@@ -55,21 +55,25 @@ class Message:
 
     Attributes:
         event: that it tells.
-        url: page of the question or latch.
+        id: of the question or latch.
+        url: its page.
         title: a few fixed words and figures.
         head: one sentence, without markup; names in it are of the closed grammar.
         details: more, a line each, with every character that a reader would not see spelled out.
         tier: of the act that is asked for, or was stopped.
         stated: the same for programs.
+        until: when nobody is waited for any more, seconds since the epoch; None: that is not known.
     """
 
     event: PushEvent
+    id: str
     url: str
     title: str
     head: str
     details: tuple[str, ...]
     tier: Tier
     stated: Mapping[str, object]
+    until: int | None = None
 
 
 def of_ask(event: PushEvent, ask: Ask, state: AskState) -> Message:
@@ -104,7 +108,8 @@ def of_ask(event: PushEvent, ask: Ask, state: AskState) -> Message:
         "asked_at": ask.asked_at,
         "expires_at": ask.expires_at,
     }
-    return Message(event, url, f"Tier {int(ask.tier)}: {title}", head, _shown(lines), ask.tier, stated)
+    titled = f"Tier {int(ask.tier)}: {title}"
+    return Message(event, ask.ask_id, url, titled, head, _shown(lines), ask.tier, stated, ask.expires_at)
 
 
 def of_latch(event: PushEvent, latch: Latch) -> Message:
@@ -134,7 +139,7 @@ def of_latch(event: PushEvent, latch: Latch) -> Message:
         "state": "released" if event is PushEvent.ENDED else "waits",
         "at": latch.at,
     }
-    return Message(event, url, title, head, _shown(lines), latch.tier, stated)
+    return Message(event, latch.latch_id, url, title, head, _shown(lines), latch.tier, stated)
 
 
 def request_of(message: Message, webhook: Webhook) -> tuple[str, bytes]:

@@ -1,4 +1,4 @@
-"""Pushing beside a provider: each open question and latch is told to each webhook once, by one of the workers.
+"""Pushing beside a provider: each open question and latch is told to each webhook and device once, by one worker.
 
 Nothing waits for it: an ask is taken and answered also where nobody can be told of it. The store is read each time, so
 that what is to be sent outlives a restart, and ends with its question or latch.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import logging
 from contextlib import suppress
+from secrets import token_bytes
 from typing import TYPE_CHECKING, Final, assert_never
 
 from capabilities.statements.people import ask as ask_statement
@@ -16,8 +17,12 @@ from capabilities.statements.people import latch as latch_statement
 from capabilities.values.errors import CapabilityError
 from ztpm_idp.domain.asking.asks import ANSWERED_MEMORY_S, AskState
 from ztpm_idp.domain.asking.pushes import Awaited, Listed, Matter, Occasion, Plan, PushCode, PushFailed, planned
+from ztpm_idp.domain.asking.subscriptions import DEVICE
 from ztpm_idp.domain.locks import WHOLE, Locks
+from ztpm_idp.outward import resolve
 from ztpm_idp.provider.metrics import TAKEN
+from ztpm_idp.push.devices import GONE, send_to_device
+from ztpm_idp.push.encryption import signing_key
 from ztpm_idp.push.message import of_ask, of_latch, request_of
 from ztpm_idp.push.sending import SEND_S, send, silence
 from ztpm_idp.store.errors import ConflictError, StoreUnavailableError
@@ -26,11 +31,17 @@ from ztpm_idp.store.push.pushes import Pushes
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from cryptography.hazmat.primitives.asymmetric import ec
+
     from ztpm_idp.domain.asking.pushes import Key, Push
+    from ztpm_idp.domain.asking.subscriptions import Subscription
+    from ztpm_idp.outward import Resolver
     from ztpm_idp.provider.metrics import Metrics
     from ztpm_idp.provider.provider import Provider
     from ztpm_idp.push.message import Message
+    from ztpm_idp.push.sending import Sent
     from ztpm_idp.store.view import View
+    from ztpm_idp.web_push_settings import WebPush
     from ztpm_idp.webhook_settings import Webhook
 
 PERIOD_S: Final = 1.0
@@ -41,7 +52,7 @@ LATCHES: Final = 64
 """Ours: most latches that are looked at, the newest: as many as a list shows."""
 ACTOR: Final = "provider"
 """Actor in the ledger of what the provider itself could not do."""
-_LOCKS: Final = Locks(frozenset({WHOLE}), frozenset())
+BESIDE: Final = Locks(frozenset({WHOLE}), frozenset())
 """Locks of an entry about a push: beside all but what runs alone, since no command is decided on it."""
 _LOG: Final = logging.getLogger(__name__)
 
@@ -52,8 +63,10 @@ class Pushing:
     Args:
         provider: whose questions these are.
         webhooks: that are told of them.
+        web_push: the way to devices; None: there is none.
         metrics: count what became of each try; None: nobody does.
         patience_s: longest time for one try.
+        resolver: of the names of push services.
     """
 
     def __init__(
@@ -61,10 +74,15 @@ class Pushing:
         provider: Provider,
         webhooks: Iterable[Webhook],
         *,
+        web_push: WebPush | None = None,
         metrics: Metrics | None = None,
         patience_s: float = SEND_S,
+        resolver: Resolver = resolve,
     ) -> None:
         self._provider = provider
+        self._web_push = web_push
+        self._resolver = resolver
+        self._key: ec.EllipticCurvePrivateKey | None = None
         self._webhooks = {each.stated.name: each for each in webhooks}
         self._metrics = metrics
         self._patience_s = patience_s
@@ -77,8 +95,8 @@ class Pushing:
         self._hint.set()
 
     async def run(self) -> None:
-        """Pushes for ever; returns at once where there is no webhook."""
-        if not self._webhooks:
+        """Pushes for ever; returns at once where nobody can be told."""
+        if not self._webhooks and self._web_push is None:
             return
         try:
             while True:
@@ -101,7 +119,7 @@ class Pushing:
     async def look(self) -> None:
         """Looks once, and begins to send what is due."""
         try:
-            plan, messages = await self._planned()
+            plan, messages, devices = await self._planned()
         except (StoreUnavailableError, ConflictError) as error:
             # The rows are as they were: the next look finds the same.
             _LOG.warning("questions were not looked at: %s", type(error).__name__)
@@ -109,21 +127,21 @@ class Pushing:
         for push in plan.send:
             if push.key not in messages:
                 continue
-            task = asyncio.create_task(self._sent(push, messages[push.key]))
+            task = asyncio.create_task(self._sent(push, messages[push.key], devices.get(push.webhook)))
             self._under_way.add(task)
             task.add_done_callback(self._under_way.discard)
 
-    async def _planned(self) -> tuple[Plan, Mapping[Key, Message]]:
-        """The plan of now, already kept, and what it sends."""
+    async def _planned(self) -> tuple[Plan, Mapping[Key, Message], Mapping[str, Subscription]]:
+        """The plan of now, already kept, what it sends, and the devices by name."""
         store = self._provider.store
         async with store.read() as view:  # most looks find nothing to do, and hold nobody up
             plan, *_ = await self._plan_of(view)
         if not plan:
-            return plan, {}
-        async with store.write(_LOCKS) as transaction:
+            return plan, {}, {}
+        async with store.write(BESIDE) as transaction:
             await transaction.pushes.turn()
             at_ms = self._provider.now_ms()
-            plan, states, known = await self._plan_of(transaction)
+            plan, states, known, devices = await self._plan_of(transaction)
             await transaction.pushes.keep((*plan.send, *plan.wait, *plan.given_up), known=known)
             await transaction.pushes.forget(at_ms=at_ms)
             failed = [PushFailed(push) for push in plan.given_up]
@@ -138,9 +156,9 @@ class Pushing:
             self._tell_failed(push, "nobody is waited for any more")
         for push in plan.wait:
             if push.key not in known:
-                _LOG.warning("webhook %s: %s: more questions than one person reads", push.webhook, push.code)
+                _LOG.warning("push to %s: %s: more questions than one person reads", push.webhook, push.code)
                 self._count(PushCode.PUSH_OVER_BUDGET)
-        return plan, self._messages(plan.send, states, signed)
+        return plan, self._messages(plan.send, states, signed), devices
 
     def _messages(
         self,
@@ -166,8 +184,10 @@ class Pushing:
                 _LOG.warning("a %s is not pushed: %s", push.subject.matter, error.code)
         return messages
 
-    async def _plan_of(self, view: View) -> tuple[Plan, Mapping[str, AskState], Mapping[Key, Push]]:
-        """The plan, how each ask stands by its id, and the pushes that have a row."""
+    async def _plan_of(
+        self, view: View
+    ) -> tuple[Plan, Mapping[str, AskState], Mapping[Key, Push], Mapping[str, Subscription]]:
+        """The plan, how each ask stands by its id, the pushes that have a row, and the devices."""
         at_ms = self._provider.now_ms()
         asks = await view.approvals.not_long_over(since_s=at_ms // 1_000 - ANSWERED_MEMORY_S)
         latches = await view.latches.not_long_over(since_ms=at_ms - ANSWERED_MEMORY_S * 1_000, most=LATCHES)
@@ -175,43 +195,68 @@ class Pushing:
         awaited = [Awaited(Occasion(Matter.LATCH, each.latch_id), not each.released) for each in latches]
         awaited += [Awaited(Occasion(Matter.ASK, id_), state is AskState.OPEN) for id_, state in states.items()]
         known = await view.pushes.of(each.subject for each in awaited)
-        webhooks = (Listed(name, each.stated.ends) for name, each in self._webhooks.items())
+        living = () if self._web_push is None else await view.subscriptions.living(at_ms=at_ms)
+        devices = {each.name: each for each in living}
+        listed = [Listed(name, each.stated.ends) for name, each in self._webhooks.items()]
+        listed += [Listed(name, ends=False) for name in devices]
         plan = planned(
-            awaited, known, webhooks,
+            awaited, known, listed,
             a_minute=self._provider.settings.asks_a_minute, most=AT_ONCE - len(self._under_way), at_ms=at_ms,
         )  # fmt: skip
-        return plan, states, known
+        return plan, states, known, devices
 
-    async def _sent(self, push: Push, message: Message) -> None:
+    async def _sent(self, push: Push, message: Message, device: Subscription | None) -> None:
         """Sends one push, and keeps what became of it."""
-        webhook = self._webhooks[push.webhook]
-        url, body = request_of(message, webhook)
-        sent = await send(webhook, url, body, patience_s=self._patience_s)
+        if device is None:
+            webhook = self._webhooks[push.webhook]
+            url, body = request_of(message, webhook)
+            sent = await send(webhook, url, body, patience_s=self._patience_s)
+        else:
+            sent = await self._sent_to(device, message)
         self._count(TAKEN if sent.code is None else sent.code)
         after = push.tried(sent.code, again=sent.again, again_s=sent.again_s, at_ms=self._provider.now_ms())
         try:
-            await self._keep(after)
+            await self._keep(after, gone=device is not None and sent.status in GONE)
         except (StoreUnavailableError, ConflictError) as error:
             # Whoever takes the next turn sends it once more.
-            _LOG.warning("webhook %s: its answer was not kept: %s", push.webhook, type(error).__name__)
+            _LOG.warning("push to %s: its answer was not kept: %s", push.webhook, type(error).__name__)
             return
         if after.done and after.code is not None:
             self._tell_failed(after, sent.detail)
         elif after.code is not None:
-            _LOG.warning("webhook %s: %s: %s; tried again", push.webhook, after.code, sent.detail)
+            _LOG.warning("push to %s: %s: %s; tried again", push.webhook, after.code, sent.detail)
 
-    async def _keep(self, after: Push) -> None:
+    async def _sent_to(self, device: Subscription, message: Message) -> Sent:
+        if self._web_push is None:
+            raise AssertionError("a device is listed where there is Web Push")
+        if self._key is None:
+            async with self._provider.store.read() as view:
+                self._key = signing_key(await view.sessions.secret())
+        return await send_to_device(
+            self._web_push,
+            device,
+            message,
+            key=self._key,
+            random=token_bytes,
+            at_s=self._provider.now_ms() // 1_000,
+            resolver=self._resolver,
+            patience_s=self._patience_s,
+        )
+
+    async def _keep(self, after: Push, *, gone: bool) -> None:
         store = self._provider.store
         if not after.done or after.code is None:
             async with store.beside() as connection:
                 await Pushes(connection).change(after)
             return
-        async with store.write(_LOCKS) as transaction:
+        async with store.write(BESIDE) as transaction:
             await transaction.pushes.change(after)
+            if gone:
+                await transaction.subscriptions.end(after.webhook.removeprefix(DEVICE))
             await transaction.append((PushFailed(after),), actor=ACTOR, at_ms=self._provider.now_ms())
 
     def _tell_failed(self, push: Push, why: str) -> None:
-        _LOG.error("webhook %s: %s: %s; given up after %d tries", push.webhook, push.code, why, push.tries)
+        _LOG.error("push to %s: %s: %s; given up after %d tries", push.webhook, push.code, why, push.tries)
 
     def _count(self, outcome: str) -> None:
         if self._metrics is not None:

@@ -5,7 +5,8 @@ from __future__ import annotations
 import asyncio
 import logging
 import ssl
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 from urllib.parse import urlsplit
 
@@ -14,6 +15,8 @@ import httpx2
 from ztpm_idp.domain.asking.pushes import PushCode
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from ztpm_idp.webhook_settings import Webhook
 
 SEND_S: Final = 5.0
@@ -35,12 +38,14 @@ class Sent:
         detail: status or kind of fault, without any part of the address.
         again: the same may be sent again.
         again_s: pause that the answer asks for, at most `AGAIN_MOST_S`; 0 where it asks for none.
+        status: of the answer; 0 where there was none.
     """
 
     code: PushCode | None
     detail: str = ""
     again: bool = False
     again_s: int = 0
+    status: int = 0
 
 
 async def send(webhook: Webhook, url: str, body: bytes, *, patience_s: float = SEND_S) -> Sent:
@@ -52,18 +57,40 @@ async def send(webhook: Webhook, url: str, body: bytes, *, patience_s: float = S
         body: likewise.
         patience_s: longest time for all of it.
     """
-    headers = {"content-type": "application/json", "accept-encoding": "identity", "user-agent": "ztpm"}
+    verify: ssl.SSLContext | bool = webhook.authorities if webhook.authorities is not None else False
+    return await post(url, body, headers={"content-type": "application/json"}, verify=verify, patience_s=patience_s)
+
+
+async def post(
+    url: str | httpx2.URL,
+    body: bytes,
+    *,
+    headers: Mapping[str, str],
+    verify: ssl.SSLContext | bool,
+    extensions: Mapping[str, str] = MappingProxyType({}),
+    patience_s: float,
+) -> Sent:
+    """Sends a body once.
+
+    Args:
+        url: of the receiver.
+        body: of the request.
+        headers: beside those that every request has.
+        verify: authorities by which its certificate is believed; False: it is on this machine, in the clear.
+        extensions: of the connection.
+        patience_s: longest time for all of it.
+    """
+    every = {"accept-encoding": "identity", "user-agent": "ztpm", **headers}
     # Connecting and the handshake end by themselves: one that is cancelled in its midst keeps its socket.
     patience = httpx2.Timeout(patience_s, connect=patience_s / 2)
-    verify: ssl.SSLContext | bool = webhook.authorities if webhook.authorities is not None else False
     try:
         async with (
             asyncio.timeout(patience_s),
             httpx2.AsyncClient(verify=verify, trust_env=False, follow_redirects=False, timeout=patience) as http,
             # Its body is not read: what is in it decides nothing.
-            http.stream("POST", url, content=body, headers=headers) as answer,
+            http.stream("POST", url, content=body, headers=every, extensions=dict(extensions)) as answer,
         ):
-            return _judged(answer)
+            return replace(_judged(answer), status=answer.status_code)
     except (TimeoutError, httpx2.TimeoutException):
         return Sent(PushCode.PUSH_UNREACHABLE, f"no answer within {patience_s:g} s", again=True)
     except (httpx2.HTTPError, httpx2.InvalidURL, ssl.SSLError, OSError, UnicodeError) as error:

@@ -28,6 +28,7 @@ from ztpm_idp.routes.caller import (
     body_of,
     in_session,
     nonce_of,
+    prefix_of,
     provider_of,
     query_of,
 )
@@ -43,6 +44,7 @@ _ASSETS = {
     **{name: ((_SHARED / name).read_text("utf-8"), "text/javascript") for name in ask_page.DRAWING},
     **{name: (text, "text/javascript") for name, text in ask_page.SCRIPTS.items()},
     "open_asks.js": (ask_page.LIST_SCRIPT, "text/javascript"),
+    ask_page.WORKER: (ask_page.WORKER_SCRIPT, "text/javascript"),
     "console.css": ((_SHARED / "console.css").read_text("utf-8"), "text/css"),
 }
 """Files of the pages of asks, passkeys and latches."""
@@ -140,12 +142,15 @@ async def show_ask(request: Request, ask_id: str) -> HTMLResponse:
 
 
 @router.get("/approvals/assets/{name}", response_class=Response)
-async def read_asset(name: str) -> Response:
+async def read_asset(request: Request, name: str) -> Response:
     """One of the files that the pages of asks have: the scripts, and the look."""
     if name not in _ASSETS:
         raise Problem(IdpCode.ASK_UNKNOWN, "no such file")
     content, kind = _ASSETS[name]
     headers = {"X-Content-Type-Options": "nosniff", "Cache-Control": "max-age=300"}
+    if name == ask_page.WORKER:
+        scope = f"{prefix_of(provider_of(request))}/approvals/"
+        headers |= {"Service-Worker-Allowed": scope, "Content-Security-Policy": "default-src 'none'"}
     return Response(content, media_type=kind, headers=headers)
 
 

@@ -87,6 +87,8 @@ OPEN: Final[dict[tuple[str, str], Row]] = {
     ("POST", "/passkeys/enrolments/{enrolment_id}/credential"): _BEGUN,
     ("GET", "/approvals/page"): _SHOWN,
     ("GET", "/approvals/page/open"): _TOLD,
+    ("POST", "/approvals/page/devices"): _TOLD,
+    ("POST", "/approvals/page/devices/end"): _SHOWN,
     ("GET", "/approvals/{ask_id}/page"): _TOLD,
     ("GET", "/approvals/{ask_id}/picture"): _TOLD,
     ("GET", "/approvals/{ask_id}/state"): _TOLD,

@@ -40,6 +40,7 @@ from ztpm_idp.store.people import People
 from ztpm_idp.store.pictures.pictures import Pictures
 from ztpm_idp.store.points import Points
 from ztpm_idp.store.push.pushes import Pushes
+from ztpm_idp.store.push.subscriptions import Subscriptions
 from ztpm_idp.store.restoring import Restoring
 from ztpm_idp.store.revocations import Revocations, batches, by_kind, epochs
 from ztpm_idp.store.upkeep import Upkeep
@@ -74,6 +75,7 @@ class View:
         self.points = Points(connection)
         self.pictures = Pictures(connection)
         self.pushes = Pushes(connection)
+        self.subscriptions = Subscriptions(connection)
         self.revocations = Revocations(connection, self._counting)
         self.restoring = Restoring(connection, self._counting, self.revocations)
         self.upkeep = Upkeep(connection)

@@ -128,6 +128,7 @@ UNCHANGING = {
     "POST /login/providers/{name}", "POST /passkeys/enrolments", "POST /passkeys/enrolments/{enrolment_id}/credential",
     "POST /approvals/{ask_id}/passkey-votes", "POST /changes/passkey", "POST /login/devices/poll",
     "POST /latches/{latch_id}/passkey-clearings", "POST /console/revocations", "POST /console/acts",
+    "POST /approvals/page/devices", "POST /approvals/page/devices/end",
 }  # fmt: skip
 """Routes whose request in the scene comes to no commit: they read, or are refused there."""
 

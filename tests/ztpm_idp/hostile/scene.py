@@ -453,6 +453,8 @@ PAGES = {
     "GET /login": lambda s: Asked("/login"),
     "GET /approvals/page": lambda s: Asked("/approvals/page"),
     "GET /approvals/page/open": lambda s: Asked("/approvals/page/open"),
+    "POST /approvals/page/devices": lambda s: form_of("/approvals/page/devices", endpoint="A", p256dh="A", auth="A"),
+    "POST /approvals/page/devices/end": lambda s: form_of("/approvals/page/devices/end", device="A"),
     "GET /login/account": lambda s: Asked("/login/account"),
     "GET /login/device": lambda s: Asked("/login/device"),
     "GET /login/links/{secret}": lambda s: Asked(s.link()),

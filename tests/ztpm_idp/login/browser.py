@@ -15,15 +15,16 @@ TOKEN = re.compile(r'name="form_token" value="([0-9a-f]{64})"')
 class Browser:
     """Keeps cookies by name, follows nothing by itself, and says what browsers say of each request."""
 
-    def __init__(self, world):
-        self.http = httpx2.Client(transport=world.transport, base_url=ISSUER)
+    def __init__(self, world, *, origin=ORIGIN, http=None):
+        self.http = httpx2.Client(transport=world.transport, base_url=ISSUER) if http is None else http
+        self.origin = origin
         self.cookies: dict[str, str] = {}
         self.page = None
 
     def send(self, method, url, content=None, **headers):
         sent = {"cookie": "; ".join(f"{n}={v}" for n, v in self.cookies.items())} if self.cookies else {}
         answer = self.http.request(
-            method, url if url.startswith("http") else ORIGIN + url, content=content, headers=sent | headers
+            method, url if url.startswith("http") else self.origin + url, content=content, headers=sent | headers
         )
         for line in answer.headers.get_list("set-cookie"):
             first, *attributes = line.split("; ")
@@ -43,7 +44,11 @@ class Browser:
         """Sends the form of the page that was shown last."""
         found = TOKEN.search(self.page.text if self.page is not None else "")
         form = ({"form_token": found[1]} if found else {}) | (fields or {})
-        said = {"origin": ORIGIN, "sec-fetch-site": "same-origin", "content-type": "application/x-www-form-urlencoded"}
+        said = {
+            "origin": self.origin,
+            "sec-fetch-site": "same-origin",
+            "content-type": "application/x-www-form-urlencoded",
+        }
         kept = {name: value for name, value in (said | headers).items() if value is not None}
         return self.send("POST", url, urlencode(form).encode(), **kept)
 

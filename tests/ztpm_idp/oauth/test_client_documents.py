@@ -7,7 +7,8 @@ import json
 
 import httpx2
 import pytest
-from ztpm_idp.oauth.client_documents import DOCUMENT_BYTES, DocumentError, fetch, is_document_url, is_public
+from ztpm_idp.domain.addresses import is_public
+from ztpm_idp.oauth.client_documents import DOCUMENT_BYTES, DocumentError, fetch, is_document_url
 
 URL = "https://app.example/client.json"
 DOCUMENT = {"client_id": URL, "client_name": "App", "redirect_uris": ["https://app.example/back"]}

@@ -204,15 +204,17 @@ class ProviderDoctor:
 
         if self._read is None:
             return _unread()
+        web_push = self._read.settings.web_push
+        devices = "no device is told" if web_push is None else f"devices are told, as {web_push.contact}"
         if not self._read.webhooks:
-            return True, "nobody is told: there is no webhook; people look at the page of open questions"
+            return True, f"no webhook is told; {devices}; people look at the page of open questions"
         told, sound = list[str](), True
         for webhook in self._read.webhooks:
             found = asyncio.run(reached(webhook))
             sound &= found.code is None
             said = "reachable" if found.code is None else f"{found.code}: {found.detail}"
             told.append(f"{webhook.stated.name} ({webhook.stated.form}): {said}")
-        return sound, f"{', '.join(told)}; {self._read.settings.asks_a_minute} questions a minute at most"
+        return sound, f"{', '.join(told)}; {devices}; {self._read.settings.asks_a_minute} questions a minute at most"
 
     def clock(self) -> Found:
         """The clock agrees with the one that answered, to the skew that proofs may have."""

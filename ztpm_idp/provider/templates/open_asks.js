@@ -131,3 +131,53 @@ for (const [place, name] of [[document, "visibilitychange"], [window, "pageshow"
     look();
   });
 }
+
+// ---- this device, with no page open
+
+const device = document.querySelector("#device");
+const place = document.querySelector("#add")?.dataset;
+
+// As the provider names it.
+async function nameOf(endpoint) {
+  const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", new TextEncoder().encode(endpoint)));
+  return btoa(String.fromCharCode(...digest)).replaceAll("+", "-").replaceAll("/", "_").slice(0, 22);
+}
+
+async function add(subscription) {
+  const { endpoint, keys } = subscription.toJSON();
+  const body = new URLSearchParams(new FormData(device.form));
+  for (const [name, value] of Object.entries({ endpoint, p256dh: keys.p256dh, auth: keys.auth })) body.set(name, value);
+  const answer = await fetch(place.post, { method: "POST", body, cache: "no-store" });
+  if (answer.status === 201) return;
+  const json = answer.headers.get("content-type")?.startsWith("application/problem+json");
+  const { title, detail } = json ? await answer.json() : { title: String(answer.status) };
+  throw new Error([title, detail].filter(Boolean).join(" "));
+}
+
+async function notified() {
+  if ((await Notification.requestPermission()) !== "granted") throw new Error(SAID.not_allowed);
+  const registered = await navigator.serviceWorker.register(place.worker, { scope: place.scope });
+  await navigator.serviceWorker.ready;
+  await add(await registered.pushManager.subscribe({ userVisibleOnly: true, applicationServerKey: place.key }));
+  location.reload();
+}
+
+// A device that its person still has on the list is told as long as this session could last.
+async function renew() {
+  const registered = await navigator.serviceWorker.getRegistration(place.scope);
+  const subscription = await registered?.pushManager.getSubscription();
+  const name = subscription ? await nameOf(subscription.endpoint) : "";
+  const listed = document.querySelector(`[data-device="${name}"]`);
+  device.hidden = Boolean(listed);
+  if (!listed) return;
+  listed.querySelector(".this").hidden = false;
+  await add(subscription);
+}
+
+const failed = (error) => {
+  document.querySelector("#device-how").textContent = put(SAID.device_not_added, { why: error.message });
+};
+if (device && window.isSecureContext && "serviceWorker" in navigator && "PushManager" in window) {
+  renew().catch(failed);
+  device.addEventListener("click", () => notified().catch(failed));
+}

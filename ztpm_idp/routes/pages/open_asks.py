@@ -8,15 +8,18 @@ from typing import TYPE_CHECKING, Final
 from fastapi import APIRouter, Request
 from fastapi.responses import HTMLResponse, JSONResponse, Response
 
+from capabilities.keys.keys import b64u
 from capabilities.statements.people import ask as ask_statement
 from capabilities.values.characters import shown
 from ztpm_idp.domain.asking.asks import AskState
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.login import session
+from ztpm_idp.login.forms import browser_of
 from ztpm_idp.login.session import NO_STORE
 from ztpm_idp.provider import ask_page
 from ztpm_idp.provider.ask_page import TEXTS, TIERS, time_of
 from ztpm_idp.provider.problems import Problem
+from ztpm_idp.push.encryption import raw_point, signing_key
 from ztpm_idp.push.pushing import LATCHES
 from ztpm_idp.routes.caller import prefix_of, provider_of
 
@@ -44,7 +47,7 @@ async def show_open_asks(request: Request) -> Response:
     prefix = prefix_of(provider)
     if found is None:
         return session.to_login(request, back_to=f"{prefix}/approvals/page", fresh_s=FRESH_S)
-    issuer = provider.settings.issuer
+    issuer, devices = provider.settings.issuer, await _devices(provider, found.person.id)
     page = ask_page.PAGES.get_template("open_asks.html").render(
         style=ask_page.STYLE,
         look=ask_page.look_of(issuer),
@@ -55,9 +58,12 @@ async def show_open_asks(request: Request) -> Response:
         every_s=EVERY_S,
         old_s=OLD_S,
         reload_s=ask_page.RELOAD_S,
+        devices=devices,
+        token=browser_of(request).form_token,
+        worker=ask_page.worker_of(issuer),
         **await _waiting(provider),
     )
-    return HTMLResponse(page, headers=NO_STORE | ask_page.list_headers(issuer))
+    return HTMLResponse(page, headers=NO_STORE | ask_page.list_headers(issuer, devices=devices is not None))
 
 
 @router.get("/approvals/page/open", include_in_schema=False)
@@ -71,6 +77,21 @@ async def list_open_asks(request: Request) -> JSONResponse:
         raise Problem(IdpCode.NOT_LOGGED_IN)
     provider = provider_of(request)
     return JSONResponse(await _waiting(provider), headers=NO_STORE)
+
+
+async def _devices(provider: Provider, person: str) -> dict[str, object] | None:
+    """The provider's key for push services, and the person's devices; None where no device is told."""
+    if provider.settings.web_push is None:
+        return None
+    async with provider.store.read() as view:
+        secret = await view.sessions.secret()
+        living = await view.subscriptions.living(at_ms=provider.now_ms())
+    mine = [
+        {"id": each.id, "service": each.service, "since": time_of(each.made_ms // 1_000)}
+        for each in living
+        if each.person == person
+    ]
+    return {"key": b64u(raw_point(signing_key(secret).public_key())), "mine": mine}
 
 
 async def _waiting(provider: Provider) -> dict[str, object]:

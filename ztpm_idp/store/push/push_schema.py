@@ -1,4 +1,4 @@
-"""The table of pushes, in the one schema."""
+"""The tables of pushes, in the one schema."""
 
 from __future__ import annotations
 
@@ -20,3 +20,15 @@ pushes = sa.Table(
     sa.Column("done", sa.Boolean, nullable=False),
 )
 """Pushes of asks and latches, each once for its webhook and event; no command reads them."""
+
+push_subscriptions = sa.Table(
+    "push_subscriptions",
+    metadata,
+    sa.Column("subscription_id", sa.String(22), primary_key=True),
+    sa.Column("session_id", sa.ForeignKey("sessions.session_id", ondelete="CASCADE"), nullable=False, index=True),
+    sa.Column("endpoint", sa.Text, nullable=False),
+    sa.Column("key", sa.LargeBinary(65), nullable=False),
+    sa.Column("secret", sa.LargeBinary(16), nullable=False),
+    sa.Column("made_ms", sa.BigInteger, nullable=False),
+)
+"""Devices that people have told of asks and latches; each is gone with the session in which it was added."""

@@ -193,10 +193,12 @@ def test_webhooks_are_looked_at_and_told_nothing(made, tmp_path):
     hook.chmod(0o600)
     with copy.idp_config.open("a") as config:
         config.write('[[webhooks]]\nname = "cell"\nform = "json"\nurl_file = "hook.url"\n')
+        config.write('[web_push]\ncontact = "mailto:ops@works.example"\n')
     doctor = ProviderDoctor(copy.idp_config, PASSPHRASE, transport=answering(b"{}"))
     doctor.configuration()
     found = doctor.questions()
     assert (found[0], "s3cret" in found[1], receiver.all()) == (True, False, [])
+    assert "devices are told, as mailto:ops@works.example" in found[1]
     receiver.close()
     found = doctor.questions()
     assert (found[0], "PUSH_UNREACHABLE" in found[1], "s3cret" in found[1]) == (False, True, False)
