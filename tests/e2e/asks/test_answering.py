@@ -244,3 +244,14 @@ def test_two_people_who_answer_at_one_instant_are_both_told_the_one_outcome(cell
         each.wait_for_function("() => document.querySelector('#state').textContent.includes('State: denied')")
     context.close()
     assert cell.told(ask_id).state == "denied"
+
+
+def test_a_page_that_is_being_left_does_not_call_the_person_back(cell, page):
+    for _ in range(4):
+        ask_id, _ = asked(cell)
+        page.goto(f"{cell.world.issuer}/approvals/{ask_id}/page")
+        checked(page)
+        cell.world.people["alice"].deny(ask_id)
+        page.evaluate("() => { watch(); watch(); setTimeout(watch); }")
+        page.goto(f"{cell.world.issuer}/approvals/{ask_id}/picture")
+        assert page.url.endswith("/picture")

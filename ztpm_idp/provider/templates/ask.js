@@ -107,14 +107,16 @@ async function watch() {
     const { state, votes } = await answer.json();
     if (lost) alerted.hidden = true;
     lost = false;
-    if (!busy && (state !== stands || votes !== Number(question.dataset.votes))) location.reload();
+    const leaving = performance.now() - left_ms < POLL_MS; // to load again would keep the person here
+    if (!busy && !leaving && (state !== stands || votes !== Number(question.dataset.votes))) location.reload();
   } catch {
     lost = true;
     warn(SAID.lost);
   }
 }
 
-let lost = false;
+let lost = false, left_ms = -Infinity;
+addEventListener("beforeunload", () => { left_ms = performance.now(); });
 let stands = question.dataset.stands, ticking;
 
 // This person's own answer counts: the page says how the ask stands, and hears of others' answers as before.
