@@ -151,7 +151,7 @@ def stop(
         lease = words["lease"].format(lease=plain(done["lease"])) if done["lease"] else ""
         typer.echo(f"{words['dashboard' if done['by'] == DASHBOARD else 'begun']}{lease}")
     if person:
-        done = _latched_by(person, key, reason, layout, address)
+        done = _latched_by(person, key, reason, layout, address) | {"by": done["by"], "lease": done["lease"]}
     if as_json:
         say_json({"ok": True, **{name: done[name] for name in ("stopped", "by", "lease", "person", "latch")}})
     elif done["person"]:

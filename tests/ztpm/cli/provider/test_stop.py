@@ -104,9 +104,9 @@ def test_anybody_stops_it_without_a_key(run, place, monkeypatch):
 
 
 def test_a_known_person_latches_it_with_a_word_for_this_robot_alone(run, place):
-    place.answers = [NOBODY, NOBODY | {"person": "bob", "latch": LATCH}]
+    place.answers = [NOBODY | {"lease": "mover"}, NOBODY | {"person": "bob", "latch": LATCH}]
     told = run("stop", "--as", "bob", "--reason", "a glove", "--data", place.layout.root, "--json")
-    assert (told.status, told.json["person"], told.json["latch"]) == (0, "bob", LATCH)
+    assert (told.status, told.json["person"], told.json["lease"], told.json["latch"]) == (0, "bob", "mover", LATCH)
     (_, first, _), (_, second, _) = place.asked
     assert first == {"stop": True}, "before the key was opened"
     raw = keys.public_raw(read_key(place.layout.operator_key("bob"), PASSPHRASE.encode()))
