@@ -24,7 +24,6 @@ NAMES = {
     "script": SCRIPT,
     "breaks out": "'\"></p></div><script>window.ran=1</script>\u2028\n\x00\x1b[2J",
     "long": "x" * 10_000,
-    "long words": "mover " * 2_000,
     "bidi": "mover\u202e\u2066\u202d\u200f" + "\u0627" * 40,
     "look-alike": "m\u043ever-\u0430gent",
     "wide": "\ufdfd" * 60 + "\U0001f9d1" * 60,
