@@ -57,7 +57,9 @@ FIGURES: Final = (
     ),
     Figure("ztpm_store_transactions_total", COUNTER, ("end",), "Writing transactions by end."),
     Figure("ztpm_store_transaction_seconds", HISTOGRAM, (), "Time of a writing transaction, its wait included."),
-    Figure("ztpm_pushes_total", COUNTER, ("outcome",), "Tries to push a question: `taken`, or the reason code."),
+    Figure(
+        "ztpm_pushes_total", COUNTER, ("outcome",), "Tries to push a question or latch: `taken`, or the reason code."
+    ),
     Figure("ztpm_store_up", GAUGE, (), "1 when the figures below could be read of the store just now."),
     Figure("ztpm_heartbeat_age_seconds", GAUGE, (), "Time since a commit of this process let it send a heartbeat."),
     Figure("ztpm_revocation_epoch", GAUGE, (), "Epoch of the revocation index."),

@@ -48,11 +48,12 @@ class PushService(Receiver):
     Args:
         folder: of its certificates.
         answers: as of a `Receiver`.
+        name: that its certificate is for.
     """
 
-    def __init__(self, folder, *answers):
+    def __init__(self, folder, *answers, name="127.0.0.1"):
         authority = new_authority("push", WORD, at=time.time())
-        own = machine_certificate(authority, WORD, ["127.0.0.1"], at=time.time())
+        own = machine_certificate(authority, WORD, [name], at=time.time())
         self.ca = folder / "push-ca.pem"
         self.ca.write_bytes(authority.certificate)
         (folder / "push.pem").write_bytes(own.certificate + own.key)

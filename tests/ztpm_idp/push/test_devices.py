@@ -11,11 +11,13 @@ from tests.ztpm_idp.push.push_service import PushService
 from tests.ztpm_idp.push.test_pushing import PEOPLE, failures, later, look, pushing
 from tests.ztpm_idp.routes.test_latches import taken as fallen
 from tests.ztpm_idp.world import ISSUER, World
-from ztpm_idp.domain.asking.pushes import PAUSES_S
+from ztpm_idp.domain.asking.pushes import PAUSES_S, PushCode
 from ztpm_idp.domain.asking.subscriptions import OF_A_PERSON
 from ztpm_idp.outward import pinned
 from ztpm_idp.provider.ask_page import time_of
 from ztpm_idp.push.devices import LATCH_S
+from ztpm_idp.push.sending import post
+from ztpm_idp.web_push_settings import ServicePlace
 
 pytestmark = pytest.mark.clause("PSH-7", "PSH-8")
 PAGE, ADD, END = (f"/ztpm/approvals/page{each}" for each in ("", "/devices", "/devices/end"))
@@ -209,6 +211,28 @@ def test_the_address_that_was_looked_at_is_the_one_that_is_asked():
     assert str(target.url) == "https://142.250.1.1/fcm/send/one?a=b"
     assert target.headers == {"Host": "fcm.googleapis.com"}
     assert target.extensions == {"sni_hostname": "fcm.googleapis.com"}
+
+
+def test_the_certificate_is_that_of_the_name_and_not_of_the_address(tmp_path, monkeypatch):
+    monkeypatch.setattr("ztpm_idp.outward.is_public", lambda _: True)
+    service = PushService(tmp_path, name="push.example")
+
+    async def here(_):
+        return ["127.0.0.1"]
+
+    async def asked(name):
+        target = await pinned(f"https://{name}:{service.port}/one", here)
+        verify = service.web_push.authorities[ServicePlace.OWN]
+        return await post(
+            target.url, b"{}", headers=target.headers, verify=verify, extensions=target.extensions, patience_s=5.0
+        )
+
+    try:
+        assert asyncio.run(asked("push.example")).code is None
+        assert asyncio.run(asked("other.example")).code is PushCode.PUSH_UNREACHABLE
+        assert [each.headers["host"] for each in service.all()] == [f"push.example:{service.port}"]
+    finally:
+        service.close()
 
 
 def test_the_worker_may_stand_before_the_pages_of_questions_and_fetches_nothing(cell):
