@@ -43,6 +43,8 @@ DEADLINE_S = 90.0
 """Longest wait for all servers to be there, and for an approval to reach the gateway."""
 START_S = 600
 """Longest installation of one server."""
+END_S = 60
+"""Longest end of a gateway with all its servers."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -154,6 +156,13 @@ class Site(Front):
     def client(self, name: str, token: str, agent: Any, log: Any) -> Client:
         """A client that knows only stdio."""
         return Client(stdio_client(self.bridge(name, token, agent), errlog=log))
+
+    def end(self) -> None:
+        """The gateway ends its servers, of which some do not end with their input, and then all else ends."""
+        if self.child is not None:
+            self.child.terminate()
+            self.child.wait(END_S)
+        super().end()
 
     def done(self) -> int:
         """Acts that the gateway's journal has as carried out."""
