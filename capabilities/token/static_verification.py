@@ -9,7 +9,7 @@ import msgspec
 
 from capabilities.keys import keys
 from capabilities.statements.revocation import named
-from capabilities.token import biscuit, block, checks, fact, hop_rules, wire
+from capabilities.token import biscuit, block, block_reading, checks, fact, hop_rules, wire
 from capabilities.values.caps import DEFAULT
 from capabilities.values.chain import Chain, Hop, make_chain
 from capabilities.values.errors import Fault, FaultCode, TokenError
@@ -177,12 +177,12 @@ def _chain(
     first, *further = contents
     said = fact.authority_said(first)
     demanded = [_demanded(first)]
-    authority = block.authority_of(said, demanded[0], caps)
+    authority = block_reading.authority_of(said, demanded[0], caps)
     hops = [hop_rules.first_hop(authority, reserved=trust.all_keys, caps=caps)]
     for each in further:
         parent, more = hops[-1], fact.hop_said(each)
         demanded.append(_demanded(each))
-        added = block.hop_of(
+        added = block_reading.hop_of(
             more, demanded[-1], index=len(hops), delegator=parent.agent, parent=parent.scope, caps=caps
         )
         hops.append(hop_rules.next_hop(tuple(hops), added, reserved=trust.all_keys, caps=caps))
