@@ -16,8 +16,8 @@ from capabilities.values import text as forms
 from capabilities.values.scope import Range
 from capabilities.values.units import INT_LIMIT, Unit
 from pep.base.errors import DeclarationError, PepFault
-from pep.base.operation_row import FactRow, TierRow
 from pep.base.stated_values import check_rows_raise, is_whole, tier_stated
+from pep.base.tier_row import FactRow, TierRow
 
 if TYPE_CHECKING:
     from capabilities.values.scope import Tier

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from capabilities.statements.conduct import AgentEntry
     from capabilities.statements.revocation import RevocationView
     from capabilities.values.scope import Tier
-    from pep.base.operation_row import FactRow
+    from pep.base.tier_row import FactRow
     from policies.conduct.report import Edge
     from policies.evidence.evidence import ImpactFault, ImpactReading, NotCollected, PerceptionReading, RobotReading
     from policies.evidence.fact_reading import FactReading

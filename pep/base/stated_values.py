@@ -16,7 +16,8 @@ from capabilities.values.scope import Each, Flags, Limit, OneOf, Range, ScalarBo
 from capabilities.values.units import INT_LIMIT, DeclaredUnit, ListOf, Measure, Parameter, Sort, Unit, kind_of
 from capabilities.values.well_formed import LIST_LENGTH, check_limit
 from pep.base.errors import DeclarationError, PepFault
-from pep.base.operation_row import BoundedParameter, TierRow
+from pep.base.operation_row import BoundedParameter
+from pep.base.tier_row import TierRow
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence

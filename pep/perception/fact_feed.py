@@ -13,8 +13,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
     from capabilities.values.caps import Caps
-    from pep.base.operation_row import FactRow
     from pep.base.ports import Clock, Sensors
+    from pep.base.tier_row import FactRow
     from pep.perception.sensor_frames import SensorStatus
 
 WRONG_UNIT: Final = "WRONG_UNIT"

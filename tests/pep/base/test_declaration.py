@@ -10,7 +10,8 @@ from pep import Free, Length, Within, Word, grant
 from pep.base.declaration import declared, operation, row_from_toml
 from pep.base.fact_declaration import Fact
 from pep.base.errors import DeclarationError, PepFault
-from pep.base.operation_row import ArgumentForm, OperationKind, TierRow
+from pep.base.operation_row import ArgumentForm, OperationKind
+from pep.base.tier_row import TierRow
 from policies.evidence.fact_reading import FactReading
 
 SCALE = 10
