@@ -15,6 +15,7 @@ from capabilities.statements.people import passkey_clearing
 from capabilities.statements.people.clearing import Clearing
 from capabilities.values.errors import StatementError
 from ztpm_idp.domain.asking.asks import stated
+from ztpm_idp.domain.asking.latch_acts import ClearingSigned
 from ztpm_idp.domain.codes import IdpCode
 from ztpm_idp.domain.commands import ClearLatch, TakeLatch
 from ztpm_idp.domain.parties import RegisteredPerson
@@ -23,7 +24,10 @@ from ztpm_idp.provider.problems import Problem
 from ztpm_idp.routes.caller import SMALL_BYTES, Call, authenticated, body_of, parsed, provider_of, read_body
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from ztpm_idp.domain.asking.latch_acts import ClearingRecord, LatchRecord
+    from ztpm_idp.domain.events import Event
 
 router = APIRouter()
 Caller = Annotated[Call, Depends(authenticated)]
@@ -103,7 +107,7 @@ async def clear_latch(request: Request, latch_id: str, call: Caller) -> JSONResp
     if not ID.fullmatch(latch_id):
         raise Problem(IdpCode.LATCH_UNKNOWN)
     done = await provider.run(ClearLatch(call.party.id, latch_id, text, call.signed), actor=call.party.id)
-    return await _cleared(request, latch_id, fresh=bool(done.events))
+    return await _cleared(request, latch_id, done.events)
 
 
 @router.post("/latches/{latch_id}/passkey-clearings", status_code=201, openapi_extra=body_of(wire.PasskeyClearingBody))
@@ -124,13 +128,15 @@ async def clear_by_passkey(request: Request, latch_id: str) -> JSONResponse:
     except StatementError as error:
         raise Problem(error.code, error.detail) from None
     done = await provider.run(ClearLatch(found.person.id, latch_id, made, None), actor=found.person.id)
-    return await _cleared(request, latch_id, fresh=bool(done.events))
+    return await _cleared(request, latch_id, done.events)
 
 
-async def _cleared(request: Request, latch_id: str, *, fresh: bool) -> JSONResponse:
-    latch, _, _ = await _found(request, latch_id)
+async def _cleared(request: Request, latch_id: str, events: Iterable[Event]) -> JSONResponse:
+    """How the latch stands; what was signed now is not read again, since a reading may fail after it counts."""
+    signed = next((event for event in events if isinstance(event, ClearingSigned)), None)
+    latch = signed or (await _found(request, latch_id))[0]
     told = {"latch_id": latch_id, "state": _state(latch)}
-    return JSONResponse(told, status_code=201 if fresh else 200, headers=_UNSTORED)
+    return JSONResponse(told, status_code=201 if signed else 200, headers=_UNSTORED)
 
 
 WAITS: Final = "waits"
@@ -138,7 +144,7 @@ RELEASED: Final = "released"
 """States of a latch: it waits for people, or enough of them have cleared it."""
 
 
-def _state(latch: LatchRecord) -> str:
+def _state(latch: LatchRecord | ClearingSigned) -> str:
     return RELEASED if latch.released else WAITS
 
 

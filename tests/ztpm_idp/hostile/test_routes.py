@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import takewhile
+
 import pytest
 from capabilities.keys import keys
 from tests.ztpm_idp.hostile import faults, matrix
@@ -75,6 +77,14 @@ def test_a_store_that_fails_once_leaves_nothing_half_done(tmp_path):
         assert found.wrong == []
         assert set(found.struck) == set(faults.KINDS)
         assert faults.whole(world) == []
+
+
+def test_a_clearing_that_counts_is_read_by_nothing_that_may_fail(scene):
+    found, at = faults.Found(), "POST /latches/{latch_id}/clearings"
+    with faults.failing(scene.world.provider.store._engine.sync_engine):
+        struck = list(takewhile(lambda place: faults.strike(scene, at, "full or locked", place, found), range(100)))
+    assert found.wrong == []
+    assert 10 < len(struck) < 100
 
 
 def test_a_commit_whose_word_was_lost_is_no_replay(scene):
