@@ -22,7 +22,7 @@ from capabilities.statements import (
     trust as trust_bundle,
 )
 from capabilities.statements.context import admission, intent, manifest, memory, message, response
-from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, vote
+from capabilities.statements.people import answers, ask, clearing, envelope, latch, mandate, opening, stop, vote
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -75,6 +75,7 @@ SIGNER_OF: Final[Mapping[str, Signer]] = MappingProxyType(
         release.KIND: Signer.PUBLISHER,
         response.KIND: Signer.PEP,
         revocation.KIND: Signer.FEED,
+        stop.KIND: Signer.APPROVER,
         ticket.KIND: Signer.PEP,
         trust_bundle.KIND: Signer.REGISTRY,
         vote.KIND: Signer.APPROVER,

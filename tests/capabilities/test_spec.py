@@ -30,7 +30,7 @@ def test_every_clause_is_in_both():
         *(f"TOK-{n}" for n in range(1, 13)),
         *(f"PRF-{n}" for n in range(1, 13)),
         *(f"SES-{n}" for n in range(1, 11)),
-        *(f"STM-{n}" for n in range(1, 26)),
+        *(f"STM-{n}" for n in range(1, 27)),
         *(f"WLD-{n}" for n in range(1, 9)),
         *(f"TKT-{n}" for n in range(1, 11)),
         *(f"LOG-{n}" for n in range(1, 4)),

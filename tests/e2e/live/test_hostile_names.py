@@ -15,7 +15,6 @@ from ztpm.status.picture import Known, Part, Told
 pytestmark = [
     pytest.mark.e2e,
     pytest.mark.timeout(120),
-    pytest.mark.xdist_group("hostile names"),
     pytest.mark.clause("LIV-1", "LIV-3"),
     pytest.mark.skipif(CHROMIUM is None, reason="Chromium is not installed"),
 ]

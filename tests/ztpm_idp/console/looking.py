@@ -21,19 +21,11 @@ _CODE = re.compile(r"Code <code>([A-Z_]+)</code>")
 class Looking(Browser):
     """A person who looks at the console."""
 
-    origin = NAMED.removesuffix("/ztpm")
-
     def __init__(self, world, name=None):
-        super().__init__(world)
+        super().__init__(world, origin=NAMED.removesuffix("/ztpm"))
         self.world, self.name = world, name
         if name is not None:
             self.log_in(world.people[name])
-
-    def send(self, method, url, content=None, **headers):
-        return super().send(method, url if url.startswith("http") else self.origin + url, content, **headers)
-
-    def post(self, url, fields=None, **headers):
-        return super().post(url, fields, **({"origin": self.origin} | headers))
 
     def see(self, path, **headers):
         """The text of a page of the console, which is there."""

@@ -181,7 +181,8 @@ def test_pictures_of_earlier_asks_are_moved_into_the_table(tmp_path):
         taken = {row["ask_id"]: row["taken_ms"] for row in world.rows("asks")}
         world.stop()
         with closing(sqlite3.connect(tmp_path / "idp.sqlite")) as base, base:
-            base.execute("DROP TABLE pictures")
+            for later in ("pictures", "push_subscriptions"):
+                base.execute(f"DROP TABLE {later}")
             base.execute("ALTER TABLE asks DROP COLUMN picture_digest")
             base.execute("ALTER TABLE asks ADD COLUMN picture TEXT NOT NULL DEFAULT ''")
             for ask_id, text in zip(asked[1:], (one, one, other), strict=True):
