@@ -558,7 +558,7 @@ class FakeIssuer:
         self.registry_audience = None
         self.shipped, self.through = [], 0
         self.pep_key, self.asks, self.votes, self.openings, self.pictures = pep_key, {}, {}, [], {}
-        self.envelopes, self.clearings, self.latches, self.latch_status = [], [], [], 201
+        self.envelopes, self.clearings, self.latches, self.motion_pictures, self.latch_status = [], [], [], [], 201
         self.refuses, self.answers_lie, self.answers_signer, self.spoil = None, {}, made["registry"], None
         self.traces = []
         self.asked = []
@@ -611,6 +611,9 @@ class FakeIssuer:
                 return self.proven(request) or self.take_mark(json.loads(request.content)["mark"])
             case "/ledger/records":
                 return self.take(json.loads(request.content)["records"])
+            case "/ledger/pictures":
+                self.motion_pictures.append(json.loads(request.content)["picture"])
+                return self.proven(request) or httpx2.Response(201, json={})
         return httpx2.Response(404)
 
     def hint(self, *, since, news):

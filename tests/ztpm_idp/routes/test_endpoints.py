@@ -301,7 +301,7 @@ BODY_BYTES = {
 """Largest body of each route that takes more than a statement or two."""
 
 
-@pytest.mark.parametrize("share", [24, pytest.param(1, marks=pytest.mark.campaign)])
+@pytest.mark.parametrize("share", [48, pytest.param(1, marks=pytest.mark.campaign)])
 def test_every_bad_body_at_every_endpoint(world, share):
     """Each endpoint gets all that is bad as a whole, and of bad members another share."""
     world.pep()
