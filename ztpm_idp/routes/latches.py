@@ -132,7 +132,7 @@ async def clear_by_passkey(request: Request, latch_id: str) -> JSONResponse:
 
 
 async def _cleared(request: Request, latch_id: str, events: Iterable[Event]) -> JSONResponse:
-    """How the latch stands; what was signed now is not read again, since a reading may fail after it counts."""
+    """State of the latch; what was signed now is not read again, since a reading may fail after it counts."""
     signed = next((event for event in events if isinstance(event, ClearingSigned)), None)
     latch = signed or (await _found(request, latch_id))[0]
     told = {"latch_id": latch_id, "state": _state(latch)}

@@ -60,6 +60,7 @@ def test_detectors_that_alarm_too_often_are_told(monkeypatch):
     assert not alarms.detectors(QUICK).met
 
 
+@pytest.mark.campaign
 def test_agents_that_alarm_too_often_are_told(monkeypatch):
     monkeypatch.setattr(alarms, "life", lambda worker: life(worker, change_at=300, script=agents.turncoat))
     assert not alarms.workers(QUICK, "independent").met
@@ -120,6 +121,7 @@ def test_the_command_knows_no_other_campaign():
     assert run("--only", "T-nothing").exit_code == 2
 
 
+@pytest.mark.campaign
 def test_pictures_are_drawn(tmp_path, monkeypatch):
     pytest.importorskip("matplotlib")
     from evaluation.conduct import plots

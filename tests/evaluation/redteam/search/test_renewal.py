@@ -273,6 +273,7 @@ class TestAgainstTheReferee:
                 assert judge.judge(commanded(one)[0], TrueWorld.told([(0.0, told)])) == (), one["id"]
         assert claims > 5
 
+    @pytest.mark.campaign
     def test_a_walk_that_begins_sooner_or_later_ends_in_harm_too(self, judge):
         walking = [one for one in TABLES.values() if any("walk" in moment for moment in one.get("world", ()))]
         assert len(walking) > 10
