@@ -262,6 +262,7 @@ class Asks:
             url=self._asker.page(question.ask_id),
             text=text,
             trace_id=trace_id,
+            pictured=bool(question.picture_digest),
         )
 
     def _standing(

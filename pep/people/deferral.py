@@ -70,7 +70,8 @@ class AskNotice:
         url: the page on which people see it.
         text: the signed ask.
         trace_id: of the trace in which it was asked; empty where none is known. It is not signed.
-        picture: text of the picture that the ask names, or "": of an act without motion, and after a restart.
+        pictured: it names a picture, since it is of a motion.
+        picture: text of that picture; "" of an act without motion, and after a restart.
     """
 
     ask_id: str
@@ -82,6 +83,7 @@ class AskNotice:
     url: str
     text: str
     trace_id: str = ""
+    pictured: bool = False
     picture: str = ""
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import pickle
 import sys
 from collections import deque
 from contextlib import suppress
@@ -164,6 +165,8 @@ class MotionPictures:
         try:
             async with asyncio.timeout(PATIENCE_S):
                 return await self._drawn(question)
+        except (pickle.PicklingError, AttributeError, TypeError, RecursionError):  # of a question that is not packed
+            return PepFault.PICTURE_IMPOSSIBLE
         except (OSError, EOFError, TimeoutError, ValueError):  # of the process, or of what it says
             self._end_drawer()
             return PepFault.PICTURE_DRAWER_ENDED

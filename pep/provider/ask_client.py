@@ -153,7 +153,7 @@ class AskClient:
                 self._asks.posted(ask.ask_id)
             elif status == 429 and _code(answer) == Reason.ASK_BUDGET_SPENT:
                 await asyncio.to_thread(self._asks.refuse, ask.ask_id)
-            elif status == 409 and _code(answer) == PICTURE_LOST and not ask.picture:
+            elif status == 409 and _code(answer) == PICTURE_LOST and ask.pictured and not ask.picture:
                 # an earlier process of ours made it, and ended before the provider had it
                 await asyncio.to_thread(partial(self._asks.refuse, ask.ask_id, lost=True))
             else:

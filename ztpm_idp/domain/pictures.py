@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from ztpm_idp.domain.registry import Outcome
     from ztpm_idp.domain.state import State
 
-KIND: Final = "picture"
-"""Kind of the records that name one."""
 DIGEST: Final = re.compile(r"[0-9a-f]{64}")
 
 

@@ -150,6 +150,15 @@ def test_a_provider_that_refuses_a_picture_that_was_sent_is_asked_again_later(tm
     assert len(rig.asks.unposted()) == 1
 
 
+def test_an_ask_that_names_no_picture_has_lost_none_whatever_the_provider_says(tmp_path):
+    rig = Seeing(tmp_path, None)
+    rig.issuer.refuses = (409, "ASK_PICTURE_DIFFERS")
+    told = rig.go()
+    assert told.decision.effect is Effect.DEFER
+    assert rig.asks.state_of(told.ask.ask_id) is AskState.OPEN
+    assert (len(rig.records("ask")), rig.records("ask-refused")) == (1, [])
+
+
 def test_what_was_assessed_is_shown_and_the_oldest_is_forgotten():
     questions = AssessedQuestions()
     situation, found = where(), answer(sweep())

@@ -180,6 +180,19 @@ def test_a_process_that_fails_costs_the_picture_alone_and_is_started_anew(monkey
     assert point.reasons == ["PICTURE_DRAWER_ENDED", "PICTURE_DRAWER_ENDED", "made"]
 
 
+def test_a_question_that_cannot_be_packed_costs_its_picture_alone(monkeypatch):
+    point = Point(monkeypatch, TOLD)
+
+    async def story():
+        async with point.running():
+            point.decided(lambda: None)
+            point.decided()
+            await point.until(lambda: len(point.records) == 2)
+
+    asyncio.run(story())
+    assert point.reasons == ["PICTURE_IMPOSSIBLE", "made"]
+
+
 def test_a_process_that_says_nothing_is_ended(monkeypatch):
     point = Point(monkeypatch, "b''")
     monkeypatch.setattr(motion_pictures, "PATIENCE_S", 0.3)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
     from typing import BinaryIO
 
+    from capabilities.keys.trust import TrustBundle
     from ztpm_idp.client import Operator
 
 COLUMNS: Final = ("seq", "time", "kind", "effect", "actor", "agent", "object", "token", "request")
@@ -207,12 +208,7 @@ def prove(
     bundle, person = trusted(trust), signer.operator()
     asked: int | str = int(entry) if entry.isdecimal() and len(entry) < len(str(INT_LIMIT)) else entry
     with refusals(), person:
-        proof = person.entry_proof(asked)
-        line = person.entry(proof.index + 1)
-    try:
-        head = tree_head.check_entry(line, proof, tree_head.origin_of(bundle.issuer), bundle.ledger)
-    except CapabilityError as error:
-        fail("PROOF_WRONG", f"entry {entry}: {error}")
+        line, proof, head = _proven(person, asked, bundle)
     whole = tree_head.EntryProof(proof.index, proof.path, proof.checkpoint, line)
     _put(out, whole.text, os.O_EXCL)
     if as_json:
@@ -274,22 +270,31 @@ def picture(
         named = [row["seq"] for row in person.search_rows({"request": request, "kind": "picture"})]
         if not named:
             fail("NO_PICTURE", f"no record names one of request {request}")
-        number = named[-1]
-        line, proof = person.entry(number), person.entry_proof(number)
-        try:
-            head = tree_head.check_entry(line, proof, tree_head.origin_of(bundle.issuer), bundle.ledger)
-        except CapabilityError as error:
-            fail("PROOF_WRONG", f"entry {number}: {error}")
+        line, proof, head = _proven(person, named[-1], bundle)
         digest = _digest_in(line, request)
         text = person.motion_picture(digest)
     from ztpm.picture.ask_picture import record_picture
 
+    number = proof.index + 1
     told = f"Request {request}, entry {number}"
     _put(out, record_picture(text, sentence=told, digest=digest), os.O_EXCL)
     if as_json:
         say_json({"ok": True, "out": str(out), "entry": number, "size": head.size, "digest": digest})
         return
     typer.echo(f"{out}: the picture that entry {number} of {head.size} names, SHA-256 {digest}.")
+
+
+def _proven(
+    person: Operator, entry: int | str, bundle: TrustBundle
+) -> tuple[bytes, tree_head.EntryProof, tree_head.TreeHead]:
+    """An entry by its number or hash, its proof and the head of the ledger; without one the command ends."""
+    proof = person.entry_proof(entry)
+    line = person.entry(proof.index + 1)
+    try:
+        head = tree_head.check_entry(line, proof, tree_head.origin_of(bundle.issuer), bundle.ledger)
+    except CapabilityError as error:
+        fail("PROOF_WRONG", f"entry {entry}: {error}")
+    return line, proof, head
 
 
 def _digest_in(line: bytes, request: str) -> str:
