@@ -19,12 +19,12 @@ import asyncio
 import contextlib
 import json
 import os
-import signal
 import subprocess
 import sys
 import threading
 import traceback
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any, Final
 
@@ -67,8 +67,8 @@ def leased(
     """A block in which the agent has the robot's motion lease; the value is the robot's address for ur_rtde.
 
     The lease ends with the block. It ends earlier when its token does, when the program closes its control connection,
-    or when the gateway says so; then commands go nowhere, and `told` is given `LEASE_OVER` and why. Connections that
-    only show the robot's state stay until the program closes them, with the last one.
+    or when the gateway says so; then each command fails at once, and `told` is given `LEASE_OVER` and why. The
+    program's connections stay until it closes them, with the robot's last state.
 
     Args:
         agent: the token's holder, or its name: then its key is read from the cell's directory, with the passphrase in
@@ -165,14 +165,15 @@ def _say_no_more() -> None:
         os.dup2(nowhere.fileno(), sys.stdout.fileno())
 
 
-def _end_with_input() -> None:
-    """Ends the process when its parent closes the input: the lease is given up, or the parent is gone.
+def _give_up_with_input(give_up: Callable[[], None]) -> None:
+    """Gives the lease up when the parent closes the input, or is gone.
 
     Unbuffered: a thread that waits inside of a buffered reader can crash the interpreter's exit.
     """
     while os.read(sys.stdin.fileno(), UNREAD_BYTES):
         pass
-    os.kill(os.getpid(), signal.SIGTERM)
+    with contextlib.suppress(RuntimeError):  # the event loop has ended: so has the lease
+        give_up()
 
 
 def main() -> None:
@@ -183,11 +184,20 @@ def main() -> None:
     }
     try:
         lease = open_lease(asked["door"], asked["token"], PendingSession(**pending))
-        threading.Thread(target=_end_with_input, name="input", daemon=True).start()
         with asyncio.Runner() as runner:
+            given_up = asyncio.Event()
+            give_up = partial(runner.get_loop().call_soon_threadsafe, given_up.set)
+            threading.Thread(target=_give_up_with_input, args=(give_up,), name="input", daemon=True).start()
             with RefusalLines(lambda line: _say(told=line.removeprefix(PREFIX))) as lines:
                 ended = runner.run(
-                    lend(lease, asked["host"], [], begun=lambda: _say(ready=True), told=lines.tell),
+                    lend(
+                        lease,
+                        asked["host"],
+                        [],
+                        begun=lambda: _say(ready=True),
+                        told=lines.tell,
+                        given_up=given_up,
+                    ),
                 )
                 if ended.cut_short:
                     lines.tell(f"{LEASE_OVER}: {ended.early}")

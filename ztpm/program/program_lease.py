@@ -223,21 +223,23 @@ async def lend(
     begun: Callable[[], None],
     told: Callable[[str], None],
     kept: Callable[[], Coroutine[None, None, None]] | None = None,
+    given_up: asyncio.Event | None = None,
 ) -> LeaseOutcome:
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
-    to it. A lease that ends before it closes the connection of its commands, as a robot that is switched off does, and
-    the program is left to notice; one whose program has ended is given back. The program does not outlive this process.
+    to it. Where the lease ends before it, each of its commands fails, as on a robot that runs no program, and the program
+    is left to notice; one whose program has ended is given back. The program does not outlive this process.
 
     Args:
         leased: just opened.
         host: an address on this machine.
-        command: the program and its arguments; none, to serve until a signal.
+        command: the program and its arguments; none, to serve until a signal or `given_up`.
         begun: called once the ports are there.
         told: is given each reason for which the gateway has refused something, a line of text. Must not wait: the lease
             does meanwhile.
         kept: renews the lease while it lasts (`ztpm.program.lease_renewal`); None where its token is the only one.
+        given_up: set once the lease is to be given back; after its end it says nothing more.
 
     Raises:
         OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.
@@ -247,7 +249,7 @@ async def lend(
     ports = ProgramPorts(
         leased.session, leased.id, clock=SystemClock(), user=os.getuid(), ended=over.set_result, told=told
     )
-    stopped = asyncio.Event()
+    stopped = given_up or asyncio.Event()
     program: asyncio.subprocess.Process | None = None
     keeping: asyncio.Task[None] | None = None
 

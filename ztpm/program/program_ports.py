@@ -1,8 +1,8 @@
 """Ports of the controller for one program: fixed numbers, on an address of its own, carried in its lease.
 
 An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
-address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over the connections
-that only show the robot's state stay until the program closes them, so that it ends as it wants to ([LSD-12]).
+address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over the connections of
+RTDE stay until the program closes them, so that it ends as it wants to ([LSD-12]).
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import asyncio
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.lease.accepted_connection import AcceptedConnection
-from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.lease.lease_connection import LeaseConnection
 from pep.rtde.lease.lease_messages import Bytes, Closed, LeaseMessageError, Open, Opened, OpenRefused, RefusalNotice
 from pep.rtde.robot.connections import GONE, LEASED_PORTS, RTDE
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
 
     from capabilities.proof.session_frames import Session
     from pep.base.ports import Clock
+    from pep.rtde.lease.lease import LeaseEnding
     from pep.rtde.lease.lease_messages import Word
 
 REPEAT_S: Final = 0.1
@@ -39,7 +39,7 @@ class ProgramPorts:
         lease_id: of the lease.
         clock: both clocks.
         user: the id of the one user whose processes may connect.
-        ended: is told once when the lease is over; every connection is closed then.
+        ended: is told once when the lease is over; no connection leads to the gateway then.
         told: is given each reason for which the gateway has refused something, a line of text.
     """
 
@@ -160,10 +160,8 @@ class ProgramPorts:
         for server in self._servers:
             server.close()
         lines, self._lines = self._lines, {}
-        # A program that has given its lease back need not hear of its end; any other one finds its commands cut off.
-        given_back = ending in (LeaseEnding.CLOSED, LeaseEnding.LEFT)
         for connection in lines.values():
-            if connection.stays(also_for_commands=given_back):
+            if connection.stays():
                 self._staying.add(connection)
             else:
                 connection.gone()
@@ -219,12 +217,10 @@ class _Connection(AcceptedConnection):
             self.state.answered(content)
         super().send(content)
 
-    def stays(self, *, also_for_commands: bool) -> bool:
+    def stays(self) -> bool:
         """True where the connection goes on after the lease, with the robot's last state and the client's farewell."""
         state = self.state
         if state is None or not state.stays or self._number is None or self._transport.is_closing():
-            return False
-        if state.commands and not also_for_commands:
             return False
         self.begin(_Unleased(self, self._ports, state))
         self._repeat(state.repeated())
