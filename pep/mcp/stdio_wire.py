@@ -1,16 +1,16 @@
 """MCP over this process's stdin and stdout: each line is screened first, and nothing else is written.
 
 The SDK's transport parses lines by itself, and has no public hook before that; so lines are read here, by the strict
-reader that HTTP has, and only what it made of them goes on.
+reader that HTTP has, and only what it made of them goes on. It reads and writes in threads, three turns of which a call
+waits for; here the event loop does both where nothing makes it wait.
 """
 
 from __future__ import annotations
 
-import asyncio
 import contextlib
 import io
 import os
-import threading
+import select
 from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final
 
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
     from pep.mcp.http_request import Refusals
 
-STDIN: Final = 0
+STDIN, STDOUT, STDERR = 0, 1, 2
 BAD_REQUEST: Final = 400
 """Status on record, the one that HTTP would have told."""
 
@@ -57,26 +57,14 @@ class StdioWire:
             refusals: of lines.
         """
         feed, taken = anyio.create_memory_object_stream[SessionMessage | Exception](0)
-        loop, ended = asyncio.get_running_loop(), asyncio.Event()
 
-        async def take(line: bytes) -> None:
-            await self._take(line, feed, refusals)
+        async def read() -> None:
+            async with feed:
+                async for line in lines_of(self._stdin):
+                    await self._take(line, feed, refusals)
 
-        def read() -> None:
-            # The loop has gone where the server ended first.
-            with contextlib.suppress(RuntimeError, asyncio.CancelledError):
-                for line in lines_of(self._stdin):
-                    asyncio.run_coroutine_threadsafe(take(line), loop).result()
-                loop.call_soon_threadsafe(ended.set)
-
-        async def end() -> None:
-            await ended.wait()
-            await feed.aclose()
-
-        # A thread that waits for a line must not keep the process from ending.
-        threading.Thread(target=read, name="stdin", daemon=True).start()
         async with anyio.create_task_group() as tasks:
-            tasks.start_soon(end)
+            tasks.start_soon(read)
             await server.run(taken, self._sent.clone(), server.create_initialization_options())
             tasks.cancel_scope.cancel()
 
@@ -101,30 +89,72 @@ class StdioWire:
         await self._sent.send(SessionMessage(error))
 
 
+class StdoutText:
+    """Standard output as the SDK's transport writes to it.
+
+    Args:
+        descriptor: of the stream.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._room = select.poll()
+        self._room.register(descriptor, select.POLLOUT)
+        self._unsent = b""
+
+    async def write(self, text: str) -> None:
+        """Takes in text for the next `flush`."""
+        self._unsent += text.encode()
+
+    async def flush(self) -> None:
+        """Writes what there is: at once where the stream has room for it, else in a thread.
+
+        Raises:
+            OSError: the reader has gone.
+        """
+        unsent, self._unsent = memoryview(self._unsent), b""
+        while unsent and self._room.poll(0):
+            # What has room for anything has room for so much.
+            unsent = unsent[os.write(self._descriptor, unsent[: select.PIPE_BUF]) :]
+        if unsent:
+            await anyio.to_thread.run_sync(self._write, unsent, abandon_on_cancel=True)
+
+    def _write(self, unsent: memoryview) -> None:
+        while unsent:
+            unsent = unsent[os.write(self._descriptor, unsent) :]
+
+
 @asynccontextmanager
 async def claimed() -> AsyncIterator[StdioWire]:
     """Stdin and stdout are the protocol's inside: what else reads finds nothing, what else writes goes to stderr."""
-    stdin = os.dup(STDIN)
-    try:
-        nothing = os.open(os.devnull, os.O_RDONLY)
-        os.dup2(nothing, STDIN)
-        os.close(nothing)
+    with _moved(STDIN, os.open(os.devnull, os.O_RDONLY)) as stdin, _moved(STDOUT, os.dup(STDERR)) as stdout:
         # Of the SDK's transport the half that writes: what it reads is empty.
-        async with stdio_server(stdin=anyio.wrap_file(io.StringIO())) as (unread, sent):
+        unused: Any = anyio.wrap_file(io.StringIO())
+        written: Any = StdoutText(stdout)
+        async with stdio_server(stdin=unused, stdout=written) as (unread, sent):
             await unread.aclose()
             try:
                 yield StdioWire(stdin, sent)
             finally:
                 await sent.aclose()
+
+
+@contextlib.contextmanager
+def _moved(stream: int, instead: int) -> Iterator[int]:
+    """A descriptor of the stream, in whose place `instead` is inside."""
+    own = os.dup(stream)
+    os.dup2(instead, stream)
+    os.close(instead)
+    try:
+        yield own
     finally:
-        # The copy stays open: a thread may wait on it still.
-        os.dup2(stdin, STDIN)
+        os.dup2(own, stream)  # its copy stays open: a thread may write to it still
 
 
-def lines_of(descriptor: int) -> Iterator[bytes]:
+async def lines_of(descriptor: int) -> AsyncIterator[bytes]:
     """Lines without their ends; of one that is too long only so much that it is seen to be."""
     rest, skipped = b"", False
-    while chunk := os.read(descriptor, LINE_BYTES):
+    while chunk := await _read(descriptor):
         *whole, rest = (rest + chunk).split(b"\n")
         for line in whole:
             if not skipped:
@@ -136,3 +166,10 @@ def lines_of(descriptor: int) -> Iterator[bytes]:
             rest, skipped = b"", True
     if not skipped:
         yield rest
+
+
+async def _read(descriptor: int) -> bytes:
+    """Bytes of the stream as they come; none at its end."""
+    with contextlib.suppress(PermissionError):  # a file: it makes nobody wait
+        await anyio.wait_readable(descriptor)
+    return os.read(descriptor, LINE_BYTES)

@@ -7,6 +7,7 @@ from contextlib import asynccontextmanager
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities.values.caps import DEFAULT as CAPS
+from pep.base.collector import spare_what_stands
 from pep.base.errors import ConfigError, DeclarationError, PepFault
 from pep.gate.gate import Gate
 from pep.journal.budget_store import BudgetStore
@@ -97,6 +98,7 @@ class DecidingPoint(PointParts):
         try:
             await self.first_view()
             await self.declare()
+            spare_what_stands()
             yield
         finally:
             await self.facts.close()

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import asyncio
 import contextlib
-import gc
 import json
 import logging
 import os
@@ -17,6 +16,7 @@ import traceback
 from typing import TYPE_CHECKING, Any, Final
 
 from capabilities import tracing
+from pep.base.collector import spare_what_stands
 from pep.base.errors import ConfigError, PepError
 from pep.point.parts import PointParts
 from ztpm.base.path_router import PathRouter
@@ -91,8 +91,7 @@ class EnforcementPoint(PointParts):
             while not server.started and not serving.done():  # noqa: ASYNC110 - uvicorn offers no event for it
                 await asyncio.sleep(0.01)
             if server.started:
-                gc.collect()
-                gc.freeze()  # else each full collection looks at all that was built at start, while an arm moves
+                spare_what_stands()
                 sys.stdout.write(json.dumps({"ready": True, "audience": self.config.audience}) + "\n")
                 sys.stdout.flush()
             await asyncio.wait({serving, asyncio.create_task(self.ended.wait())}, return_when=asyncio.FIRST_COMPLETED)

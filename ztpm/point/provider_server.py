@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import asyncio
-import gc
 import json
 import os
 import signal
@@ -17,6 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final
 
+from pep.base.collector import spare_what_stands
 from ztpm.base.trace_export import exporting
 from ztpm.codes.code_table import status_of
 from ztpm.codes.unavailable import UnavailableError, line_of
@@ -107,9 +107,7 @@ def serve(
 
         async def startup(self, sockets: list[socket.socket] | None = None) -> None:
             await super().startup(sockets)
-            # What there is now lives as long as the process: the collector need not look at it again and again.
-            gc.collect()
-            gc.freeze()
+            spare_what_stands()
             sys.stdout.write(json.dumps({"ready": True, "port": settings.port}) + "\n")
             sys.stdout.flush()
 

@@ -228,8 +228,8 @@ async def lend(
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
-    to it. Where the lease ends before it, each of its commands fails, as on a robot that runs no program, and the program
-    is left to notice; one whose program has ended is given back. The program does not outlive this process.
+    to it. Where the lease ends before it, each of its commands fails, as on a robot without a program, and it is left
+    to notice; a lease whose program has ended is given back. The program does not outlive this process.
 
     Args:
         leased: just opened.

@@ -1,8 +1,8 @@
 """Ports of the controller for one program: fixed numbers, on an address of its own, carried in its lease.
 
 An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
-address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over the connections of
-RTDE stay until the program closes them, so that it ends as it wants to ([LSD-12]).
+address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over its connections
+of RTDE stay until the program closes them, so that it ends as it wants to ([LSD-12]).
 """
 
 from __future__ import annotations

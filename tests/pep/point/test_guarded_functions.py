@@ -16,6 +16,7 @@ from fastapi import Depends, FastAPI
 from pep.base.clock import SystemClock
 from pep.base.declaration import declared
 from pep.base.errors import DeclarationError, JournalError, PepFault
+from pep.point import deciding_point
 from pep.point.guard_config import GuardConfig
 from pep.point.guarded_functions import GuardedFunctions, NotPermittedError, function_pins, permitted
 from pep.request.authority import PresentedRequest
@@ -85,6 +86,20 @@ async def living(path):
     program = Program(path)
     async with program.point.living():
         yield program
+
+
+def test_a_point_that_serves_leaves_what_it_built_out_of_collections(written, monkeypatch):  # noqa: F811
+    spared = []
+    monkeypatch.setattr(deciding_point, "spare_what_stands", lambda: spared.append(program.point.follower.view()))
+
+    async def go():
+        nonlocal program
+        program = Program(written())
+        async with program.point.living():
+            assert len(spared) == 1
+
+    program = None
+    asyncio.run(go())
 
 
 def test_an_enforced_function_gets_what_was_decided(written):  # noqa: F811
