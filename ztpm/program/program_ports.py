@@ -11,6 +11,7 @@ import asyncio
 from typing import TYPE_CHECKING, Final
 
 from pep.rtde.lease.accepted_connection import AcceptedConnection
+from pep.rtde.lease.lease import LeaseEnding
 from pep.rtde.lease.lease_connection import LeaseConnection
 from pep.rtde.lease.lease_messages import Bytes, Closed, LeaseMessageError, Open, Opened, OpenRefused, RefusalNotice
 from pep.rtde.robot.connections import GONE, LEASED_PORTS, RTDE
@@ -24,7 +25,6 @@ if TYPE_CHECKING:
 
     from capabilities.proof.session_frames import Session
     from pep.base.ports import Clock
-    from pep.rtde.lease.lease import LeaseEnding
     from pep.rtde.lease.lease_messages import Word
 
 REPEAT_S: Final = 0.1
@@ -160,8 +160,9 @@ class ProgramPorts:
         for server in self._servers:
             server.close()
         lines, self._lines = self._lines, {}
+        broken = ending is LeaseEnding.MALFORMED  # by this program, or by who speaks for the gateway
         for connection in lines.values():
-            if connection.stays():
+            if not broken and connection.stays():
                 self._staying.add(connection)
             else:
                 connection.gone()
