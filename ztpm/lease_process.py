@@ -67,8 +67,8 @@ def leased(
     """A block in which the agent has the robot's motion lease; the value is the robot's address for ur_rtde.
 
     The lease ends with the block. It ends earlier when its token does, when the program closes its control connection,
-    or when the gateway says so; then each command fails at once, and `told` is given `LEASE_OVER` and why. The
-    program's connections stay until it closes them, with the robot's last state.
+    or when the gateway says so; then each command fails at once, and `told` is given `LEASE_OVER` and why. Connections
+    that only show the robot's state stay until the program closes them, with the last one.
 
     Args:
         agent: the token's holder, or its name: then its key is read from the cell's directory, with the passphrase in

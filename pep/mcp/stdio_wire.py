@@ -127,7 +127,7 @@ class StdoutText:
 @asynccontextmanager
 async def claimed() -> AsyncIterator[StdioWire]:
     """Stdin and stdout are the protocol's inside: what else reads finds nothing, what else writes goes to stderr."""
-    with _moved(STDIN, os.open(os.devnull, os.O_RDONLY)) as stdin, _moved(STDOUT, os.dup(STDERR)) as stdout:
+    with _moved(STDIN, os.open(os.devnull, os.O_RDONLY)) as stdin, _moved(STDOUT, _stderr()) as stdout:
         # Of the SDK's transport the half that writes: what it reads is empty.
         unused: Any = anyio.wrap_file(io.StringIO())
         written: Any = StdoutText(stdout)
@@ -137,6 +137,14 @@ async def claimed() -> AsyncIterator[StdioWire]:
                 yield StdioWire(stdin, sent)
             finally:
                 await sent.aclose()
+
+
+def _stderr() -> int:
+    """Another descriptor of standard error; of nothing where that is closed."""
+    try:
+        return os.dup(STDERR)
+    except OSError:
+        return os.open(os.devnull, os.O_WRONLY)
 
 
 @contextlib.contextmanager

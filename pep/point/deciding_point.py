@@ -97,8 +97,8 @@ class DecidingPoint(PointParts):
         tasks = [self.incidents.watched(what, part) for what, part in self.beside().items()]
         try:
             await self.first_view()
-            await self.declare()
             spare_what_stands()
+            await self.declare()
             yield
         finally:
             await self.facts.close()

@@ -170,7 +170,6 @@ def test_a_revoked_token_ends_the_lease_before_the_block_and_that_is_told(house,
         stopped(eyes, began_s, time.monotonic())
         status, said, errors = program.ended()
     assert (status, said) == (0, [[False], ["LEASE_OVER: authority"]]), errors
-    assert "reconnecting" not in errors
     assert house.endings()[-1] == "authority"
     tools_move(house)
 
@@ -186,6 +185,9 @@ def test_a_stop_on_the_page_ends_the_motion_and_the_lease_and_both_are_on_record
     with Program(house, LONG + """
         while not any("LEASE_OVER" in text for text in heard):
             time.sleep(0.002)
+        say(control.moveJ(q, 0.4, 1.4), control.isConnected())
+        while control.isConnected():
+            time.sleep(0.01)
         say(control.moveJ(q, 0.4, 1.4))
     say(heard[-1])
     """) as program:  # fmt: skip
@@ -196,8 +198,8 @@ def test_a_stop_on_the_page_ends_the_motion_and_the_lease_and_both_are_on_record
         assert answer == {"begun": True, "lease": "mover"}
         assert stopped(eyes, began_s, t0).within_bar
         status, said, errors = program.ended()
-    assert (status, said) == (0, [[False], ["LEASE_OVER: stopped"]]), errors
-    assert "reconnecting" not in errors  # ur_rtde does so in two threads at once, and may crash ([LSD-12])
+    # The first command fails by the robot's state: ur_rtde connects anew in two threads at once otherwise ([LSD-12]).
+    assert (status, said) == (0, [[False, True], [False], ["LEASE_OVER: stopped"]]), errors
     assert house.endings()[-1] == "stopped"
     until(lambda: len(stops_on_record(house)) > before, "the stop on record")
     (body,) = stops_on_record(house)[before:]

@@ -6,7 +6,7 @@ import threading
 from pathlib import Path
 from ztpm import lease_process
 
-reader = threading.Thread(target=lease_process._end_with_input, daemon=True)
+reader = threading.Thread(target=lease_process._give_up_with_input, args=(bool,), daemon=True)
 reader.start()
 state = Path(f"/proc/self/task/{reader.native_id}/stat")
 while state.read_text().rpartition(")")[2].split()[0] != "S":

@@ -3,8 +3,8 @@
 ur_rtde takes the end of a connection for a failure, also while it closes its own ones: its receive interface complains
 on standard error, its IO interface, which waits for an answer when it leaves, ends the whole program, and its control
 interface connects anew in two threads at once where a call is under way, which has ended programs by a signal. So a
-connection stays until the program closes it. Its last package is repeated there, and says that no program runs, by
-which each command fails at once, and no controller is known. Pure: bytes in, bytes out.
+connection stays. Its last package is repeated there, and says that no program runs, by which each command fails at
+once, and no controller is known. Pure: bytes in, bytes out.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ class LastState(Relay):
     def __init__(self) -> None:
         super().__init__()
         self._newest: dict[int | None, Values] = {}
+        self._inputs_had = False
         self._leaving = Framer()
         self._known = True
 
@@ -37,6 +38,11 @@ class LastState(Relay):
     def stays(self) -> bool:
         """True where it is a connection of RTDE that has been set up."""
         return self._known and self._set_up
+
+    @property
+    def commands(self) -> bool:
+        """True where commands go: it has inputs beside its outputs, as ur_rtde's control interface."""
+        return self._inputs_had and bool(self._outputs)
 
     def said(self, content: bytes) -> None:
         """Takes in bytes of the client."""
@@ -87,7 +93,8 @@ class LastState(Relay):
         """Leaves the answer to the gateway."""
 
     def _had(self, names: tuple[str, ...], answer: InputsAnswer) -> None:
-        """Takes in nothing: the client has its answer."""
+        del names
+        self._inputs_had = self._inputs_had or bool(answer.recipe)
 
     def _shown(self, values: Values) -> Values:
         self._newest[values.recipe] = values

@@ -1,8 +1,8 @@
 """Ports of the controller for one program: fixed numbers, on an address of its own, carried in its lease.
 
 An unmodified ur_rtde program connects here as if this were the robot. Only processes of one user are let in: the
-address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over its connections
-of RTDE stay until the program closes them, so that it ends as it wants to ([LSD-12]).
+address is on this machine, and a user id is one domain of trust (SECURITY.md). When the lease is over the connections
+of RTDE stay, that of the commands for a moment, the others until the program closes them ([LSD-12]).
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 REPEAT_S: Final = 0.1
 """Ours: time between two repetitions of the last state; ur_rtde gives a silent connection up after 2.5 s."""
+FAILING_S: Final = 2.0
+"""Ours: time for which commands of a program fail by the state, before their connection ends and it sees that too."""
 
 
 class ProgramPorts:
@@ -161,8 +163,10 @@ class ProgramPorts:
             server.close()
         lines, self._lines = self._lines, {}
         broken = ending is LeaseEnding.MALFORMED  # by this program, or by who speaks for the gateway
+        # A program that has given its lease back need not hear of its end.
+        given_back = ending in (LeaseEnding.CLOSED, LeaseEnding.LEFT)
         for connection in lines.values():
-            if not broken and connection.stays():
+            if not broken and connection.stays(also_for_commands=given_back):
                 self._staying.add(connection)
             else:
                 connection.gone()
@@ -218,13 +222,19 @@ class _Connection(AcceptedConnection):
             self.state.answered(content)
         super().send(content)
 
-    def stays(self) -> bool:
-        """True where the connection goes on after the lease, with the robot's last state and the client's farewell."""
+    def stays(self, *, also_for_commands: bool) -> bool:
+        """True where the connection goes on after the lease, with the robot's last state and the client's farewell.
+
+        Args:
+            also_for_commands: one of commands goes on as long as any; else for `FAILING_S`.
+        """
         state = self.state
         if state is None or not state.stays or self._number is None or self._transport.is_closing():
             return False
         self.begin(_Unleased(self, self._ports, state))
         self._repeat(state.repeated())
+        if state.commands and not also_for_commands:
+            asyncio.get_running_loop().call_later(FAILING_S, self.close)
         return True
 
     def reply(self, answer: bytes) -> None:

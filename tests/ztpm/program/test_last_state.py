@@ -74,9 +74,12 @@ def test_a_client_that_leaves_is_answered_and_nothing_else_is():
     assert state.farewell(b"\x00\x01?") == b""
 
 
-@pytest.mark.parametrize(("outputs", "inputs"), [(True, False), (False, True), (True, True)])
-def test_each_kind_of_connection_stays(outputs, inputs):
-    assert set_up(outputs=outputs, inputs=inputs).stays
+@pytest.mark.parametrize(
+    ("outputs", "inputs", "commands"), [(True, False, False), (False, True, False), (True, True, True)]
+)
+def test_commands_go_where_inputs_stand_beside_outputs(outputs, inputs, commands):
+    state = set_up(outputs=outputs, inputs=inputs)
+    assert (state.stays, state.commands) == (True, commands)
 
 
 @pytest.mark.parametrize("said", [b"hello, robot", b"\xff\xff\xff"])
