@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 REPEAT_S: Final = 0.1
 """Ours: time between two repetitions of the last state; ur_rtde gives a silent connection up after 2.5 s."""
 FAILING_S: Final = 2.0
-"""Ours: time for which commands of a program fail by the state, before their connection ends and it sees that too."""
+"""Ours: time for which commands of a program fail by the state, before their connection ends."""
 
 
 class ProgramPorts:
