@@ -58,7 +58,7 @@ class ToolGateway(GuardedServer):
 
     Args:
         config: of it.
-        ready: is told once every server that is there was heard.
+        ready: is told by `run` once every server that is there was heard, and callers can connect.
     """
 
     keeps_sessions = True
@@ -84,6 +84,9 @@ class ToolGateway(GuardedServer):
             async with asyncio.timeout(CONNECT_S):
                 await asyncio.gather(*(each.tried() for each in self._upstreams.values()))
         await asyncio.gather(*(self._heard(name) for name in self._upstreams))
+
+    def listens(self) -> None:
+        """Tells that it is ready."""
         self._ready(self)
 
     @property

@@ -12,6 +12,7 @@ revocations nothing is permitted.
 from __future__ import annotations
 
 import asyncio
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
@@ -30,6 +31,7 @@ from pep.point.evaluation_layer import EvaluationLayer
 from pep.point.guard_config import GuardConfig
 
 if TYPE_CHECKING:
+    import socket
     from collections.abc import Callable, Mapping
 
     from starlette.types import Message, Receive, Scope, Send
@@ -190,7 +192,14 @@ class GuardedServer(DecidingPoint):
             said = "audience: https is served behind a proxy; state the port to listen at, as run(port=8900)"
             raise ConfigError(PepFault.CONFIG_INVALID, said)
         here = host or (audience.hostname if audience.scheme == "http" else None) or LOOPBACK
-        uvicorn.run(
+        listens = self.listens
+
+        class Telling(uvicorn.Server):
+            async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+                await super().startup(sockets)
+                listens()
+
+        config = uvicorn.Config(
             self,
             host=here,
             port=port or audience.port or HTTP_PORT,
@@ -200,6 +209,11 @@ class GuardedServer(DecidingPoint):
             access_log=False,
             server_header=False,
         )
+        with suppress(KeyboardInterrupt):
+            Telling(config).run()
+
+    def listens(self) -> None:
+        """Is told by `run` once callers can connect; nothing to do here."""
 
     def run_stdio(self) -> None:
         """Serves one client over this process's stdin and stdout, until stdin ends.

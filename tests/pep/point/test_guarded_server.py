@@ -253,7 +253,7 @@ def test_an_address_that_is_taken_ends_the_start(written):
 )
 def test_it_listens_at_its_audience_or_where_it_is_told(written, monkeypatch, audience, stated, listens):
     heard = []
-    monkeypatch.setattr("uvicorn.run", lambda app, *, host, port, **_: heard.append((app, host, port)))
+    monkeypatch.setattr("uvicorn.Server.run", lambda self: heard.append(self.config))
     path = written()
     path.write_text(path.read_text().replace(AUDIENCE, audience))
     app = pep.guard(decorated(), path)
@@ -264,7 +264,7 @@ def test_it_listens_at_its_audience_or_where_it_is_told(written, monkeypatch, au
             assert (refused.value.code, "port" in refused.value.detail) == (PepFault.CONFIG_INVALID, True)
         else:
             app.run(**stated)
-        assert heard == ([(app, *listens)] if listens else [])
+        assert [(each.app, each.host, each.port) for each in heard] == ([(app, *listens)] if listens else [])
     finally:
         asyncio.run(app.release())
 
