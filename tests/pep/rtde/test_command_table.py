@@ -156,9 +156,9 @@ class Place:
         ]
 
     def outcomes(self, since=0):
-        """Outcomes of the sent commands."""
+        """Outcomes of the permitted commands; `refused` of one whose verdict was too old when it was on record."""
         return [
-            record["body"]["result"]["outcome"]
+            record["body"].get("result", record["body"])["outcome"]
             for record in self.gateway.records()[since:]
             if record["kind"] == "outcome"
         ]
