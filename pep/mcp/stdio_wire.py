@@ -114,7 +114,7 @@ class StdoutText:
         """
         unsent, self._unsent = memoryview(self._unsent), b""
         while unsent and self._room.poll(0):
-            # What has room for anything has room for so much.
+            # A stream with room for anything has it for a page, which PIPE_BUF is (pipe(7)).
             unsent = unsent[os.write(self._descriptor, unsent[: select.PIPE_BUF]) :]
         if unsent:
             await anyio.to_thread.run_sync(self._write, unsent, abandon_on_cancel=True)

@@ -198,7 +198,7 @@ def test_a_stop_on_the_page_ends_the_motion_and_the_lease_and_both_are_on_record
         assert answer == {"begun": True, "lease": "mover"}
         assert stopped(eyes, began_s, t0).within_bar
         status, said, errors = program.ended()
-    # The first command fails by the robot's state: ur_rtde connects anew in two threads at once otherwise ([LSD-12]).
+    # The first command fails by the robot's state, the second for want of a connection ([LSD-12]).
     assert (status, said) == (0, [[False, True], [False], ["LEASE_OVER: stopped"]]), errors
     assert house.endings()[-1] == "stopped"
     until(lambda: len(stops_on_record(house)) > before, "the stop on record")

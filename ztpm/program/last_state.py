@@ -1,10 +1,9 @@
 """Last state of the robot on one RTDE connection of a program whose lease is over.
 
-ur_rtde takes the end of a connection for a failure, also while it closes its own ones: its receive interface complains
-on standard error, its IO interface, which waits for an answer when it leaves, ends the whole program, and its control
-interface connects anew in two threads at once where a call is under way, which has ended programs by a signal. So a
-connection stays. Its last package is repeated there, and says that no program runs, by which each command fails at
-once, and no controller is known. Pure: bytes in, bytes out.
+ur_rtde takes the end of a connection for a failure, also while it closes its own ones. Its receive interface complains
+on standard error. Its IO interface, which waits for an answer when it leaves, ends the whole program. A program whose
+control interface was in a call has ended by SIGSEGV. So a connection stays. Its last package is repeated there, and
+says that no program runs and no controller is known; by that each command fails at once. Pure: bytes in, bytes out.
 """
 
 from __future__ import annotations

@@ -228,8 +228,8 @@ async def lend(
     """Serves the robot's ports at `host` until the lease or the program is over.
 
     A program is told where in `VARIABLE`, and wherever `PLACE` stands in its command; SIGTERM and SIGINT are passed on
-    to it. Where the lease ends before it, each of its commands fails, as on a robot without a program, and it is left
-    to notice; a lease whose program has ended is given back. The program does not outlive this process.
+    to it. Where the lease ends before the program, each command of the program fails, and it is left to notice
+    ([LSD-12]); a lease whose program has ended is given back. The program does not outlive this process.
 
     Args:
         leased: just opened.
@@ -239,7 +239,7 @@ async def lend(
         told: is given each reason for which the gateway has refused something, a line of text. Must not wait: the lease
             does meanwhile.
         kept: renews the lease while it lasts (`ztpm.program.lease_renewal`); None where its token is the only one.
-        given_up: set once the lease is to be given back; after its end it says nothing more.
+        given_up: set once the lease is to be given back; unheeded once that is over.
 
     Raises:
         OSError: the gateway cannot be reached, the address cannot be had, or the program cannot be started.

@@ -162,7 +162,7 @@ class ProgramPorts:
         for server in self._servers:
             server.close()
         lines, self._lines = self._lines, {}
-        broken = ending is LeaseEnding.MALFORMED  # by this program, or by who speaks for the gateway
+        broken = ending is LeaseEnding.MALFORMED
         # A program that has given its lease back need not hear of its end.
         given_back = ending in (LeaseEnding.CLOSED, LeaseEnding.LEFT)
         for connection in lines.values():

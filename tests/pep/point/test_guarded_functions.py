@@ -90,15 +90,12 @@ async def living(path):
 
 def test_a_point_that_serves_leaves_what_it_built_out_of_collections(written, monkeypatch):  # noqa: F811
     spared = []
-    monkeypatch.setattr(deciding_point, "spare_what_stands", lambda: spared.append(program.point.follower.view()))
+    monkeypatch.setattr(deciding_point, "spare_what_stands", lambda: spared.append(True))
 
     async def go():
-        nonlocal program
-        program = Program(written())
-        async with program.point.living():
-            assert len(spared) == 1
+        async with living(written()):
+            assert spared == [True]
 
-    program = None
     asyncio.run(go())
 
 

@@ -269,6 +269,23 @@ def test_it_listens_at_its_audience_or_where_it_is_told(written, monkeypatch, au
         asyncio.run(app.release())
 
 
+def test_it_is_told_that_it_listens_once_it_does(written, monkeypatch):
+    heard = []
+
+    async def startup(self, sockets=None):
+        heard.append("listens")
+
+    monkeypatch.setattr("uvicorn.Server.startup", startup)
+    monkeypatch.setattr("uvicorn.Server.run", lambda self: asyncio.run(self.startup()))
+    app = pep.guard(decorated(), written())
+    monkeypatch.setattr(app, "listens", lambda: heard.append("told"))
+    try:
+        app.run()
+        assert heard == ["listens", "told"]
+    finally:
+        asyncio.run(app.release())
+
+
 def test_a_set_beside_the_configuration_extends_one_beside_itself(written, tmp_path, monkeypatch):
     monkeypatch.chdir("/")
     path = written('policy = "sets/line.toml"\n')
